@@ -1,4 +1,4 @@
-"""Straight lines between cells: how near they come to obstacles, and where a path is split to keep off them."""
+"""Straight lines between cells: their clearance, and splitting of a path to keep a clearance."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def chord_clearance(
 ) -> float:
     """Distance [cells] of the segment between two cell centres from the nearest obstacle's square, at most ``limit``.
 
-    ``distance`` (rows, columns) [cells] from the border of the obstacles' squares, 0 in one of them; only where
-    it allows an obstacle nearer than what is known are squares looked at.
+    ``distance`` (rows, columns) [cells] from the border of the obstacles' squares, 0 inside them; squares are only
+    evaluated where it allows an obstacle nearer than the nearest known one.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def chord_clearance(
     y0, x0, y1, x1
         Row and column of both ends.
     limit
-        Distances are not followed beyond this [cells].
+        Maximum distance that is evaluated [cells].
     outside_blocks
         Whether everything outside the map is an obstacle.
     """
@@ -57,7 +57,7 @@ def chord_clearance(
 
 @kernel(error_model="numpy", boundscheck=False)
 def split_path(distance: np.ndarray, path: np.ndarray, radius: float, outside_blocks: bool) -> np.ndarray:
-    """Cells of a path, first and last among them, between which straight lines keep a radius: whether each is one.
+    """Mask of the cells of a path, including first and last, between which straight lines keep a clearance.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def split_path(distance: np.ndarray, path: np.ndarray, radius: float, outside_bl
         y0, x0, y1, x1 = path[begin, 0], path[begin, 1], path[end, 0], path[end, 1]
         if chord_clearance(distance, y0, x0, y1, x1, radius, outside_blocks) >= radius:
             continue
-        # The middle, where all cells lie on the line.
+        # Split in the middle if all cells lie on the line.
         middle, farthest = (begin + end) // 2, 1e-9
         for k in range(begin + 1, end):
             away = segment_distance(path[k, 1], path[k, 0], x0, y0, x1, y1)
@@ -104,7 +104,7 @@ def chord_measures(
     """Cost [s cells/m], length and clearance [cells] of the straight lines between cells (k, 2), (k - 1, 3).
 
     ``speeds`` as in Eq. (4.1): (radius [cells], 1 / v_min, 1 / v_max); the cost is summed over steps of at most
-    a cell at the distance of the cell that a step's middle lies in.
+    one cell, with the distance of the cell that contains the middle of the step.
 
     Parameters
     ----------

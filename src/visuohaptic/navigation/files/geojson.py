@@ -1,9 +1,9 @@
-"""Graphs as GeoJSON: our own, read back unchanged, and the route graphs of the Nav2 route server.
+"""Graphs as GeoJSON: a lossless format for navigation graphs, and route graphs of the Nav2 route server.
 
-Both hold one ``Point`` per node and one ``MultiLineString`` per edge, in metres of the map frame. Ids are
-whole numbers that nodes and edges share, as the route server wants it. In a route graph an edge
-leads one way only, so each of ours appears twice; edges from a node to itself are no use there.
-The route server drives the straight line between the nodes: ours are split until that line is free.
+Both contain one ``Point`` per node and one ``MultiLineString`` per edge, in metres of the map frame. Ids are
+integers that are unique over nodes and edges, as the route server requires. In a route graph edges
+are directed, so each undirected edge appears twice; edges from a node to itself are not useful there.
+The route server drives the straight line between nodes: edges are split until that line is free.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteGraph:
-    """A route graph of Nav2: n nodes, m edges that lead one way."""
+    """A route graph of Nav2: n nodes, m directed edges."""
 
     node_ids: Int[np.ndarray, "n"]
     node_m: Float[np.ndarray, "n 2"]  #: (x, y) in ``frame`` [m]
-    frame: str  #: empty when the file does not say
+    frame: str  #: empty if the file does not specify it
     edge_ids: Int[np.ndarray, "m"]
-    edges: Int[np.ndarray, "m 2"]  #: start and end as places in ``node_ids``
-    edge_cost: Float[np.ndarray, "m"]  #: NaN when the file leaves it to the server
+    edges: Int[np.ndarray, "m 2"]  #: start and end as indices into ``node_ids``
+    edge_cost: Float[np.ndarray, "m"]  #: NaN if the file leaves it to the server
 
 
 def save_graph(path: Path | str, graph: NavigationGraph, map: OccupancyMap, *, frame: str = "map") -> None:
-    """Write a graph with the cells of its edges; :func:`load_graph` gives it back.
+    """Write a graph with the cells of its edges; :func:`load_graph` restores it.
 
     Parameters
     ----------
@@ -81,10 +81,10 @@ def save_route_graph(
     """Write a graph for the Nav2 route server.
 
     Each edge appears in both directions, split at cells of its path until every straight piece keeps the robot's
-    radius from the occupied cells, with cost, length and clearance of the straight piece. The finest pieces join
+    radius from the occupied cells, with cost, length and clearance of the straight piece. The finest pieces connect
     neighbouring cells of the path, both of which keep it: at radius r [cells] the middle of a diagonal step past
-    a corner is at least ``sqrt(r^2 - 1/2)`` off. Of parallel edges all are kept; edges from a node to itself
-    are left out.
+    a corner keeps at least ``sqrt(r^2 - 1/2)``. All parallel edges are kept; edges from a node to itself
+    are omitted.
 
     Parameters
     ----------
@@ -122,9 +122,9 @@ def edge_properties(number: int, start: int, end: int, cost_s: float, **metadata
     number, start, end
         Ids of the edge and of its nodes.
     cost_s
-        Of driving along it [s].
+        Cost of driving along it [s].
     **metadata
-        What else is known of it, by name.
+        Further properties by name.
     """
     properties = {"id": number, "startid": start, "endid": end, "cost": cost_s, "overridable": True}
     return {**properties, "metadata": metadata} if metadata else properties
@@ -136,9 +136,9 @@ def feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[str
     Parameters
     ----------
     kind, coordinates
-        Of its geometry [m].
+        Type and coordinates of its geometry [m].
     properties
-        Whatever the file's reader wants.
+        Properties for the file's reader.
     """
     geometry = {"type": kind, "coordinates": coordinates}
     return {"type": "Feature", "properties": properties, "geometry": geometry}
@@ -147,7 +147,7 @@ def feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[str
 def write_features(
     path: Path | str, features: list[dict[str, Any]], more: dict[str, Any] | None = None
 ) -> None:
-    """Write a feature collection, a feature a line.
+    """Write a feature collection, one feature per line.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def write_features(
     features
         From :func:`feature`.
     more
-        Members of the collection beside them.
+        Additional members of the collection.
     """
     lines = ",\n".join(json.dumps(one, allow_nan=False) for one in features)
     head = json.dumps({"type": "FeatureCollection", "name": Path(path).stem, **(more or {})})
@@ -164,7 +164,7 @@ def write_features(
 
 
 def load_route_graph(path: Path | str) -> RouteGraph:
-    """Read a graph of the Nav2 route server: our own, one drawn by hand, or another program's.
+    """Read a graph of the Nav2 route server, also one drawn by hand or written by another program.
 
     Parameters
     ----------
@@ -194,17 +194,17 @@ def load_route_graph(path: Path | str) -> RouteGraph:
 
 
 def load_graph(path: Path | str) -> tuple[NavigationGraph, OccupancyMap]:
-    """Read what :func:`save_graph` has written; the map has the grid's place, all cells unknown.
+    """Read a file written by :func:`save_graph`; the map has the geometry of the grid, with all cells unknown.
 
     Parameters
     ----------
     path
-        As of :func:`load_route_graph`.
+        See :func:`load_route_graph`.
 
     Raises
     ------
     InputError
-        As of :func:`load_route_graph`; or it has no grid.
+        See :func:`load_route_graph`; also if the file has no grid.
     """
 
     nodes, edges, data = _read(path)
@@ -260,7 +260,7 @@ def _number(path: Path | str, edge: dict[str, Any], name: str, default: float | 
 
 
 def _read(path: Path | str) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any]]:
-    """Nodes and edges of a file, each with id, points and properties, all references checked."""
+    """Nodes and edges of a file, each with id, points and properties, with all references checked."""
     data: Any = load_json(path, "a GeoJSON FeatureCollection", lambda data: data)
     features = data.get("features") if isinstance(data, dict) else None
     if not isinstance(features, list):
@@ -280,7 +280,7 @@ def _read(path: Path | str) -> tuple[list[dict[str, Any]], list[dict[str, Any]],
             elif kind == "MultiLineString":
                 points = [point for line in coordinates for point in line]
             else:
-                continue  # drawings may lie in the same file; the route server skips them too
+                continue  # drawings may be in the same file; the route server skips them too
             found = {"id": _whole(properties["id"]), "properties": properties}
             found["points"] = [(float(point[0]), float(point[1])) for point in points]
             if kind != "Point":
@@ -296,7 +296,7 @@ def _read(path: Path | str) -> tuple[list[dict[str, Any]], list[dict[str, Any]],
     if len(known) < len(nodes):
         raise InputError(path, "found two nodes with the same id", field="id")
     if len({edge["id"] for edge in edges}) < len(edges):
-        # Graphs drawn by hand have that, and the route server takes them.
+        # This occurs in graphs drawn by hand, and the route server accepts it.
         _log.warning("%s: some edges have the same id", path)
     for edge in edges:
         for end in ("start", "end"):

@@ -17,11 +17,11 @@ __all__ = ["save_joint_route_graph"]
 def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = "map") -> None:
     """Write the joint graph for the Nav2 route server: visual and added nodes, edges in both directions.
 
-    Visual edges are split until their straight lines keep the robot's radius, as
-    :func:`~visuohaptic.navigation.files.geojson.save_route_graph` does. Edges of added nodes lead to a task whose
-    local planner drives them: their lines are drawn from node to node and may pass obstacles.
-    An edge into an added node carries the operation of its local planner,
-    triggered on entering; edges that cannot be driven are left out.
+    Visual edges are split until their straight lines keep the robot's radius, as in
+    :func:`~visuohaptic.navigation.files.geojson.save_route_graph`. Edges of added nodes lead to a task whose
+    local planner drives them: their lines are drawn from node to node and may cross obstacles.
+    An edge into an added node contains the operation of its local planner,
+    triggered on entering; edges that cannot be driven are omitted.
 
     Parameters
     ----------

@@ -1,14 +1,14 @@
-"""Layers of a map as PNG and YAML: distance, cost, regions, confidence, as other programs can open them.
+"""Layers of a map as PNG and YAML: distance, cost, regions, confidence, in formats that other programs can read.
 
-The YAML file has the fields of map_server, so that the picture has its place
-in the world, and below ``layer`` how its grey levels become values::
+The YAML file has the fields of map_server, so that the image is located
+in the map frame, and below ``layer`` the conversion from grey levels to values::
 
     value = offset + scale * level        levels 0 .. top
     no_value = 65535, infinite = 65534, minus_infinite = 65533  (16 bit)
 
-Truth values and whole numbers in a small range come back exactly, floats to
+Booleans and integers in a small range are stored exactly, floats to
 half a step of 1/65532 of their range; ``exact=True`` keeps every bit of
-float32 and int32 in the four channels of the picture, which then looks like
+float32 and int32 in the four channels of the image, which then looks like
 noise.
 """
 
@@ -28,7 +28,7 @@ from ...io.maps.occupancy_map import OccupancyMap
 
 __all__ = ["Layer", "load_layer", "save_layer"]
 
-#: Levels of 16 bit that stand for something else than a number.
+#: 16 bit levels for values that are not finite numbers.
 _NAN, _INF, _MINUS_INF, _TOP = 65535, 65534, 65533, 65532
 
 _KINDS = {"bool": np.bool_, "int32": np.int32, "float32": np.float32, "float64": np.float64}
@@ -43,7 +43,7 @@ class Layer:
         Float[np.ndarray, "rows columns"] | Int[np.ndarray, "rows columns"] | Bool[np.ndarray, "rows columns"]
     )
     resolution_m: float
-    origin: tuple[float, float, float]  #: (x, y, yaw) [m, m, rad] as of :class:`OccupancyMap`
+    origin: tuple[float, float, float]  #: (x, y, yaw) [m, m, rad] as in :class:`OccupancyMap`
     unit: str = "1"
 
 
@@ -77,28 +77,28 @@ def save_layer(
     unit: str = "1",
     exact: bool = False,
 ) -> None:
-    """Write ``NAME.yaml`` and ``NAME.png`` beside it.
+    """Write ``NAME.yaml`` and ``NAME.png`` next to it.
 
     Parameters
     ----------
     path
-        Ends in ``.yaml``.
+        File name that ends in ``.yaml``.
     values
-        Truth values, whole numbers within 32 bits, or floats (NaN = no value,
-        infinities are kept), of the shape of ``grid``.
+        Booleans, 32 bit integers, or floats (NaN = no value,
+        infinities are kept), with the shape of ``grid``.
     grid
-        Where the layer lies.
+        Map on whose grid the layer is defined.
     exact
-        Keep every bit, in a picture that only :func:`load_layer` understands.
+        Keep every bit, in an image that only :func:`load_layer` can read.
     name
-        Of the layer.
+        Name of the layer.
     unit
-        Of the values.
+        Unit of the values.
 
     Raises
     ------
     InputError
-        Another shape than the grid's, or a kind that cannot be written.
+        The shape differs from the grid's, or the data type is not supported.
     """
     path = Path(path)
     if path.suffix not in (".yaml", ".yml"):
@@ -125,7 +125,7 @@ def save_layer(
 
 
 def _coded(values: np.ndarray, exact: bool) -> tuple[np.ndarray, dict[str, Any]]:
-    """Pixels and the fields that say how to read them."""
+    """Pixels and the fields that describe their coding."""
     if values.dtype == np.bool_:
         fields = {"kind": "bool", "coding": "linear8", "offset": 0.0, "scale": 1.0 / 255}
         return np.where(values, 255, 0).astype(np.uint8), fields
@@ -166,7 +166,7 @@ def _bits(values: np.ndarray) -> np.ndarray:
 
 
 def load_layer(path: Path | str) -> Layer:
-    """Read what :func:`save_layer` has written.
+    """Read a layer written by :func:`save_layer`.
 
     Parameters
     ----------

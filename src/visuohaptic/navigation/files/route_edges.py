@@ -1,4 +1,4 @@
-"""Edges of a graph as straight pieces that a robot can drive: what a route server without the paths needs."""
+"""Edges of a graph as straight, drivable pieces, for a route server without the paths."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class RoutePieces:
 def route_pieces(graph: NavigationGraph, layers: GridLayers) -> RoutePieces:
     """Split the edges of a graph until every straight piece keeps the robot's radius from the obstacles.
 
-    A piece that does not is split at the cell of its path that is farthest from the straight line, down to
-    neighbouring cells. Edges from a node to itself are left out.
+    A piece that does not is split at the cell of its path farthest from the straight line, down to
+    neighbouring cells. Edges from a node to itself are omitted.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def route_pieces(graph: NavigationGraph, layers: GridLayers) -> RoutePieces:
     resolution_m = layers.map.resolution_m
     distance = layers.distance_m / np.float32(resolution_m)
     outside = not layers.unknown_is_free
-    # Single precision of the distances must not decide where the robot just fits.
+    # Tolerance for the single precision of the distances where the robot just fits.
     radius = layers.radius_m / resolution_m * (1.0 - 1e-6)
     limits = layers.limits
     speeds = np.array([layers.radius_m / resolution_m, 1.0 / limits.v_min_m_s, 1.0 / limits.v_max_m_s])

@@ -1,10 +1,10 @@
-"""Potentials and nearest nodes by passes over rows (fast sweeping): most paths from a node are straight enough for two.
+"""Potentials and nearest nodes by passes over rows (fast sweeping): for most paths two passes are enough.
 
-A cell's value is the pair (potential, seed): the smallest cost of a path from a seed, in whole units, and of equal ones
-the smallest seed. Every cell on a path costs its ``step``, times sqrt(2) where it is entered diagonally. Such pairs have
-one solution, whatever the order of the work. Each pair is one whole number, potential * 2^31 + seed, so that
-one minimum compares both and the loop over a row becomes vector code. A pass downwards and one
-upwards follow every path that does not turn back twice.
+A cell's value is the pair (potential, seed): the minimum cost of a path from a seed, in integer units, and among equal
+costs the smallest seed. Every cell on a path costs its ``step``, times sqrt(2) where it is entered diagonally. The pairs
+are unique, independent of the order of the computation. Each pair is one integer, potential * 2^31 + seed, so that
+one minimum compares both and the loop over a row can be vectorized. One downward and one upward
+pass cover every path that does not reverse its vertical direction twice.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from .tracing._path_kernels import longer_rows
 
 __all__ = ["UNREACHED", "sweep"]
 
-#: Potential of cells that no node is reached from.
+#: Potential of cells that are not reachable from any node.
 UNREACHED = np.int32(2**31 - 1)
 _SHIFT = 31
 _SEED = np.int64(2**31 - 1)
-#: Pair of a cell that no node is reached from.
+#: Pair of a cell that is not reachable from any node.
 _FAR = (np.int64(UNREACHED) << _SHIFT) | _SEED
 
 
 @kernel(error_model="numpy", boundscheck=False)
 def _runs(step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the runs of reachable cells of each row begin, and the runs: (first, stop) columns."""
+    """Start index of the runs of reachable cells of each row, and the runs: (first, stop) columns."""
     rows, columns = step.shape
     start = np.zeros(rows + 1, np.int32)
     runs = np.empty((max(columns, 1024), 2), np.int32)
@@ -34,7 +34,7 @@ def _runs(step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     count = 0
     for row in range(rows):
         line = step[row]
-        # No branch: where runs begin and end cannot be guessed.
+        # Branch-free, because the limits of runs cannot be predicted.
         changes = np.uint32(0)
         before = False
         for k in range(columns):
@@ -54,7 +54,7 @@ def _runs(step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @kernel(error_model="numpy", boundscheck=False)
 def _load(potential: np.ndarray, seed: np.ndarray, row: int, first: int, stop: int, pair: np.ndarray) -> None:
-    """Pairs of columns ``first - 1`` to ``stop``, those beside the map too."""
+    """Pairs of columns ``first - 1`` to ``stop``, including those outside the map."""
     rows, columns = potential.shape
     if row < 0 or row >= rows:
         pair[: stop - first + 2] = _FAR
@@ -72,7 +72,7 @@ def _load(potential: np.ndarray, seed: np.ndarray, row: int, first: int, stop: i
 
 @kernel(error_model="numpy", boundscheck=False)
 def _enter(line: np.ndarray, here: np.ndarray, beside: np.ndarray, cost: np.ndarray) -> None:
-    """Paths onto a run of cells from the row beside it; fills ``cost`` of straight steps."""
+    """Paths onto a run of cells from the neighbouring row; fills ``cost`` of straight steps."""
     own, left, middle, right = here[1:], beside, beside[1:], beside[2:]
     for k in range(len(line)):
         step = np.int64(line[k])
@@ -85,7 +85,7 @@ def _enter(line: np.ndarray, here: np.ndarray, beside: np.ndarray, cost: np.ndar
 
 @kernel(error_model="numpy", boundscheck=False)
 def _along(here: np.ndarray, cost: np.ndarray, potential: np.ndarray, seed: np.ndarray) -> int:
-    """Paths along a run of cells, to the right and to the left; the result goes back to the map. Returns cells improved."""
+    """Paths along a run of cells, to the right and to the left; writes the result to the map. Returns the improved cells."""
     count = len(potential)
     value = here[0]
     own = here[1:]
@@ -99,7 +99,7 @@ def _along(here: np.ndarray, cost: np.ndarray, potential: np.ndarray, seed: np.n
         own[place] = value
     improved = 0
     for k in range(count):
-        # Where there is no node the seed's bits are all ones: -1 once the sign is put back.
+        # Without a node the seed's bits are all ones: -1 once the sign is restored.
         origin = own[k] & _SEED
         nearest = np.int32(origin) if origin != _SEED else np.int32(-1)
         reached = np.int32(own[k] >> _SHIFT)
@@ -110,7 +110,7 @@ def _along(here: np.ndarray, cost: np.ndarray, potential: np.ndarray, seed: np.n
 
 @kernel(error_model="numpy", boundscheck=False)
 def sweep(step: np.ndarray, potential: np.ndarray, seed: np.ndarray) -> None:
-    """Improve all values from each other until none changes.
+    """Propagate all values until convergence.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The navigation graph: one node per decision, one edge per path between (Alt 2016, Sec. 4.2 e)."""
+"""The navigation graph: one node per decision, one edge per path between them (Alt 2016, Sec. 4.2 e)."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ __all__ = ["NavigationGraph", "build_graph"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NavigationGraph:
-    """Places where the robot decides, and the paths between them.
+    """Decision points of the robot, and the paths between them.
 
     Symbols: n nodes in the order of their cells, m edges, p cells of all paths. Parallel edges
-    and edges from a node to itself are part of it: each is a loop round something.
+    and edges from a node to itself are included: each is a loop around a hole.
     """
 
     node_cells: Int32[np.ndarray, "n 2"]  #: (row, column)
     node_m: Float[np.ndarray, "n 2"]  #: (x, y) in the map frame [m]
-    edges: Int32[np.ndarray, "m 2"]  #: nodes that an edge joins, the smaller first
+    edges: Int32[np.ndarray, "m 2"]  #: nodes of an edge, the smaller first
     edge_cost_s: Float[np.ndarray, "m"]  #: time along the path at the speed of Eq. (4.1)
     edge_length_m: Float[np.ndarray, "m"]  #: length of the path
-    edge_clearance_m: Float[np.ndarray, "m"]  #: smallest distance from an obstacle on the path
-    path_start: Int32[np.ndarray, "m+1"]  #: where an edge's cells begin in ``path_cells``
+    edge_clearance_m: Float[np.ndarray, "m"]  #: minimum distance from an obstacle on the path
+    path_start: Int32[np.ndarray, "m+1"]  #: start index of an edge's cells in ``path_cells``
     path_cells: Int32[
         np.ndarray, "p 2"
     ]  #: (row, column) of each edge's cells, from its first node to its second
-    component: Int32[np.ndarray, "n"]  #: connected part that a node belongs to, by the smallest node
-    components: int  #: connected parts
+    component: Int32[np.ndarray, "n"]  #: connected component of a node, numbered by the smallest node
+    components: int  #: number of connected components
 
     @property
     def nodes(self) -> int:
@@ -51,7 +51,7 @@ class NavigationGraph:
 
     @property
     def degree(self) -> Int[np.ndarray, "n"]:
-        """Ends of edges at each node; an edge from a node to itself counts twice."""
+        """Number of edge ends at each node; an edge from a node to itself counts twice."""
         return np.bincount(self.edges.ravel(), minlength=self.nodes)
 
     def edge_path(self, edge: int) -> Int32[np.ndarray, "k 2"]:
@@ -60,7 +60,7 @@ class NavigationGraph:
         Parameters
         ----------
         edge
-            Index.
+            Index of the edge.
         """
         return self.path_cells[self.path_start[edge] : self.path_start[edge + 1]]
 
@@ -70,7 +70,7 @@ def build_graph(
 ) -> NavigationGraph:
     """Skeleton to graph: trace, remove stubs, merge connection nodes (Alt 2016, Sec. 4.2 d-e).
 
-    Junction cells that touch become one node, the widest of them. Components and independent
+    Adjacent junction cells become one node, at the cell with the largest clearance. Components and independent
     loops are exactly those of the reachable cells (8-connected, holes 4-connected).
 
     Parameters
@@ -78,10 +78,10 @@ def build_graph(
     layers
         From :func:`visuohaptic.navigation.grid.cost_grid.grid_layers`.
     stub_length_m
-        Dead ends shorter than that are removed. By default those that reach less than the clearance
-        of the junction beyond the circle of that clearance: the corners of a room go, a corridor stays.
+        Shorter dead ends are removed. By default those are removed that extend less than the clearance
+        of the junction beyond the circle of that clearance: the corners of a room are removed, a corridor is kept.
     spacing_m
-        Keep connection nodes at about this spacing; by default none.
+        Keep connection nodes at approximately this spacing; by default none.
 
     Examples
     --------
@@ -134,14 +134,14 @@ def _spaced(
     path: Int32[np.ndarray, "p"],
     spacing_m: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Cut long edges into pieces of equal length, as near to ``spacing_m`` as a whole number of them allows."""
+    """Divide long edges into pieces of equal length, as near to ``spacing_m`` as an integer number of pieces allows."""
 
     columns = layers.shape[1]
     taken = set(nodes.tolist())
     pieces = []
     for edge in range(len(ends)):
         cells = path[path_start[edge] : path_start[edge + 1]]
-        # No finer than the cells: a spacing of nanometres would never come to an end.
+        # At most one piece per cell, which bounds the work for tiny spacings.
         most, length_m = len(cells) - 1, float(measures[edge, 0])
         count = most if length_m >= most * spacing_m else round(length_m / spacing_m)
         cuts = [0]
@@ -170,7 +170,7 @@ def _spaced(
 
 
 def components_of(nodes: int, edges: Int32[np.ndarray, "m 2"]) -> tuple[Int32[np.ndarray, "n"], int]:
-    """Connected component of each node, numbered by their smallest nodes, and how many there are.
+    """Connected component of each node, numbered by the smallest nodes, and the number of components.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Which node a cell belongs to, and the path there (Alt 2016, Algorithm 1)."""
+"""The node of each cell, and the path to it (Alt 2016, Algorithm 1)."""
 
 from __future__ import annotations
 
@@ -16,31 +16,29 @@ __all__ = ["Regions", "assign_regions"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Regions:
-    """The nearest node of every cell by cost, and the cost of the path from there."""
+    """The nearest node of every cell by cost, and the cost of the path from it."""
 
-    potential: Int32[np.ndarray, "rows columns"]  #: cost from the node [units]; 2^31 - 1 where there is none
-    seed: Int32[
-        np.ndarray, "rows columns"
-    ]  #: cell (row * columns + column) of the node, -1 where there is none
+    potential: Int32[np.ndarray, "rows columns"]  #: cost from the node [units]; 2^31 - 1 without a node
+    seed: Int32[np.ndarray, "rows columns"]  #: cell (row * columns + column) of the node, -1 without a node
     unit_s: float  #: seconds of one unit
-    layers: GridLayers  #: what the potential was worked out on
-    graph: NavigationGraph  #: whose nodes the regions belong to
+    layers: GridLayers  #: layers from which the potential was computed
+    graph: NavigationGraph  #: graph whose nodes the regions belong to
 
     @property
     def node(self) -> Int32[np.ndarray, "rows columns"]:
-        """Node of every cell, -1 where none can be reached.
+        """Node of every cell, -1 if none is reachable.
 
-        Computed anew on every access: keep the result.
+        Computed on every access: store the result.
         """
-        number = np.full(self.seed.size + 1, -1, np.int32)  # the last for seed -1
+        number = np.full(self.seed.size + 1, -1, np.int32)  # the last one for seed -1
         number[self._node_seeds()] = np.arange(self.graph.nodes)
         return number[self.seed]
 
     @property
     def potential_s(self) -> Float32[np.ndarray, "rows columns"]:
-        """Cost of the path between a cell and its node [s], infinite where there is none.
+        """Cost of the path between a cell and its node [s], infinite without a node.
 
-        Computed anew on every access: keep the result.
+        Computed on every access: store the result.
         """
         seconds = self.potential * np.float32(self.unit_s)
         seconds[self.seed < 0] = np.inf
@@ -53,9 +51,9 @@ class Regions:
 def assign_regions(layers: GridLayers, graph: NavigationGraph) -> Regions:
     """Assign every reachable cell to the node with the smallest travel cost (Alt 2016, Algorithm 1).
 
-    The text's loop over a set is a label-correcting method; this one has the same fixed point, works on
-    costs rounded to whole units (1/4096 of the fastest step), and settles a tie by the node
-    with the smaller cell, so that the result does not depend on the order of the work.
+    The dissertation's loop over a set is a label-correcting method; this one has the same fixed point, uses
+    costs rounded to integer units (1/4096 of the fastest step), and breaks ties by the node
+    with the smaller cell, so that the result does not depend on the order of the computation.
 
     Parameters
     ----------

@@ -16,18 +16,18 @@ FAR = np.uint16(65535)
 
 @kernel(error_model="numpy", boundscheck=False)
 def vertical_cells(cells: np.ndarray, threshold: int, unknown_blocks: bool, vertical: np.ndarray) -> None:
-    """Rows to the nearest obstacle of the same column, at most 65534; ``FAR`` where there is none.
+    """Rows to the nearest obstacle of the same column, at most 65534; ``FAR`` without an obstacle.
 
-    ``cells`` (rows, columns) int8; a cell is an obstacle from ``threshold`` on, and where it is
-    negative if ``unknown_blocks``; then so are the rows before the first and after the last, which
-    are unknown, too. ``vertical`` (rows, columns) uint16 is filled.
+    ``cells`` (rows, columns) int8; a cell is an obstacle if its value is at least ``threshold``, or
+    negative with ``unknown_blocks``; then the unknown rows before the first and after the last are
+    obstacles, too. ``vertical`` (rows, columns) uint16 is filled.
 
     Parameters
     ----------
     cells
         Occupancy, (rows, columns) int8.
     threshold
-        Occupancy from which a cell is an obstacle.
+        Minimum occupancy of an obstacle.
     unknown_blocks
         Whether unknown cells are obstacles.
     vertical
@@ -36,7 +36,7 @@ def vertical_cells(cells: np.ndarray, threshold: int, unknown_blocks: bool, vert
     rows, columns = cells.shape
     low = np.int8(-1) if unknown_blocks else np.int8(-128)
     high = np.int8(threshold)
-    # Saturating additions in 32 bits, so that the loops over columns become vector code.
+    # Saturating additions in 32 bits, so that the loops over columns are vectorized.
     beyond = np.int32(0) if unknown_blocks else np.int32(65535)
     before = np.full(columns, beyond, np.int32)
     for row in range(rows):
@@ -65,12 +65,12 @@ def _envelope(
     border: np.ndarray,
     outside_blocks: bool,
 ) -> int:
-    """Lower envelope over a run of cells ``column..end - 1`` between two obstacles of a row; returns its pieces.
+    """Lower envelope over a run of cells ``column..end - 1`` between two obstacles of a row; returns its number of pieces.
 
-    An obstacle is a closed square. Seen from the centre of a cell in another column, its nearest point is
+    An obstacle is a closed square. Its nearest point to the centre of a cell in another column is
     on the side that faces the cell: the sources are the sides ``column..end`` between columns, side k
-    left of column k, each with the nearer obstacle of the two columns that share it.
-    Piece k is the parabola of source ``vertex[k]``, whose least value is ``height[k] - vertex[k]^2``
+    left of column k, each with the nearer obstacle of its two columns.
+    Piece k is the parabola of source ``vertex[k]`` with minimum ``height[k] - vertex[k]^2``
     [cells^2, multiples of a quarter], for cells from ``border[k]`` on. With ``outside_blocks`` there are
     obstacles before the first and after the last column.
     """
@@ -103,9 +103,9 @@ def _envelope(
 
 @kernel(error_model="numpy", boundscheck=False)
 def _quarters(line: np.ndarray, x: int, v: int, height: float) -> np.int64:
-    """Squared distance of a cell's centre from the nearest obstacle [cells^2 / 4], a whole number.
+    """Squared distance of a cell's centre from the nearest obstacle [cells^2 / 4], an integer.
 
-    That of source ``v`` of the envelope, or of the obstacle in the cell's own column.
+    The obstacle is that of source ``v`` of the envelope, or the one in the cell's own column.
     """
     aside = np.int64(2 * (x - v) + 1)
     squared = aside * aside + np.int64(4.0 * (height - float(v) * float(v)))
@@ -127,11 +127,11 @@ def distance_rows(
     """Distances [m] between cell centres and the border of the nearest obstacle's cell, and steps, of all rows.
 
     Lower envelope of parabolas (Felzenszwalb and Huttenlocher 2012) about the sides of the obstacles' squares
-    over each run of cells between two obstacles of a row: what lies behind an obstacle is never
-    nearer than the obstacle. 0 in an obstacle, half a cell beside one.
+    over each run of cells between two obstacles of a row: whatever is behind an obstacle is never
+    nearer than the obstacle. 0 in an obstacle, half a cell next to one.
 
     ``steps`` (d2,) uint16, cost of a straight step by squared distance [cells^2 / 4], the last for all
-    above; ``distance`` float32 and ``step`` uint16, (rows, columns), are filled. ``outside_blocks`` as
+    larger ones; ``distance`` float32 and ``step`` uint16, (rows, columns), are filled. ``outside_blocks`` as
     ``unknown_blocks`` of :func:`vertical_cells`.
 
     Parameters
@@ -154,23 +154,23 @@ def distance_rows(
     for row in range(distance.shape[0]):
         for column in range(distance.shape[1]):
             quarters = 4.0 * float(distance[row, column]) ** 2
-            # A whole number, which single precision keeps where the table is not over yet.
+            # An integer, exact in single precision within the range of the table.
             step[row, column] = steps[int(quarters + 0.5) if quarters < last else last]
             distance[row, column] *= resolution_m
 
 
 @kernel(error_model="numpy", boundscheck=False)
 def near_distance(vertical: np.ndarray, reach: float, outside_blocks: bool, distance: np.ndarray) -> None:
-    """The distances of :func:`distance_rows` [cells] up to ``reach``, which stands for all larger ones too.
+    """The distances of :func:`distance_rows` [cells], clipped to ``reach``.
 
-    Only stretches of a row are looked at in which a column has an obstacle within reach.
+    Only those sections of a row are evaluated in which a column has an obstacle within reach.
 
     Parameters
     ----------
     vertical
         Rows to the nearest obstacle of the column, (rows, columns) uint16.
     reach
-        Largest distance that matters [cells].
+        Maximum distance that matters [cells].
     outside_blocks
         Whether everything outside the map is an obstacle.
     distance
@@ -208,7 +208,7 @@ def _stretch(
     border: np.ndarray,
     distance: np.ndarray,
 ) -> None:
-    """Distances [cells] of the cells ``start..stop - 1`` of a row, no larger than ``reach``."""
+    """Distances [cells] of the cells ``start..stop - 1`` of a row, clipped to ``reach``."""
     column = start
     while column < stop:
         if line[column] == 0:

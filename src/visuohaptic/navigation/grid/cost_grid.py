@@ -15,26 +15,26 @@ from ._distance_kernels import distance_rows, near_distance, vertical_cells
 
 __all__ = ["OBSTACLE_FROM", "GridLayers", "SpeedLimits", "grid_layers", "window_distance"]
 
-#: Cells are obstacles from this occupancy on: where occupied is more likely than free.
+#: Minimum occupancy of an obstacle: occupied is then more likely than free.
 OBSTACLE_FROM = OCCUPIED // 2
 
-#: Beyond this ratio of the speeds, costs in whole units overflow or lose the fast one.
+#: Maximum ratio of the speeds: above it, integer costs overflow or lose the resolution at full speed.
 MAX_SPEED_RATIO = 1000.0
 
 #: Cost of a straight step at full speed [units]; less if v_min is below v_max / 15.
 _FAST_STEP = 4096
-#: A robot that touches the border of an obstacle exactly passes: rounding of radius / resolution must not decide.
+#: Tolerance for a robot that touches the border of an obstacle exactly, against rounding of radius / resolution.
 _TOUCH = 1.0 - 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class SpeedLimits:
-    """How large the robot is, and how fast it drives near to and far from obstacles.
+    """Radius of the robot, and its speeds near to and far from obstacles.
 
-    Distances are those from the border of the occupied cells, which are closed squares: a disc of the radius
-    overlaps none of them where the distance of its centre is at least the radius.
+    Distances are measured from the border of the occupied cells, which are closed squares: a disc of the radius
+    overlaps none of them if the distance of its centre is at least the radius.
     The cost of a cell is the inverse of the possible speed (Alt 2016, Eq. (4.1)): infinite
-    nearer than ``radius_m``, ``1 / v_min`` there, falling linearly to ``1 / v_max`` at
+    below ``radius_m``, ``1 / v_min`` there, decreasing linearly to ``1 / v_max`` at
     three times the radius.
     """
 
@@ -74,7 +74,7 @@ class SpeedLimits:
     def step_table(self, resolution_m: float) -> tuple[UInt16[np.ndarray, "d2"], float]:
         """Cost of a straight step by squared distance [cells^2 / 4], and the seconds of one unit.
 
-        Whole numbers, so that sums do not depend on their order. 0 stands for a cell that cannot be reached.
+        Integers, so that sums do not depend on their order. 0 denotes an unreachable cell.
 
         Parameters
         ----------
@@ -102,13 +102,13 @@ class SpeedLimits:
 class GridLayers:
     """Distance, cost and reachable cells of a map."""
 
-    map: OccupancyMap  #: what the layers were made from
-    limits: SpeedLimits  #: robot that they were made for
-    unknown_is_free: bool  #: whether unknown cells were no obstacles
+    map: OccupancyMap  #: source of the layers
+    limits: SpeedLimits  #: robot of the layers
+    unknown_is_free: bool  #: whether unknown cells were treated as free
     distance_m: Float32[
         np.ndarray, "rows columns"
-    ]  #: from a cell's centre to the border of the nearest obstacle's cell, unknown cells and the outside among them
-    step: UInt16[np.ndarray, "rows columns"]  #: straight step onto a cell [units]; 0 cannot be reached
+    ]  #: from a cell's centre to the border of the nearest obstacle's cell, including unknown cells and the outside
+    step: UInt16[np.ndarray, "rows columns"]  #: straight step onto a cell [units]; 0 if unreachable
     unit_s: float  #: seconds of one unit of ``step``
 
     @property
@@ -123,14 +123,14 @@ class GridLayers:
 
     @property
     def reachable(self) -> Bool[np.ndarray, "rows columns"]:
-        """Cells where the robot's centre may be: distance at least the radius."""
+        """Cells that the robot's centre can occupy: distance at least the radius."""
         return self.step > 0
 
     @property
     def cost_s_per_m(self) -> Float32[np.ndarray, "rows columns"]:
-        """Cost of driving on a cell [s/m], Eq. (4.1); infinite where it cannot be reached.
+        """Cost of driving on a cell [s/m], Eq. (4.1); infinite if unreachable.
 
-        Computed anew on every access: keep the result.
+        Computed on every access: store the result.
         """
         return self.limits.cost_s_per_m(self.distance_m).astype(np.float32)
 
@@ -141,19 +141,19 @@ def grid_layers(map: OccupancyMap, limits: SpeedLimits, *, unknown_is_free: bool
     Parameters
     ----------
     map
-        Occupancy; a cell is an obstacle where occupied is more likely than free.
-        What lies outside the map is unknown: no obstacle shows there, but no path leads out,
-        and a robot keeps as far from the border as from an unknown cell beyond it.
+        Occupancy; a cell is an obstacle if occupied is more likely than free.
+        The outside of the map is unknown: it is not displayed as an obstacle, but no path leads there,
+        and the robot keeps the same distance from the border as from an unknown cell beyond it.
     limits
         Radius and speeds of the robot.
     unknown_is_free
-        Whether the robot may enter cells that were never seen; then the border does not count either.
+        Whether the robot may enter unknown cells; then the border is not an obstacle either.
 
     Returns
     -------
     GridLayers
         Distances are exact (Felzenszwalb and Huttenlocher 2012); infinite on a map without obstacles
-        where unknown is free.
+        if unknown is free.
     """
 
     steps, unit_s = limits.step_table(map.resolution_m)
@@ -172,23 +172,23 @@ def window_distance(
     *,
     outside_blocks: bool,
 ) -> Float32[np.ndarray, "r c"]:
-    """Distance to the border of the nearest blocked cell [cells] in a window, by the rule of :func:`grid_layers`.
+    """Distance to the border of the nearest blocked cell [cells] in a window, as in :func:`grid_layers`.
 
     Parameters
     ----------
     blocked
-        Cells of the window.
+        Blocked cells of the window.
     window, shape
-        Rows and columns of the map that it is, and those of the whole map.
+        Rows and columns of the window in the map, and shape of the whole map.
     outside_blocks
-        Whether what lies beyond the map's border counts as blocked.
+        Whether the outside of the map counts as blocked.
     """
     (rows, columns), (last_row, last_column) = window, shape
     sides = (
         (int(rows.start == 0), int(rows.stop == last_row)),
         (int(columns.start == 0), int(columns.stop == last_column)),
     )
-    # What is beyond the map is one row of blocked cells; beyond the window nothing is known to be.
+    # The outside of the map is one row of blocked cells; beyond the window nothing is known.
     padded = np.pad(blocked, sides, constant_values=outside_blocks)
     (top, _), (left, _) = sides
     distance = cell_distance(padded, outside_blocks=False)
@@ -203,11 +203,11 @@ def cell_distance(
     Parameters
     ----------
     blocked
-        Cells.
+        Mask of blocked cells.
     reach
-        Larger distances are no larger than this [cells].
+        Maximum distance; larger ones are clipped [cells].
     outside_blocks
-        Whether what lies outside counts as blocked.
+        Whether the outside counts as blocked.
     """
     vertical = np.zeros(blocked.shape, np.uint16)
     vertical_cells(np.ascontiguousarray(blocked).view(np.int8), 1, outside_blocks, vertical)

@@ -1,8 +1,8 @@
-"""Footprints of objects that may be movable, from the map (Alt 2016, Sec. 4.4).
+"""Footprints of potentially movable objects, from the map (Alt 2016, Sec. 4.4).
 
-Connected regions of occupied cells, the convex hull of each, because a laser
-sees one side only; kept where the size is between 0.1 and 0.7 m: larger things
-are too heavy, smaller ones fall over or are part of something larger.
+Connected regions of occupied cells, with the convex hull of each, because a laser
+sees one side only. Sizes from 0.1 to 0.7 m are kept: larger objects
+are too heavy, smaller ones tip over or are part of something larger.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ __all__ = ["Footprint", "FootprintSettings", "find_footprints"]
 
 @dataclass(frozen=True, slots=True)
 class FootprintSettings:
-    """Which regions are candidates."""
+    """Criteria for candidate regions."""
 
-    min_m: float = field(default=0.1, metadata=POSITIVE)  #: s_x and s_y of the text
+    min_m: float = field(default=0.1, metadata=POSITIVE)  #: s_x and s_y of the dissertation
     max_m: float = 0.7
-    join_m: float = field(default=0.06, metadata=NON_NEGATIVE)  #: cells of one object may be this far apart
+    join_m: float = field(default=0.06, metadata=NON_NEGATIVE)  #: maximum gap between cells of one object
     free_fraction: float = field(
         default=0.5, metadata=within(0, 1)
-    )  #: of the ring around it that has to be free: else it is part of a wall
+    )  #: minimum free fraction of the ring around it: below this it is part of a wall
     ring_m: float = 0.15
 
     def __post_init__(self) -> None:
@@ -38,7 +38,7 @@ class FootprintSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footprint:
-    """A region that stands alone, in the map frame."""
+    """An isolated region, in the map frame."""
 
     outline_m: Float[np.ndarray, "p 2"]  #: convex hull of its cells, counter-clockwise
     size_m: tuple[float, float]  #: sides of the smallest rectangle around it, the longer first
@@ -53,7 +53,7 @@ def find_footprints(grid: OccupancyMap, settings: FootprintSettings | None = Non
     Parameters
     ----------
     grid
-        Occupied cells (50 and more) make regions.
+        Occupancy map; cells of 50 and more form regions.
     settings
         Sizes and distances.
 
@@ -96,11 +96,11 @@ def _disc(radius: int) -> Bool[np.ndarray, "n n"]:
 
 
 def _box_size(ring_m: Float[np.ndarray, "k 2"]) -> tuple[float, float]:
-    """Longer and shorter side of the box round a closed hull.
+    """Longer and shorter side of the box around a closed hull.
 
-    Of two sides of a box a laser sees a right triangle, and the smallest box on its
-    hypotenuse has just the area of the one on its legs: among boxes of nearly the
-    smallest area the shortest is meant.
+    Of two sides of a box a laser sees a right triangle, and the smallest rectangle on its
+    hypotenuse has the same area as the one on its legs: among rectangles of nearly
+    minimum area the one with the shortest longer side is chosen.
     """
     step = np.diff(ring_m, axis=0)
     angle = np.arctan2(step[:, 1], step[:, 0])
@@ -120,14 +120,14 @@ def _footprint(
     from scipy import ndimage
     from shapely import MultiPoint, Polygon
 
-    # The corners of the cells, not their centres: one cell has a size.
+    # The corners of the cells, not their centres, so that one cell has a size.
     corners = (cells[:, None] + np.array([[0, 0], [0, 1], [1, 1], [1, 0]])).reshape(-1, 2)
     places = grid.world_from_cell(corners - 1) + 0.5 * (
         grid.world_from_cell(np.array([1, 1])) - grid.world_from_cell(np.array([0, 0]))
     )
     hull = MultiPoint(places).convex_hull
     size = _box_size(np.array(hull.exterior.coords))
-    # Rounding of the rectangle must not decide about a size that is just right.
+    # Tolerance for rounding of the rectangle at the limits of the size.
     if size[1] < settings.min_m - 1e-6 or size[0] > settings.max_m + 1e-6:
         return None
     ring = max(1, round(settings.ring_m / grid.resolution_m))

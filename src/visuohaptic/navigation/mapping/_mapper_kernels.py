@@ -1,4 +1,4 @@
-"""Kernels of the occupancy mapper: beams into a grid, and scan points against the points of a grid.
+"""Kernels of the occupancy mapper: ray casting into a grid, and matching of scan points with the points of a grid.
 
 Grid coordinates: cell (i, j) covers rows i..i+1 and columns j..j+1. All
 lengths are in cells.
@@ -17,10 +17,10 @@ __all__ = ["add_beams", "correlate", "nearest_lines"]
 
 @kernel
 def add_beams(log_odds, stamp, number, start_row, start_column, ends, hits, hit, miss, bound):
-    """Add one scan to the log-odds, in place; each cell changes once per scan, a hit wins.
+    """Add one scan to the log-odds, in place; each cell changes once per scan, and hits take precedence.
 
-    ``ends`` (n, 2): where beams end (row, column); ``hits``: whether there was
-    an echo; ``stamp``: int32 grid that holds the number of the last scan that
+    ``ends`` (n, 2): end points of the beams (row, column); ``hits``: whether there was
+    an echo; ``stamp``: int32 grid with the number of the last scan that
     changed a cell.
 
     Parameters
@@ -30,15 +30,15 @@ def add_beams(log_odds, stamp, number, start_row, start_column, ends, hits, hit,
     stamp
         Number of the last scan that changed each cell, (rows, columns) int32.
     number
-        Of this scan.
+        Number of this scan.
     start_row, start_column
-        Where the scanner is [cells].
+        Position of the scanner [cells].
     ends
-        Where the beams end (row, column) [cells], (n, 2).
+        End points of the beams (row, column) [cells], (n, 2).
     hits
         Whether a beam had an echo (n,).
     hit, miss
-        Log-odds added where a beam ends and where it passes.
+        Log-odds increments of cells where a beam ends and of cells that it passes.
     bound
         Maximum magnitude of the log-odds.
     """
@@ -77,10 +77,10 @@ def add_beams(log_odds, stamp, number, start_row, start_column, ends, hits, hit,
 
 @kernel
 def correlate(field, points, rows, columns, cosines, sines):
-    """Mean of ``field`` at the points, for every shift and turn: (turns, rows, columns).
+    """Mean of ``field`` at the points, for every shift and rotation: (rotations, rows, columns).
 
     ``points`` (n, 2) as (row, column) about the centre of rotation; ``rows`` and
-    ``columns`` are the places of that centre in the grid that are tried.
+    ``columns`` are the candidate positions of that centre in the grid.
 
     Parameters
     ----------
@@ -89,9 +89,9 @@ def correlate(field, points, rows, columns, cosines, sines):
     points
         Hits (row, column) about the centre of rotation [cells], (n, 2).
     rows, columns
-        Places of that centre that are tried [cells].
+        Candidate positions of that centre [cells].
     cosines, sines
-        Of the turns that are tried.
+        Cosines and sines of the candidate rotations.
     """
     high, wide = field.shape
     result = np.zeros((len(cosines), len(rows), len(columns)), dtype=np.float32)
@@ -118,20 +118,20 @@ def correlate(field, points, rows, columns, cosines, sines):
 def nearest_lines(mean_row, mean_column, count, points, reach):
     """For every point the nearest mean of a cell and the normal of the means around it.
 
-    ``mean_row``, ``mean_column``: mean place of the hits in a cell where
+    ``mean_row``, ``mean_column``: mean position of the hits in a cell where
     ``count`` > 0. Returns (n, 5): row and column of the mean, normal (row,
-    column), and a weight: 0 without any mean near, -1 where the means make no line.
+    column), and a weight: 0 without a mean within reach, -1 where the means do not form a line.
 
     Parameters
     ----------
     mean_row, mean_column
-        Mean place of the hits in each cell [cells], (rows, columns).
+        Mean position of the hits in each cell [cells], (rows, columns).
     count
         Number of hits in each cell.
     points
         Hits (row, column) [cells], (n, 2).
     reach
-        How far a mean is looked for [cells].
+        Search radius for means [cells].
     """
     rows, columns = count.shape
     result = np.zeros((len(points), 5))
@@ -166,7 +166,7 @@ def nearest_lines(mean_row, mean_column, count, points, reach):
         vrr, vcc, vrc = srr / n - (sr / n) ** 2, scc / n - (sc / n) ** 2, src / n - sr * sc / n**2
         middle, half = 0.5 * (vrr + vcc), math.sqrt(0.25 * (vrr - vcc) ** 2 + vrc**2)
         small, large = max(middle - half, 0.0), middle + half
-        # A line: long one way and thin the other.
+        # A line: long in one direction and thin in the other.
         if large < 0.3 or small > 0.25 * large:
             continue
         angle = 0.5 * math.atan2(2.0 * vrc, vrr - vcc) + 0.5 * math.pi

@@ -1,9 +1,9 @@
-"""Narrow places of a map that may be doors: where they are, and what they look like.
+"""Narrow places of a map that may be doors: their positions and shape measures.
 
 A door is a narrow place between two wide ones. The narrow places are the
 saddles of the distance to the nearest wall: the borders where the basins of
-its watershed meet. Each gives a pair of jambs, and measures of their shape,
-all in metres, so that they mean the same on every map.
+its watershed meet. Each defines a pair of jambs, and shape measures
+that have the same meaning on every map.
 """
 
 from __future__ import annotations
@@ -19,37 +19,37 @@ __all__ = ["MEASURES", "DoorSpace", "Opening", "free_space", "measure", "narrow_
 
 #: Names of the measures of an opening, in the order of :attr:`Opening.measures`: log-ratios, metres and radians.
 MEASURES = (
-    "width",  #: log of the width over a single door's
+    "width",  #: log of the ratio of the width to that of a single door
     "clearance_m",  #: clearance within 2 m on the tighter side, above half the width
-    "recess",  #: log of how far opposite jambs step back on the two sides [m]
+    "recess",  #: log of the distance by which opposite jambs step back on the two sides [m]
     "end",  #: the same of one jamb on both sides: the end of a wall
     "wall",  #: log of the extent of the smaller wall at a jamb, without gaps [m]
-    "bridged_wall",  #: the same, gaps of scans bridged
-    "turn_rad",  #: against the directions of the building's walls
+    "bridged_wall",  #: the same, with gaps of scans bridged
+    "turn_rad",  #: angle to the directions of the building's walls
 )
 
-#: Width of a single door between its frames as a laser sees it (m).
+#: Width of a single door between its frames as measured by a laser (m).
 SINGLE_WIDTH_M = 0.8
-#: Gaps narrower than this are not passages: they are closed, like those in a wall of glass (m). A door of 0.7 m
+#: Narrower gaps are closed, like those in a glass wall: they are not passages (m). A door of 0.7 m
 #: between walls that noise has thickened by two to three cells of 5 cm keeps half a metre on the map.
 CLOSED_GAP_M = 0.42
-#: Gaps that scans leave in one wall (m).
+#: Maximum width of gaps that scans leave in one wall (m).
 _BRIDGED_M = 0.2
-#: A group of obstacles smaller than this stands alone: furniture, no wall (m).
+#: An isolated group of obstacles smaller than this is furniture, not a wall (m).
 ALONE_M = 1.2
-#: Unknown patches smaller than this are free (m^2): the laser has missed them.
+#: Unknown patches smaller than this are free (m^2): they were missed by the laser.
 PATCH_M2 = 1.0
-_DEPTH_M = (0.15, 0.85)  #: where the walls must step back, from the opening's middle line
-_REACH_M = 2.6  #: half edge of the window that is looked at
+_DEPTH_M = (0.15, 0.85)  #: range in which the walls must step back, from the opening's middle line
+_REACH_M = 2.6  #: half edge length of the window that is evaluated
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DoorSpace:
-    """A map as doors are looked for in it."""
+    """A map prepared for the search for doors."""
 
     resolution_m: float
-    free: Bool[np.ndarray, "rows columns"]  #: without lone furniture, gaps below ``CLOSED_GAP_M`` closed
-    #: diagonal of what is not free at each cell, as it is and with the gaps of scans bridged: walls of lasers are
+    free: Bool[np.ndarray, "rows columns"]  #: without isolated furniture, gaps below ``CLOSED_GAP_M`` closed
+    #: diagonal of the non-free group at each cell, unchanged and with the gaps of scans bridged: laser maps show walls as
     #: dashed lines of occupied cells with unknown ones between and behind
     extent_m: tuple[Float32[np.ndarray, "rows columns"], ...]
     direction_rad: float  #: of the walls, modulo 90 degrees, in the grid
@@ -57,7 +57,7 @@ class DoorSpace:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Opening:
-    """A narrow place between two jambs; places are (row, column)."""
+    """A narrow place between two jambs; positions are (row, column)."""
 
     jambs: Float[np.ndarray, "2 2"]
     width_m: float
@@ -65,7 +65,7 @@ class Opening:
 
     @property
     def middle(self) -> Float[np.ndarray, "2"]:
-        """Between the jambs."""
+        """Point midway between the jambs."""
         return np.asarray(self.jambs.mean(axis=0))
 
     @property
@@ -76,7 +76,7 @@ class Opening:
 
 
 def distance_cells(free: Bool[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
-    """Distance to the nearest cell that is not free [cells]."""
+    """Distance to the nearest non-free cell [cells]."""
     import cv2
 
     return np.asarray(
@@ -96,7 +96,7 @@ def free_space(grid: OccupancyMap) -> DoorSpace:
 
     r = grid.resolution_m
     occupied = grid.cells >= 50
-    # Wall pieces with small gaps between them are one wall; what stays small by itself is furniture.
+    # Wall pieces with small gaps between them are one wall; whatever remains small is furniture.
     wall = occupied & (_extent_m(occupied, CLOSED_GAP_M, r) > ALONE_M)
     unknown = ~occupied & ~grid.free
     patches, _ = ndimage.label(unknown, np.ones((3, 3)))
@@ -111,7 +111,7 @@ def free_space(grid: OccupancyMap) -> DoorSpace:
 def without_gaps(
     free: Bool[np.ndarray, "rows columns"], gap_m: float, resolution_m: float
 ) -> Bool[np.ndarray, "rows columns"]:
-    """Free cells that a disc of diameter ``gap_m`` reaches (morphological opening)."""
+    """Free cells that are covered by a disc of diameter ``gap_m`` in free space (morphological opening)."""
     core = distance_cells(free) > 0.5 * gap_m / resolution_m
     return free & (distance_cells(~core) < 0.5 * gap_m / resolution_m)
 
@@ -119,7 +119,7 @@ def without_gaps(
 def _extent_m(
     occupied: Bool[np.ndarray, "rows columns"], gap_m: float, resolution_m: float
 ) -> Float32[np.ndarray, "rows columns"]:
-    """Diagonal of the group of occupied cells around each cell, gaps bridged [m]; 0 where there is none."""
+    """Diagonal of the group of occupied cells around each cell, gaps bridged [m]; 0 without a group."""
     from scipy import ndimage
 
     near = distance_cells(~occupied) <= 0.5 * gap_m / resolution_m
@@ -130,7 +130,7 @@ def _extent_m(
 
 
 def _wall_direction(occupied: Bool[np.ndarray, "rows columns"]) -> float:
-    """Direction that most walls have, modulo 90 degrees [rad]: angle of the mean of the gradients' fourth powers."""
+    """Dominant direction of the walls, modulo 90 degrees [rad]: angle of the mean of the gradients' fourth powers."""
     import cv2
 
     smooth = cv2.GaussianBlur(occupied.astype(np.float64), (0, 0), 1.5)
@@ -157,10 +157,10 @@ def narrow_places(space: DoorSpace, max_width_m: float) -> Int[np.ndarray, "n 2"
     around = np.ones((3, 3))
     distance = distance_cells(space.free)
     smooth = cv2.GaussianBlur(distance, (0, 0), 1.0)
-    # One centimetre more clearance is no other room, a cell of noise neither.
+    # A room must have at least one centimetre more clearance, and more than the noise of a cell.
     peaks, _ = ndimage.label(h_maxima(smooth, max(0.05 / space.resolution_m, 0.5)), around)
     basins = watershed(-smooth, peaks, mask=space.free)
-    # Where each basin meets another of a higher number.
+    # Cells where each basin meets another with a higher number.
     other = np.where(basins > 0, basins, np.iinfo(basins.dtype).max)
     lowest = ndimage.minimum_filter(other, footprint=around)
     border = (basins > 0) & (lowest < basins)
@@ -173,7 +173,7 @@ def narrow_places(space: DoorSpace, max_width_m: float) -> Int[np.ndarray, "n 2"
 
 
 def measure(space: DoorSpace, place: Int[np.ndarray, "2"]) -> Opening | None:
-    """Jambs and measures of the narrow place at a free cell; None where there is no pair of jambs.
+    """Jambs and measures of the narrow place at a free cell; None if there is no pair of jambs.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ def _window(shape: tuple[int, ...], place: np.ndarray, reach: int) -> tuple[slic
 def _jambs(
     free: Bool[np.ndarray, "rows columns"], place: Int[np.ndarray, "2"], resolution_m: float
 ) -> Float[np.ndarray, "2 2"] | None:
-    """The nearest cell that is not free, the nearest on the other side, and then the pair that is closest."""
+    """The nearest non-free cell, the nearest on the other side, and from these the closest pair."""
     window = _window(free.shape, place, round(_REACH_M / resolution_m))
     walls = np.argwhere(~free[window]) + np.array([window[0].start, window[1].start])
     if len(walls) == 0:
@@ -247,7 +247,7 @@ def _jambs(
 def _look(
     mask: Bool[np.ndarray, "rows columns"], points: Float[np.ndarray, "*n 2"]
 ) -> Bool[np.ndarray, "*n"]:
-    """Values at places (row, column); false outside."""
+    """Values at positions (row, column); false outside."""
     cells = np.rint(points).astype(np.int64)
     inside = ((cells >= 0) & (cells < mask.shape)).all(axis=-1)
     cells = np.where(inside[..., None], cells, 0)
@@ -255,14 +255,14 @@ def _look(
 
 
 def _free_length(free: np.ndarray, start: np.ndarray, towards: np.ndarray, resolution_m: float) -> float:
-    """Free distance along a direction, at most 3 m [m]; 0 where the start is not free."""
+    """Free distance along a direction, at most 3 m [m]; 0 if the start is not free."""
     steps = np.arange(0, 3.0 / resolution_m, 0.7)
     blocked = np.flatnonzero(~_look(free, start + steps[:, None] * towards))
     return float(steps[blocked[0]] if len(blocked) else steps[-1]) * resolution_m
 
 
 def _widening(free: np.ndarray, middle: np.ndarray, passage: np.ndarray, resolution_m: float) -> float:
-    """Largest clearance along the passage within 2 m, on the side where it is smaller [m]."""
+    """Maximum clearance along the passage within 2 m, on the side where it is smaller [m]."""
     window = _window(free.shape, middle, round(1.5 * _REACH_M / resolution_m))
     distance = distance_cells(free[window])
     corner = np.array([window[0].start, window[1].start])

@@ -1,12 +1,12 @@
 """Doors from the geometry of a map: gaps of door width in walls, with a room on either side.
 
-The narrow places of the map (:mod:`.door_openings`) are measured, and closed all at once to see what rooms they
-separate. The log-odds that one is a door are a weighted sum of the measures; from these a path around each opening
-is found on which the likeliest door is least likely, and weighed in a second sum: what stands in a room is passed on
-another side, a door is not. Both sums are logistic regressions on generated and real buildings, whose weights
+The narrow places of the map (:mod:`.door_openings`) are measured, and all are closed at once to find the rooms they
+separate. The log-odds of a door are a weighted sum of the measures. From these, a path around each opening is found
+that minimizes the maximum door probability along it; this probability enters a second sum: furniture in a room can be
+passed on another side, a door cannot. Both sums are logistic regressions on generated and real buildings, whose weights
 ``python -m benchmarks.doors_training`` writes to ``door_weights.json``.
 
-What a map cannot show: a closed door is wall, and whether an opening has a
+Not visible on a map: a closed door looks like wall, and an opening may or may not have a
 wing. Openings between rooms are reported, with or without wing.
 """
 
@@ -38,22 +38,22 @@ __all__ = [
     "select_doors",
 ]
 
-#: Rooms smaller than this (m^2) have no number.
+#: Minimum area of a numbered room (m^2).
 _ROOM_M2 = 0.8
-#: Narrower gaps (m) join no rooms unless they are doors: scans leave many in a wall of glass.
+#: Narrower gaps (m) do not connect rooms unless they are doors: scans leave many in a glass wall.
 _ROOM_GAP_M = 0.56
-#: Openings whose middles are nearer than this (m) are one door: the narrowest two need 0.4 m and a pier between them.
+#: Openings whose centres are nearer than this (m) are one door: the narrowest two need 0.4 m and a pier between them.
 _SAME_DOOR_M = 0.6
 
 
 @dataclass(frozen=True, slots=True)
 class DoorSettings:
-    """What counts as a door."""
+    """Criteria for a door."""
 
     #: between the jambs; a door of 0.7 m keeps half a metre between walls that noise has thickened
     min_width_m: float = field(default=0.42, metadata=POSITIVE)
     max_width_m: float = 2.0
-    #: on buildings left out of the training, recall and precision are alike there
+    #: on buildings outside the training set, recall and precision are about equal at this value
     min_confidence: float = field(default=0.45, metadata=within(0, 1))
 
     def __post_init__(self) -> None:
@@ -68,12 +68,12 @@ class Door:
     jambs_m: Float[np.ndarray, "2 2"]  #: (x, y) of both jambs
     width_m: float  #: free width between them
     passage: Float[np.ndarray, "2"]  #: unit vector (x, y) through the door, from the first room to the second
-    rooms: tuple[int, int]  #: numbers in :attr:`DoorMap.rooms`; 0 where no room is known behind it
+    rooms: tuple[int, int]  #: numbers in :attr:`DoorMap.rooms`; 0 if the room behind it is unknown
     confidence: float  #: probability that it is a door, 0..1
 
     @property
     def middle_m(self) -> Float[np.ndarray, "2"]:
-        """Between the jambs (x, y) [m]."""
+        """Midpoint of the jambs (x, y) [m]."""
         return np.asarray(self.jambs_m.mean(axis=0))
 
 
@@ -81,7 +81,7 @@ class Door:
 class DoorMap:
     """Doors and the rooms between them."""
 
-    doors: tuple[Door, ...]  #: the most certain first
+    doors: tuple[Door, ...]  #: by descending confidence
     rooms: Int32[np.ndarray, "rows columns"]  #: 0 no room; 1.. free space with all doors closed
 
     @property
@@ -98,14 +98,14 @@ def find_doors(grid: OccupancyMap, settings: DoorSettings | None = None) -> Door
     ----------
     grid
         Occupied cells are walls and furniture; unknown areas above a square
-        metre are taken for wall.
+        metre are treated as walls.
     settings
-        Range of widths and the least confidence.
+        Range of widths and the minimum confidence.
 
     Returns
     -------
     DoorMap
-        Doors with confidence, and the rooms that they join.
+        Doors with confidence, and the rooms that they connect.
 
     Examples
     --------
@@ -134,14 +134,14 @@ def door_probability(
     Parameters
     ----------
     measures
-        Of each opening.
+        Measures of each opening.
     weights
-        Of each measure, and the constant.
+        Weight of each measure, and the constant.
 
     Raises
     ------
     InputError
-        They are not one more than the measures.
+        The number of weights is not one more than the number of measures.
     """
     if len(weights) != measures.shape[1] + 1:
         raise InputError(
@@ -155,16 +155,16 @@ def door_probability(
 def doors_around(
     rooms: list[tuple[int, int]], probability: Float[np.ndarray, "openings"]
 ) -> Float[np.ndarray, "openings"]:
-    """Probability of the likeliest door on the path around each opening where that is least; 1 where there is no path.
+    """Minimum over all paths around each opening of the maximum door probability on the path; 1 without a path.
 
-    Edges of a minimum spanning tree are counted as without a path around: any other is at least as much of a door.
+    Edges of a minimum spanning tree count as openings without a path around: any alternative is at least as likely a door.
 
     Parameters
     ----------
     rooms
-        Numbers of the two rooms that each opening joins, all openings closed; 0 where none is known.
+        Numbers of the two rooms that each opening connects, with all openings closed; 0 if unknown.
     probability
-        That each opening is a door.
+        Probability that each opening is a door.
     """
     found = np.ones(len(rooms))
     tree: dict[int, list[tuple[int, float]]] = {}
@@ -192,12 +192,12 @@ def select_doors(
     confidence: Float[np.ndarray, "openings"],
     min_confidence: float,
 ) -> DoorMap:
-    """The openings that are confident enough, one at each place, and the rooms between them.
+    """The openings with sufficient confidence, one at each place, and the rooms between them.
 
     Parameters
     ----------
     grid
-        As for :func:`find_doors`.
+        See :func:`find_doors`.
     space, openings
         From :func:`door_candidates`.
     confidence
@@ -208,7 +208,7 @@ def select_doors(
     Returns
     -------
     DoorMap
-        The most certain door first.
+        Doors by descending confidence.
     """
     taken: list[tuple[Opening, float]] = []
     for number in np.argsort(-confidence, kind="stable"):
@@ -227,14 +227,14 @@ def door_candidates(
     Parameters
     ----------
     grid
-        As for :func:`find_doors`.
+        See :func:`find_doors`.
     settings
         Range of widths.
 
     Returns
     -------
     tuple
-        Space that is searched, openings, measures of each.
+        Searched space, openings, measures of each.
     """
     space = free_space(grid)
     found = [measure(space, place) for place in narrow_places(space, settings.max_width_m)]
@@ -246,7 +246,7 @@ def door_candidates(
 
 @cache
 def _weights() -> tuple[Float[np.ndarray, "m"], Float[np.ndarray, "n"]]:
-    """Weights of the measures and the constant, without and with the doors around."""
+    """Weights of the measures and the constant, without and with the surrounding doors."""
     weights = json.loads((resources.files(__package__) / "door_weights.json").read_text(encoding="utf-8"))
     shape, plan = ([*MEASURES, *more, "constant"] for more in ((), ("around",)))
     by_shape = np.array([weights["by_shape"][name] for name in shape], dtype=np.float64)
@@ -272,7 +272,7 @@ def _closed(space: DoorSpace, openings: list[Opening]) -> Bool[np.ndarray, "rows
 
 
 def room_pairs(space: DoorSpace, openings: list[Opening]) -> list[tuple[int, int]]:
-    """Numbers of the two rooms that each opening joins, all openings closed; 0 where none is known.
+    """Numbers of the two rooms that each opening connects, with all openings closed; 0 if unknown.
 
     Parameters
     ----------
@@ -296,7 +296,7 @@ def _room_at(rooms: np.ndarray, opening: Opening, sign: float, resolution_m: flo
 
 
 def _with_rooms(grid: OccupancyMap, space: DoorSpace, taken: list[tuple[Opening, float]]) -> DoorMap:
-    """Number the rooms, and tell of each door which it joins."""
+    """Number the rooms, and find the rooms that each door connects."""
     from scipy import ndimage
 
     free = _closed(space, [opening for opening, _ in taken])
@@ -317,7 +317,7 @@ def _with_rooms(grid: OccupancyMap, space: DoorSpace, taken: list[tuple[Opening,
 
 
 def _place_m(grid: OccupancyMap, cells: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-    """Map frame of places (row, column) between the centres of cells."""
+    """Map coordinates of positions (row, column) between the centres of cells."""
     x, y, yaw = grid.origin
     local = (cells[:, ::-1] + 0.5) * grid.resolution_m
     return local @ rotation_2d(yaw).T + [x, y]

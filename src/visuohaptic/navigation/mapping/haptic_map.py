@@ -1,7 +1,7 @@
-"""A map by touch: every contact's primitive, trusted near the contact and less farther away (Alt 2016, Eq. 3.12).
+"""Haptic map: the primitive of each contact, weighted by the distance from the contact (Alt 2016, Eq. 3.12).
 
-Values are from -1 (surely free) over 0 (nothing known) to 1 (surely
-occupied). Objects that moved when they were pushed are kept in a layer of their own.
+Values range from -1 (free) over 0 (unknown) to 1
+(occupied). Objects that moved when they were pushed are kept in a separate layer.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from ...io.maps.occupancy_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
 __all__ = ["HapticContact", "HapticMap", "primitive_occupancy"]
 
-#: Confidence below which a cell is left as it is.
+#: Weight below which a cell is not changed.
 _MIN = 0.01
-#: Most cells of a map.
+#: Maximum number of cells of a map.
 _MAX_CELLS = 25_000_000
 
 
@@ -33,7 +33,7 @@ class HapticContact:
     points_foam_m: Float[np.ndarray, "k 2"]  #: contact points X_k
     T_map_foam: tuple[float, float, float]  #: (x [m], y [m], yaw [rad]) of F in the map
     confidence: float = 1.0  #: 0..1, for instance the score of the primitive
-    movable: bool = False  #: it moved when it was pushed
+    movable: bool = False  #: whether it moved when it was pushed
 
     def __post_init__(self) -> None:
         points = np.asarray(self.points_foam_m, dtype=np.float64)
@@ -53,7 +53,7 @@ class HapticContact:
         """D: diameter of the smallest circle around the contact points."""
         import cv2
 
-        # OpenCV adds 1e-4 to the radius, in whatever unit: micrometres make that nothing.
+        # OpenCV adds 1e-4 to the radius, in any unit: with micrometres this is negligible.
         centred = self.points_foam_m - self.points_foam_m.mean(axis=0)
         (_, _), radius_um = cv2.minEnclosingCircle((centred * 1e6).astype(np.float32))
         return 2e-6 * float(radius_um)
@@ -62,19 +62,19 @@ class HapticContact:
 def primitive_occupancy(
     primitive: Primitive, places_foam_m: Float[np.ndarray, "*n 2"], *, depth_m: float = math.inf
 ) -> Float32[np.ndarray, "*n"]:
-    """m_O: 1 inside what the primitive stands for, -1 outside, 0 where it says nothing.
+    """m_O: 1 inside the primitive's object, -1 outside, 0 where it is unknown.
 
-    Inside is a circle's disc, what lies behind a line, between the edges of a
-    corner, and a square behind a segment: its depth was not felt.
+    Inside means the disc of a circle, the half plane behind a line, the area between the edges of a
+    corner, and a square behind a segment, because its depth was not measured.
 
     Parameters
     ----------
     primitive
         In frame F; the robot is on the side of negative x.
     places_foam_m
-        Where to say it.
+        Positions to evaluate.
     depth_m
-        How far behind its surface a line or corner speaks; the text has no limit.
+        Depth behind its surface up to which a line or corner is used; not limited in the dissertation.
     """
     p, places = primitive.parameters, np.asarray(places_foam_m, dtype=np.float64)
     if primitive.kind == PrimitiveKind.CIRCLE:
@@ -89,7 +89,7 @@ def primitive_occupancy(
         normal = _away(along)
         a, b = (places - start) @ along, (places - start) @ normal
         inside = (a >= 0) & (a <= length) & (b >= 0) & (b <= length)
-        # What is behind the square is hidden by it.
+        # The area behind the square is hidden by it.
         hidden = (a >= 0) & (a <= length) & (b > length)
         return np.where(inside, 1.0, np.where(hidden, 0.0, -1.0)).astype(np.float32)
     depth = (places - p[:2]) @ _away(np.array([np.cos(p[2]), np.sin(p[2])]))
@@ -103,7 +103,7 @@ def _away(along: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
 
 
 def _behind_corner(p: np.ndarray, places: np.ndarray, depth_m: float) -> Float32[np.ndarray, "*n"]:
-    """Between the edges, on the side away from the robot."""
+    """Area between the edges, on the side away from the robot."""
     edges = [np.array([np.cos(angle), np.sin(angle)]) for angle in p[2:4]]
     bisector = edges[0] + edges[1]
     relative = places - p[:2]
@@ -114,7 +114,7 @@ def _behind_corner(p: np.ndarray, places: np.ndarray, depth_m: float) -> Float32
     distance = np.stack([relative @ normal for normal in normals])
     between = distance.min(axis=0)
     if bisector[0] < 0:
-        # The wedge opens towards the robot: a corner of the room, felt from inside.
+        # The wedge opens towards the robot: a corner of the room, touched from inside.
         between = np.maximum(-distance[0], -distance[1])
     return np.where(between < 0, -1.0, np.where(between <= depth_m, 1.0, 0.0)).astype(np.float32)
 
@@ -138,8 +138,8 @@ class HapticMap:
     resolution_m: float
     origin_m: tuple[float, float]  #: (x, y) of the corner of cell (0, 0)
     rate: float = 0.5  #: c of Eq. (3.12): how quickly old contacts are replaced
-    depth_m: float = math.inf  #: how far behind their surface cells count as occupied
-    contacts: int = field(default=0)  #: how many were added
+    depth_m: float = math.inf  #: depth behind a surface up to which cells count as occupied
+    contacts: int = field(default=0)  #: number of added contacts
 
     @classmethod
     def empty(
@@ -151,7 +151,7 @@ class HapticMap:
         rate: float = 0.5,
         depth_m: float = math.inf,
     ) -> HapticMap:
-        """A map in which nothing is known yet.
+        """An empty map, with all cells unknown.
 
         Parameters
         ----------
@@ -164,7 +164,7 @@ class HapticMap:
         rate
             c of Eq. (3.12): how quickly old contacts are replaced.
         depth_m
-            How far behind a surface cells count as occupied [m].
+            Depth behind a surface up to which cells count as occupied [m].
 
         Raises
         ------
@@ -188,7 +188,7 @@ class HapticMap:
     def add(self, contact: HapticContact) -> None:
         """Add a contact to its layer: M <- (1 - c T(m_d)) M + c T(m_O m_d), Eq. (3.12).
 
-        The front of a movable object is free space in the static layer too.
+        The front of a movable object is free space in the static layer, too.
 
         Parameters
         ----------
@@ -210,14 +210,14 @@ class HapticMap:
     def value_at(
         self, points_m: Float[np.ndarray, "*n 2"], *, movable: bool = False
     ) -> Float[np.ndarray, "*n"]:
-        """Values of a layer at places (x, y) [m]; 0 outside.
+        """Values of a layer at positions (x, y) [m]; 0 outside.
 
         Parameters
         ----------
         points_m
             x, y [m], map frame.
         movable
-            Layer of objects that moved when they were pushed; if not, the static one.
+            Whether to use the layer of objects that moved when they were pushed instead of the static one.
         """
         layer = self.movable if movable else self.static
         cells = np.floor((np.asarray(points_m) - np.array(self.origin_m)) / self.resolution_m).astype(
@@ -228,7 +228,7 @@ class HapticMap:
         return np.where(inside, layer[cells[..., 1], cells[..., 0]], 0.0)
 
     def occupancy(self, min_rate: float = 0.05, *, movable: bool = True) -> OccupancyMap:
-        """Occupancy map of what is known with some confidence; a free front never hides an obstacle.
+        """Occupancy map of the cells with sufficient confidence; free space in front of a contact never hides an obstacle.
 
         Parameters
         ----------
@@ -248,7 +248,7 @@ class HapticMap:
     def _window(
         self, contact: HapticContact
     ) -> tuple[tuple[slice, slice], Float[np.ndarray, "rows columns 2"]]:
-        """Cells near the contact, and their places in frame F."""
+        """Cells near the contact, and their positions in frame F."""
         x, y, yaw = contact.T_map_foam
         points = contact.points_foam_m @ rotation_2d(yaw).T + [x, y]
         reach = max(contact.diameter_m, 2 * self.resolution_m) * -math.log(_MIN)
@@ -266,15 +266,15 @@ class HapticMap:
 def _closeness(
     contact: HapticContact, places: Float[np.ndarray, "rows columns 2"]
 ) -> Float[np.ndarray, "rows columns"]:
-    """m_d: 1 at the contact points, falling with the distance in diameters of the contact."""
+    """m_d: 1 at the contact points, decreasing with the distance in diameters of the contact."""
     from scipy.spatial import cKDTree
 
     distance, _ = cKDTree(contact.points_foam_m).query(places)
-    # A single point has no extent; a contact of less than a millimetre is not felt.
+    # A single point has no extent; a contact of less than a millimetre cannot be measured.
     return np.asarray(np.exp(-distance / max(contact.diameter_m, 1e-3)))
 
 
 def _update(layer: np.ndarray, occupancy: np.ndarray, weight: np.ndarray) -> None:
-    """Eq. (3.12) in place, where the primitive says something."""
+    """Eq. (3.12) in place, where the primitive is defined."""
     says: Bool[np.ndarray, "rows columns"] = occupancy != 0
     layer[says] = ((1 - weight) * layer + weight * occupancy)[says]

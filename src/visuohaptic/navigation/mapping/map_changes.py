@@ -1,4 +1,4 @@
-"""What a laser says of a map that exists already: whether it fits, and what is new in it."""
+"""Comparison of laser scans with an existing map: fit of a scan, and new objects."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from ...io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 
 __all__ = ["map_agreement", "mark_points", "new_objects", "scan_fit"]
 
-#: Points in cells at least this far from everything on the map are new [m]; smaller groups of them are noise.
+#: Points in cells at least this far from all mapped obstacles are new [m]; groups of fewer points are noise.
 NEW_M, MIN_POINTS = 0.10, 8
 #: Points of one object are linked over gaps of up to three cells of this size [m].
 LINK_CELL_M = 0.02
-#: A beam fits the map when something on it is within this of the hit [m].
+#: A beam fits the map if a mapped obstacle is within this distance of the hit [m].
 FIT_M = 0.15
 
 
 def new_objects(grid: OccupancyMap, points_m: Float[np.ndarray, "n 2"]) -> list[Float[np.ndarray, "k 2"]]:
-    """Groups of laser points in cells that are free on the map and away from everything on it.
+    """Groups of laser points in cells that are free on the map and away from all mapped obstacles.
 
     Parameters
     ----------
@@ -69,14 +69,14 @@ def mark_points(grid: OccupancyMap, groups: Sequence[Float[np.ndarray, "k 2"]]) 
 
 
 def scan_fit(grid: OccupancyMap, points_m: Float[np.ndarray, "n 2"]) -> float:
-    """Fraction of the hits of a scan that have something on the map near.
+    """Fraction of the hits of a scan that are near a mapped obstacle.
 
     Parameters
     ----------
     grid
         The map.
     points_m
-        Hits, map frame by the pose that is to be tested [m].
+        Hits, in the map frame according to the pose to test [m].
     """
     near = ndimage.distance_transform_edt(grid.cells < 50) * grid.resolution_m <= FIT_M
     cells = grid.cell_from_world(points_m)
@@ -85,7 +85,7 @@ def scan_fit(grid: OccupancyMap, points_m: Float[np.ndarray, "n 2"]) -> float:
 
 
 def map_agreement(found: OccupancyMap, truth: OccupancyMap) -> tuple[float, float]:
-    """Fraction of free cells that are free, and of occupied cells that have nothing near.
+    """Fraction of free cells that are free in the truth, and of occupied cells without a true obstacle nearby.
 
     Parameters
     ----------

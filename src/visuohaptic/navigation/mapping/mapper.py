@@ -1,8 +1,8 @@
-"""A map from laser scans: log-odds ray casting, every scan laid on the map before it is added.
+"""A map from laser scans: log-odds ray casting, with every scan matched to the map before it is added.
 
-Plain on purpose: no pose graph, so that a loop closes only as far as the
+Deliberately simple, without a pose graph: a loop closes only as long as the
 drift stays within the search window of the matching. Maps of any SLAM system
-are the normal input; this one lets a robot without one make its own.
+are the normal input; this mapper serves robots without one.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from .scan_matching import HitGrid, MatchSettings, ScanMatch, match_scan
 
 __all__ = ["MapperSettings", "OccupancyMapper", "build_map"]
 
-#: Probability below which a cell is free: passed twice.
+#: Probability below which a cell is free: passed by two beams.
 _FREE_BELOW = 0.35
 
 _log = logging.getLogger(__name__)
 
-#: Cells at most; larger maps are refused rather than eat the memory.
+#: Maximum number of cells; larger maps are rejected, to limit memory.
 MAX_CELLS = 100_000_000
 
 
@@ -43,7 +43,7 @@ class MapperSettings:
     resolution_m: float = 0.05
     hit: float = 0.85  #: log-odds of a cell where a beam ends: probability 0.7
     miss: float = -0.4  #: of a cell that a beam passes: 0.4; two make a cell free
-    bound: float = 5.0  #: log-odds stay within
+    bound: float = 5.0  #: maximum magnitude of the log-odds
     odometry_sigma_per_m: float = 0.1  #: drift of the odometry: standard deviation per path length
     odometry_sigma_rad_per_rad: float = 0.1
     odometry_sigma_rad_per_m: float = 0.05
@@ -52,8 +52,8 @@ class MapperSettings:
     patience: int = (
         15  #: after this number of consecutive scans that do not fit, the map is considered wrong here
     )
-    warm_up_scans: int = 2  #: are added where the odometry says
-    add_every_m: float = 0.15  #: between them scans are matched and not added: each adds its error to the map
+    warm_up_scans: int = 2  #: number of scans that are added at the odometry pose
+    add_every_m: float = 0.15  #: scans in between are matched and not added: each adds its error to the map
     add_every_rad: float = 0.03
     well_known: float = 0.9  #: a scan with fewer points near hits is added, however near the last one
 
@@ -65,9 +65,9 @@ class MapperSettings:
 
 
 class OccupancyMapper:
-    """Adds scans one by one.
+    """Incremental mapper that adds one scan at a time.
 
-    The map's frame is that of the first odometry pose.
+    The map frame is that of the first odometry pose.
 
     Parameters
     ----------
@@ -107,27 +107,27 @@ class OccupancyMapper:
         settings: MapperSettings | None = None,
         hits_m: Float[np.ndarray, "k 2"] | None = None,
     ) -> OccupancyMapper:
-        """Go on with a map that exists: to localise in it, or to refine it.
+        """Continue with an existing map: to localise in it, or to refine it.
 
         Parameters
         ----------
         grid
-            The map; its axes are those of its frame. Walls are taken to be in the middle of those of their cells that
-            a beam can reach: what lies behind them, inside of a thick wall, is no place at which one ends.
+            The map; its axes are those of its frame. Walls are assumed to be in the middle of those of their cells that
+            a beam can reach: no beam ends behind them, inside a thick wall.
         pose
-            Of the scanner (x, y, yaw) in the map [m, rad].
+            Pose of the scanner (x, y, yaw) in the map [m, rad].
         odometry
             Pose of the scanner by odometry at the same time [m, rad].
         settings
-            Of sensor model and odometry; the resolution is the map's.
+            Settings of sensor model and odometry; the resolution is the map's.
         hits_m
-            Mean hits of the mapper that made the map, from :meth:`mean_hits_m`: scans are then matched as finely as
+            Mean hits of the mapper that made the map, from :meth:`mean_hits_m`: scans are then matched as accurately as
             by that mapper. The cells alone leave an error of half a cell (2 cm) in every pose.
 
         Raises
         ------
         InputError
-            The map is turned in its frame.
+            The map is rotated in its frame.
         """
         if abs(grid.origin[2]) > 1e-9:
             raise InputError("map", f"found an origin turned by {grid.origin[2]:g} rad, expected 0")
@@ -163,12 +163,12 @@ class OccupancyMapper:
         return np.array([match.pose for match in self.matches]).reshape(-1, 3)
 
     def add(self, scan: LaserScan, odometry: tuple[float, float, float]) -> ScanMatch:
-        """Lay a scan on the map and add it.
+        """Match a scan to the map and add it.
 
         Parameters
         ----------
         scan
-            One turn of the scanner.
+            One revolution of the scanner.
         odometry
             Pose of the scanner (x, y, yaw) by odometry, in any fixed frame [m, rad].
 
@@ -176,7 +176,7 @@ class OccupancyMapper:
         -------
         ScanMatch
             A scan that is not valid, has too few points or does not fit is not
-            added, and the pose goes on by odometry.
+            added; the pose is then propagated by odometry.
         """
         match = self._match(scan, odometry)
         self._refused = 0 if match.valid else self._refused + 1
@@ -193,19 +193,19 @@ class OccupancyMapper:
         return match
 
     def locate(self, scan: LaserScan, odometry: tuple[float, float, float]) -> ScanMatch:
-        """Lay a scan on the map without adding it: localisation in what is mapped.
+        """Match a scan to the map without adding it, for localisation only.
 
         Parameters
         ----------
         scan
-            One turn of the scanner.
+            One revolution of the scanner.
         odometry
             Pose of the scanner (x, y, yaw) by odometry, in the frame of the last call [m, rad].
 
         Returns
         -------
         ScanMatch
-            When the scan does not fit, the pose goes on by odometry.
+            If the scan does not fit, the pose is propagated by odometry.
         """
         match = self._match(scan, odometry)
         self._take(match)
@@ -218,7 +218,7 @@ class OccupancyMapper:
         self.matches.append(match)
 
     def _predict(self, odometry: tuple[float, float, float]) -> tuple[float, float, float]:
-        """Pose by odometry since the last scan; what it may be off by grows until a scan fits again."""
+        """Pose by odometry since the last scan; its covariance grows until a scan fits again."""
         s = self.settings
         before = self._odometry
         self._odometry = odometry
@@ -283,7 +283,7 @@ class OccupancyMapper:
         self._count_hits(ends[hits])
 
     def _count_hits(self, ends: Float[np.ndarray, "n 2"]) -> None:
-        """Running means of the hits in every cell; cells that are free by now lose theirs."""
+        """Running means of the hits in every cell; cells that have become free lose theirs."""
         cells = np.floor(ends).astype(np.int64)
         flat = cells[:, 0] * self._count.shape[1] + cells[:, 1]
         unique, first = np.unique(flat, return_inverse=True)
@@ -291,7 +291,7 @@ class OccupancyMapper:
         for mean, axis in ((self._mean_row, 0), (self._mean_column, 1)):
             total = np.bincount(first, weights=ends[:, axis])
             old = self._count.ravel()[unique]
-            # An old cell listens less and less, but never not at all.
+            # The weight of new hits in an old cell decreases, but is bounded below.
             mean.ravel()[unique] = (mean.ravel()[unique] * old + total) / (old + fresh)
         self._count.ravel()[unique] = np.minimum(self._count.ravel()[unique] + fresh, 50.0)
         rows, columns = unique // self._count.shape[1], unique % self._count.shape[1]
@@ -327,7 +327,7 @@ class OccupancyMapper:
         self._corner = self._corner - before * self._r
 
     def mean_hits_m(self) -> Float[np.ndarray, "k 2"]:
-        """Mean place of the hits in every cell that has some (x, y), map frame [m]."""
+        """Mean position of the hits in every cell that has hits (x, y), map frame [m]."""
         hit = self._count > 0
         places = np.column_stack([self._mean_column[hit], self._mean_row[hit]]).astype(np.float64)
         return self._corner + self._r * places
@@ -338,7 +338,7 @@ class OccupancyMapper:
         self._log_odds, self._count, self._mean_row, self._mean_column = layers
 
     def map(self) -> OccupancyMap:
-        """The map so far: occupied above a probability of 0.65, free below 0.35, cut to what was seen."""
+        """The map so far: occupied above a probability of 0.65, free below 0.35, cropped to the observed area."""
         seen = np.argwhere(self._log_odds != 0.0)
         if len(seen) == 0:
             raise InputError("OccupancyMapper", "no scan was added, there is no map")

@@ -1,11 +1,11 @@
-"""Pose of a scan in a map: search over shifts and turns, then point to line, with a covariance.
+"""Pose of a scan in a map: search over shifts and rotations, then point-to-line refinement, with a covariance.
 
 The search (Olson 2009, correlative scan matching, here in one resolution)
-finds the right hill even when the odometry is off by decimetres; the
-refinement works on the mean hit of every cell, which is finer than the cell,
-and on the line through the means around it. The odometry takes part as a
-measurement, so that a bare corridor, which does not constrain the position along it,
-leaves that to the wheels, and the covariance says so.
+finds the right optimum even with an odometry error of decimetres; the
+refinement uses the mean hit of every cell, which is finer than the cell,
+and the line through the means around it. The odometry is included as a
+measurement: in a bare corridor, which does not constrain the position along it,
+that component comes from the odometry, and the covariance shows it.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ FREE_LOG_ODDS = -1.0
 
 @dataclass(frozen=True, slots=True)
 class MatchSettings:
-    """How a scan is laid on a map."""
+    """Parameters of scan matching."""
 
-    window_m: float = field(default=0.3, metadata=POSITIVE)  #: largest shift that is searched, to each side
-    window_rad: float = field(default=0.15, metadata=POSITIVE)  #: largest turn that is searched
+    window_m: float = field(default=0.3, metadata=POSITIVE)  #: maximum shift in each direction
+    window_rad: float = field(default=0.15, metadata=POSITIVE)  #: maximum rotation
     turn_step_rad: float = field(default=0.015, metadata=POSITIVE)
-    points: int = 180  #: of the scan that are used in the search
-    reach_cells: int = 3  #: a point farther from any hit is no inlier
+    points: int = 180  #: number of points of the scan that are used in the search
+    reach_cells: int = 3  #: maximum distance of an inlier from a hit
     sigma_m: float = field(
         default=0.02, metadata=POSITIVE
-    )  #: of a point from its line: the scanner, cells and walls that are not straight
+    )  #: standard deviation of a point from its line: scanner, cells and walls that are not straight
     iterations: int = 12
-    min_points: int = 40  #: a scan with fewer says too little
-    min_known: int = 25  #: points on the known part of the map; with fewer a scan cannot be laid on it
+    min_points: int = 40  #: minimum number of points of a scan
+    min_known: int = 25  #: minimum number of points on the known part of the map
     min_inliers: float = 0.35  #: fraction of these points that must be near a hit
 
     def __post_init__(self) -> None:
@@ -65,12 +65,12 @@ class ScanMatch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HitGrid:
-    """What a scan is laid on: per cell the mean hit, all in grid coordinates."""
+    """The map for matching: the mean hit of each cell, in grid coordinates."""
 
     mean_row: Float32[np.ndarray, "rows columns"]
     mean_column: Float32[np.ndarray, "rows columns"]
     count: Float32[np.ndarray, "rows columns"]
-    log_odds: Float32[np.ndarray, "rows columns"]  #: 0 where nothing is known
+    log_odds: Float32[np.ndarray, "rows columns"]  #: 0 where unknown
     resolution_m: float
     corner_m: tuple[float, float]  #: (x, y) of the corner of cell (0, 0); the grid's axes are the map's
 
@@ -101,9 +101,9 @@ def match_scan(
     Returns
     -------
     ScanMatch
-        Not valid, with the guess as its pose, when the scan has too few points
-        or contradicts the map. A scan of what is mostly new is valid where the
-        odometry says.
+        Not valid, with the guess as its pose, if the scan has too few points
+        or contradicts the map. A scan of mostly unknown space is valid at the
+        odometry pose.
     """
     settings = settings or MatchSettings()
     cannot = ScanMatch(t_s, False, Reason.LOST, guess, guess_covariance, 0.0, float("nan"))
@@ -123,7 +123,7 @@ def match_scan(
 def _places(
     grid: HitGrid, points_m: Float[np.ndarray, "n 2"], pose: tuple[float, float, float]
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
-    """Points turned into the map's axes [m], and their places in the grid (x, y) [cells]."""
+    """Points rotated into the map's axes [m], and their positions in the grid (x, y) [cells]."""
     turned = points_m @ rotation_2d(pose[2]).T
     return turned, (turned + np.array(pose[:2]) - np.array(grid.corner_m)) / grid.resolution_m
 
@@ -134,7 +134,7 @@ def _agreement(
     pose: tuple[float, float, float],
     settings: MatchSettings,
 ) -> tuple[int, int]:
-    """How many points lie where the map knows something, and how many of those near a hit."""
+    """Number of points in the known part of the map, and number of those near a hit."""
 
     _, places = _places(grid, points_m, pose)
     lines = nearest_lines(
@@ -155,12 +155,12 @@ def _search(
     guess_covariance: Float[np.ndarray, "3 3"],
     settings: MatchSettings,
 ) -> tuple[float, float, float]:
-    """Best of all shifts and turns in the window by how many points lie near hits, and by the odometry."""
+    """Best of all shifts and rotations in the window by the number of points near hits, and by the odometry."""
 
     r = grid.resolution_m
     chosen = points_m[:: max(len(points_m) // settings.points, 1)]
     points = chosen[:, ::-1] / r
-    # Of a window around the scan only: the whole map would be blurred for nothing.
+    # Only a window around the scan is blurred, to save time.
     reach = float(np.abs(points).max()) * 1.5 + settings.window_m / r + 4
     row, column = (guess[1] - grid.corner_m[1]) / r, (guess[0] - grid.corner_m[0]) / r
     top, left = max(int(row - reach), 0), max(int(column - reach), 0)
@@ -185,7 +185,7 @@ def _search(
 
 
 def _near_hits(count: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
-    """1 at cells with hits, falling to 0 two cells away."""
+    """1 at cells with hits, decreasing to 0 two cells away."""
     import cv2
 
     if count.size == 0:

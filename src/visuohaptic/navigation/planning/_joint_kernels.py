@@ -1,4 +1,4 @@
-"""Kernels of objects on a grid: which cells an outline covers, and its place freed in a window."""
+"""Kernels of objects on a grid: cells covered by an outline, and clearing of these cells in a window."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import numpy as np
 from ...core.kernels import kernel
 from ..pushing._outline_kernels import extent, inside_polygon, polygon_distance, segment_distance, square_gap
 
-#: Crumbs of an object's cells are looked for so far around its outline [cells].
+#: Distance from an object's outline within which spurious components are searched [cells].
 SPURIOUS_REACH_CELLS = 1.25
 
 
 @kernel
 def cell_meets_polygon(row: int, column: int, polygon: np.ndarray) -> bool:
-    """Whether a cell's square meets a polygon's inside."""
+    """Whether a cell's square overlaps the interior of a polygon."""
     x, y = column + 0.5, row + 0.5
     if inside_polygon(x, y, polygon):
         return True
@@ -23,7 +23,7 @@ def cell_meets_polygon(row: int, column: int, polygon: np.ndarray) -> bool:
         ax, ay, bx, by = polygon[i, 0], polygon[i, 1], polygon[j, 0], polygon[j, 1]
         if segment_distance(x, y, ax, ay, bx, by) >= 0.7072:
             continue
-        # A square a hair smaller: what only touches does not count.
+        # A slightly smaller square: contact alone does not count.
         if square_gap(ax, ay, bx, by, column, row, 1e-6, square) <= 0.0:
             return True
     return False
@@ -31,14 +31,14 @@ def cell_meets_polygon(row: int, column: int, polygon: np.ndarray) -> bool:
 
 @kernel
 def free_object(occupied: np.ndarray, polygon: np.ndarray, row0: int, column0: int) -> None:
-    """Free an object's cells in a window that begins at (row0, column0).
+    """Free an object's cells in a window that starts at (row0, column0).
 
-    Those that its outline covers, and spurious components beside them - connected pieces that
-    lie wholly within ``SPURIOUS_REACH_CELLS`` - which no wall explains.
+    These are the cells covered by its outline, and adjacent spurious components: connected components that
+    lie completely within ``SPURIOUS_REACH_CELLS`` and are not part of a wall.
     """
     rows, columns = occupied.shape
     near = np.zeros((rows, columns), np.bool_)
-    # Cells whose centre is farther than this from the outline's box are neither met nor near.
+    # Cells whose centre is farther than this from the outline's bounding box are neither covered nor near.
     reach = SPURIOUS_REACH_CELLS + 1.0
     x_min, x_max, y_min, y_max = extent(polygon)
     top = max(0, int(y_min - reach) - row0)

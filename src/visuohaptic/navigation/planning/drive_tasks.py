@@ -1,4 +1,4 @@
-"""Tasks of a drive: along the path, and at each passage stop, wait or push, and go on (Alt 2016, Sec. 4.3.4)."""
+"""Tasks of a drive: along the path, and at each passage stop, wait or push, and continue (Alt 2016, Sec. 4.3.4)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["drive_tasks"]
 
 
 def drive_tasks(domain: SearchDomain, path: Float[np.ndarray, "k 2"], cost: float) -> list[Task]:
-    """Driving along a path, and what is done where it leads through passages: stop before, wait or push, go on.
+    """Tasks along a path, including those at passages: stop before, wait or push, continue.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def drive_tasks(domain: SearchDomain, path: Float[np.ndarray, "k 2"], cost: floa
     path
         Corners in grid coordinates [cells].
     cost
-        Of driving along it [cells at full speed].
+        Cost of driving along it [cells at full speed].
     """
     import shapely
 
@@ -61,7 +61,7 @@ def drive_tasks(domain: SearchDomain, path: Float[np.ndarray, "k 2"], cost: floa
 
 
 def _crossed(domain: SearchDomain, line: shapely.LineString) -> list[tuple[Passage, float, float]]:
-    """Passages that a path leads through, with where it enters and leaves them [m]."""
+    """Passages on a path, with the positions along it where it enters and leaves them [m]."""
     import shapely
 
     found = []

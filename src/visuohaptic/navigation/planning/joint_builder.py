@@ -1,4 +1,4 @@
-"""Extends the visual graph by the nodes that touch adds: the seven steps of Alt 2016, Sec. 4.2.1."""
+"""Extension of the visual graph by haptic nodes: the seven steps of Alt 2016, Sec. 4.2.1."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .search.search_domain import grid_from_world
 
 __all__ = ["extend_graph"]
 
-#: Step 7: an edge stays when it shortens the path between two neighbours by at least this fraction.
+#: Step 7: an edge is kept if it shortens the path between two neighbours by at least this fraction.
 SIGNIFICANT = 0.05
 
 
@@ -33,16 +33,16 @@ def extend_graph(
     Parameters
     ----------
     visual, regions
-        Graph of the map as it is seen, with the regions of its nodes.
+        Graph of the map from vision alone, with the regions of its nodes.
     robot
-        Its radius and speeds are those that the layers were made for.
+        Robot whose radius and speeds were used for the layers.
     kinds
         Manipulation, door, transparency and other nodes.
 
     Returns
     -------
     JointGraph
-        With every node; one that cannot be passed has no edges.
+        With all nodes; a node that cannot be passed has no edges.
     """
     builder = _Builder(visual, regions, robot)
     added = tuple(builder.node(kind, visual.nodes + index) for index, kind in enumerate(kinds))
@@ -50,7 +50,7 @@ def extend_graph(
 
 
 class _Builder:
-    """Arrays that all nodes of one extension use."""
+    """Arrays that are common to all nodes of one extension."""
 
     def __init__(self, visual: NavigationGraph, regions: Regions, robot: RobotModel) -> None:
 
@@ -69,7 +69,7 @@ class _Builder:
         import cv2
 
         outline = grid_from_world(self.map, kind.outline_m)
-        # Cells that the object denies are within the radius of it; what slows the robot on them, three radii on.
+        # Cells blocked by the object are within one radius of it; cells with reduced speed within three.
         margin = self.radius + 3.0
         wide, narrow = (self._window(outline, reach) for reach in (margin + 3.0 * self.radius, margin))
         task_s = kind.task_s(self.robot)
@@ -78,7 +78,7 @@ class _Builder:
         part, seeds = self.map.cells[wide], self.regions.seed[narrow]
         if not part.size:
             return nothing
-        # 1 and 2: distances when the object is gone.
+        # 1 and 2: distances without the object.
         unknown_blocks = not self.regions.layers.unknown_is_free
         occupied = (part >= OBSTACLE_FROM) | (unknown_blocks & (part < 0))
         free_object(occupied, outline, wide[0].start, wide[1].start)
@@ -87,7 +87,7 @@ class _Builder:
             (n.start - w.start, n.stop - w.start) for n, w in zip(narrow, wide, strict=True)
         )
         clearance = distance[i0:i1, j0:j1]
-        # 3 and 4: the node is nearest to the object's middle, its region what hangs together with it.
+        # 3 and 4: the node is nearest to the object's centre, its region is the connected component there.
         free = clearance >= self.radius
         own = free & (seeds < 0)
         if not own.any():
@@ -111,10 +111,10 @@ class _Builder:
         mine: Bool[np.ndarray, "r c"],
         start: Int[np.ndarray, "2"],
     ) -> tuple[Int32[np.ndarray, "k"], Float[np.ndarray, "k"]]:
-        """Steps 5 to 7: nodes of the regions beside a node's own that it is worth an edge to, and their drives [s]."""
+        """Steps 5 to 7: nodes of adjacent regions to which an edge is worthwhile, and the drives to them [s]."""
         import cv2
 
-        # The path to a neighbour leads through the node's own region and over the border, not along it.
+        # The path to a neighbour leads through the node's own region and across its border, not along it.
         reach = cv2.dilate(mine.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         begin = np.full(1, start[0] * mine.shape[1] + start[1], np.int32)
         none, seeds = np.zeros(0, np.int32), self.regions.seed[window]
@@ -128,8 +128,8 @@ class _Builder:
         through_s = cost[beside] * self.unit_s + self.regions.potential[window][beside] * self.regions.unit_s
         np.minimum.at(drive_s, which, through_s)
         neighbours = np.searchsorted(self.seeds, names).astype(np.int32)
-        # 7: drives only. The search accounts for the cost of the task, and the figure of the text
-        # shows nodes whose edges no plan would take.
+        # 7: drives only. The search accounts for the cost of the task, and the dissertation's figure
+        # shows nodes whose edges no plan would use.
         around_s = costs_between(
             self.visual.edges, self.visual.edge_cost_s, self.visual.nodes, neighbours,
             limit_s=2.0 * (1.0 + SIGNIFICANT) * float(drive_s.max(initial=0.0)),
@@ -161,7 +161,7 @@ class _Builder:
         return JointNode(kind, number, cell, none, np.zeros(0), kind.task_s(self.robot), cells, closed)
 
     def _window(self, outline: Float[np.ndarray, "p 2"], margin: float) -> tuple[slice, slice]:
-        """Rows and columns of the map about an outline (x, y)."""
+        """Rows and columns of the map around an outline (x, y)."""
         low, high = outline.min(axis=0)[::-1], outline.max(axis=0)[::-1]
         first, last = (
             slice(min(max(math.floor(a - margin), 0), size), max(min(math.ceil(b + margin) + 1, size), 0))

@@ -1,7 +1,7 @@
-"""The visuo-haptic graph: the visual graph and what touch adds to it (Alt 2016, Sec. 4.2.1).
+"""The visuo-haptic graph: the visual graph and its haptic extension (Alt 2016, Sec. 4.2.1).
 
-The visual graph is extended, never modified. A node of another kind is a small
-class: see :class:`NodeType`, and ``node_types.py`` for those that there are.
+The visual graph is extended, never modified. Each further kind of node is a small
+class: see :class:`NodeType`, and ``node_types.py`` for the existing kinds.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ __all__ = ["JointGraph", "JointNode", "NodeType", "costs_between"]
 
 
 class NodeType(Protocol):
-    """What a kind of node says of itself; its local planner goes by the name ``planner``."""
+    """Interface of a kind of node; ``planner`` names its local planner."""
 
     @property
     def id(self) -> str:
@@ -33,19 +33,19 @@ class NodeType(Protocol):
 
     @property
     def outline_m(self) -> Float[np.ndarray, "p 2"]:
-        """Place on the floor, map frame."""
+        """Outline on the floor, map frame."""
 
     @property
     def in_map(self) -> bool:
-        """Whether the map shows it as occupied cells (an object), or not at all (glass)."""
+        """Whether the map contains it as occupied cells (an object) or not (glass)."""
 
     def task_s(self, robot: RobotModel) -> float:
-        """Time of its task [s]; infinite when the passage is not to be taken.
+        """Time of its task [s]; infinite if the passage cannot be used.
 
         Parameters
         ----------
         robot
-            The platform.
+            Model of the platform.
         """
 
     def failure_probability(self, robot: RobotModel) -> float:
@@ -54,22 +54,22 @@ class NodeType(Protocol):
         Parameters
         ----------
         robot
-            The platform.
+            Model of the platform.
         """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointNode:
-    """One node that touch, or something else than the map, has added."""
+    """A node added to the visual graph."""
 
     kind: NodeType
     number: int  #: node number in the joint graph: after those of the visual graph
-    cell: tuple[int, int]  #: (row, column), (-1, -1) when the robot does not fit there even then
+    cell: tuple[int, int]  #: (row, column), (-1, -1) if the robot does not fit there even without the object
     neighbours: Int32[np.ndarray, "k"]  #: nodes of the visual graph
     drive_s: Float[np.ndarray, "k"]  #: time between them and the node, without the task
     task_s: float  #: ``t_mani``; half of it is on each edge
     region: Int32[np.ndarray, "c"]  #: cells (row * columns + column) assigned to the node
-    blocked_edges: Int32[np.ndarray, "b"]  #: edges of the visual graph that run through a safety region
+    blocked_edges: Int32[np.ndarray, "b"]  #: edges of the visual graph through a safety region
 
     @property
     def edge_s(self) -> Float[np.ndarray, "k"]:
@@ -79,7 +79,7 @@ class JointNode:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointGraph:
-    """The visual graph, its regions, and the nodes that were added."""
+    """The visual graph, its regions, and the added nodes."""
 
     visual: NavigationGraph
     regions: Regions
@@ -97,7 +97,7 @@ class JointGraph:
         Raises
         ------
         InputError
-            There is none of that name.
+            The graph has no node of that object.
         """
         for node in self.added:
             if node.kind.id == id:
@@ -106,7 +106,7 @@ class JointGraph:
         raise InputError("JointGraph", f"has no node '{id}', there are: {names}")
 
     def edges(self) -> tuple[Int32[np.ndarray, "m 2"], Float[np.ndarray, "m"]]:
-        """All edges with costs: the visual ones in their order, those through safety regions infinite, then added ones."""
+        """All edges with costs: the visual ones in order, infinite through safety regions, then the added ones."""
         cost = self.visual.edge_cost_s.copy()
         for node in self.added:
             cost[node.blocked_edges] = np.inf
@@ -120,9 +120,9 @@ class JointGraph:
         return np.concatenate(ends).astype(np.int32), np.concatenate(costs)
 
     def benefit_s(self, id: str) -> float:
-        """By how much a node shortens the path between any two of its neighbours [s]: Eq. (4.2), corrected.
+        """Maximum reduction of the path cost between any two of its neighbours by a node [s]: Eq. (4.2), corrected.
 
-        Infinite when it connects what was separate.
+        Infinite if it connects separate components.
 
         Parameters
         ----------
@@ -144,18 +144,18 @@ def costs_between(
     *,
     limit_s: float = float("inf"),
 ) -> Float[np.ndarray, "k k"]:
-    """Costs of the cheapest paths between some nodes of an undirected graph [s]; infinite where there is none.
+    """Costs of the cheapest paths between some nodes of an undirected graph [s]; infinite without a path.
 
     Parameters
     ----------
     edges, cost_s
-        Nodes of each edge and its cost [s]; of parallel edges the cheapest counts.
+        Nodes of each edge and its cost [s]; among parallel edges the cheapest counts.
     nodes
-        How many there are.
+        Number of nodes.
     ends
-        Nodes in question.
+        Nodes between which costs are computed.
     limit_s
-        What costs more is infinite [s].
+        Higher costs are reported as infinite [s].
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import dijkstra

@@ -1,10 +1,10 @@
-"""Off-centre pushes, which turn an object where no straight push through its centre clears a passage (Sec. 4.3.2).
+"""Off-centre pushes, which rotate an object where no straight push through its centre clears a passage (Sec. 4.3.2).
 
-A box that stands obliquely in a door has no face left that a straight push
-could use. Pushed at its end it turns, and then either the passage is clear or a
-straight push works again. The object's motion is predicted by the quasi-static
-model, and each push is rated by what it leaves: a clear passage at best, a
-problem that the planner can solve otherwise. Alt 2016 has sideward pushes only.
+A box that stands obliquely in a door has no face that a straight push
+could use. Pushed at its end it rotates; then either the passage is clear or a
+straight push is possible again. The object's motion is predicted by the quasi-static
+model, and each push is rated by the resulting situation: a clear passage at best, otherwise a
+problem that the planner can solve. Alt 2016 has sideward pushes only.
 """
 
 from __future__ import annotations
@@ -39,33 +39,33 @@ from .search.search_domain import grid_from_world, world_from_grid
 
 __all__ = ["OffCentrePush", "plan_off_centre_pushes"]
 
-#: Candidates that are simulated, at most, and pushes of each with what is not known sampled.
+#: Maximum number of simulated candidates, and number of samples of the uncertain parameters for each.
 MAX_PLANS, SAMPLES = 6, 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OffCentrePush:
-    """A straight drive against an object that turns it; map frame."""
+    """A straight drive against an object that rotates it; map frame."""
 
     object: str
-    approach_m: Float[np.ndarray, "k 2"]  #: path of the robot's centre to where the push starts
+    approach_m: Float[np.ndarray, "k 2"]  #: path of the robot's centre to the start of the push
     direction_rad: float
     length_m: float  #: path length of the robot from there
-    free_m: float  #: ... of which so much before the contact
+    free_m: float  #: part of that length before the contact
     displacement_m: Float[np.ndarray, "2"]  #: predicted, of the object's centroid
     turn_rad: float  #: predicted
     failure_probability: float
     cost_s: float  #: setup and drive
-    opens: bool  #: whether nothing else has to be pushed after it
+    opens: bool  #: whether no further push is needed after it
 
     @property
     def start_m(self) -> Float[np.ndarray, "2"]:
-        """Approach pose: where the push starts, x, y [m]."""
+        """Approach pose: start of the push, x, y [m]."""
         return self.approach_m[-1]
 
     @property
     def retreat_m(self) -> Float[np.ndarray, "2"]:
-        """Retreat pose: where the robot is after it has backed off, x, y [m]."""
+        """Retreat pose: position of the robot after backing off, x, y [m]."""
         ahead = np.array([math.cos(self.direction_rad), math.sin(self.direction_rad)])
         return self.start_m + max(self.length_m - BACK_OFF_M, 0.0) * ahead
 
@@ -76,16 +76,16 @@ def plan_off_centre_pushes(
     *,
     margin_m: float = 0.0,
 ) -> tuple[OffCentrePush, ...]:
-    """Pushes that turn an object and clear a passage, the best first; empty where none was found.
+    """Pushes that rotate an object and clear a passage, the best first; empty if none was found.
 
     Parameters
     ----------
     problem
-        Map, objects, robot, start and goal; objects that were never touched stay where they are.
+        Map, objects, robot, start and goal; unexplored objects stay in place.
     planner
-        Tells whether the problem after a push can be solved, where no push clears a passage by itself.
+        Planner that tests whether the problem after a push can be solved, if no push clears a passage by itself.
     margin_m
-        By which the problem's robot is larger than the rim that pushes [m].
+        Difference between the radius of the problem's robot and that of the pushing rim [m].
 
     Returns
     -------
@@ -148,7 +148,7 @@ def _evaluated(problem: PlanningProblem, rollout: Rollout, *, opens: bool) -> Of
         rollout.approach_at,
     )
     tag = rollout.scene.body.obj.tag
-    # Drift and turn of straight pushes say nothing here: the counters and the force do.
+    # Drift and rotation of straight pushes do not apply here; the counters and the force do.
     holds = 1.0 - failure_probability(tag, 0.0, robot, PushCosts())
     holds *= 1.0 - _missed(rollout, opens=opens)
     return OffCentrePush(
@@ -166,7 +166,7 @@ def _evaluated(problem: PlanningProblem, rollout: Rollout, *, opens: bool) -> Of
 
 
 def _missed(rollout: Rollout, *, opens: bool) -> float:
-    """Fraction of simulated pushes that hit something or do not leave what they should."""
+    """Fraction of simulated pushes that collide or do not produce the intended result."""
     path = drive_of(rollout.scene, rollout.direction, rollout.approach_at, rollout.length_m)
     _, along, blocked = sampled_pushes(
         rollout.scene.model,
@@ -191,7 +191,7 @@ def _seconds(rollout: Rollout) -> float:
 
 
 def _diverse(ends: list[Rollout]) -> list[Rollout]:
-    """The first ones that differ in object, place or turn."""
+    """The first rollouts that differ in object, position or rotation."""
     kept: list[Rollout] = []
     for rollout in ends:
         if len(kept) == MAX_PLANS:

@@ -1,4 +1,4 @@
-"""Simulated drives against a body beside its centre, and what each of them leaves; grid coordinates."""
+"""Simulated off-centre drives against a body, and their results; grid coordinates."""
 
 from __future__ import annotations
 
@@ -20,49 +20,49 @@ from .search.bodies import Body, lower_clearance
 from .search.object_cells import fill_cells
 from .search.search_domain import SearchDomain
 
-#: Directions that are tried, and places across the object as fractions of half its width.
+#: Number of directions that are tried; lateral contact offsets are fractions of half the object's width.
 DIRECTIONS = 24
 PLACES = (-0.85, -0.5, -0.2, 0.2, 0.5, 0.85)
-#: Maximum length of the drive in contact [m], and distance between the ends that are kept.
+#: Maximum length of the drive in contact [m], and spacing of the retained end points.
 MAX_LENGTH_M, SPACING_M = 0.5, 0.06
-#: The platform starts so far off the outline [cells], and backs off by so much [m].
+#: Distance of the platform's start from the outline [cells], and distance by which it backs off [m].
 STAND_OFF, BACK_OFF_M = 0.6, 0.10
-#: What moves or turns less has not changed anything [m, rad].
+#: Minimum displacement and rotation that count as a change [m, rad].
 MIN_M, MIN_RAD = 0.02, 0.08
-#: Rollouts of one object that are kept.
+#: Maximum number of retained rollouts per object.
 MAX_ROLLOUTS = 240
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OffCentreScene:
-    """One body to be turned, everything else as it is; grid coordinates."""
+    """One body to be rotated among static obstacles; grid coordinates."""
 
     domain: SearchDomain
     body: Body
     model: PushModel  #: in metres along the grid's axes, about the centroid
     without: Float32[np.ndarray, "rows columns"]  #: clearance without the body [cells]
-    blocked: Bool[np.ndarray, "rows columns"]  #: cells that the body must not enter
+    blocked: Bool[np.ndarray, "rows columns"]  #: cells that are obstacles for the body
     goal: Float[np.ndarray, "2"]
     radius_m: float  #: of the rim
-    stand_off: float  #: drives start so far from where the rim touches [cells]
+    stand_off: float  #: distance of the start of a drive from the position of contact [cells]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rollout:
-    """A straight drive against the body, and where it leaves it."""
+    """A straight drive against the body, and the body's final pose."""
 
     scene: OffCentreScene
     direction: Float[np.ndarray, "2"]  #: of the drive, unit vector
-    approach_at: Float[np.ndarray, "2"]  #: where it starts [cells]
-    approach_s: float  #: cost of getting there
+    approach_at: Float[np.ndarray, "2"]  #: its start [cells]
+    approach_s: float  #: cost of the drive to the start
     length_m: float  #: of the drive
-    pose: Float[np.ndarray, "3"]  #: of the body from where it was [m, m, rad]
+    pose: Float[np.ndarray, "3"]  #: of the body relative to its initial pose [m, m, rad]
 
 
 def rollouts(
     domain: SearchDomain, start: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"], margin_m: float
 ) -> list[Rollout]:
-    """Drives against every body from all sides that cause no collision."""
+    """Collision-free drives against every body from all sides."""
 
     still = np.zeros((len(domain.bodies), 2))
     clearance = domain.clearance_with(still)
@@ -91,18 +91,18 @@ def rollouts(
 def scene_of(
     domain: SearchDomain, index: int, goal: Float[np.ndarray, "2"], margin_m: float = 0.0
 ) -> OffCentreScene:
-    """One body to be turned or brushed aside among everything else.
+    """One body to be rotated or displaced sideward, among all other obstacles.
 
     Parameters
     ----------
     domain
         Map, robot and bodies.
     index
-        Of the body.
+        Index of the body.
     goal
-        Of the robot [cells].
+        Goal of the robot [cells].
     margin_m
-        By which the domain's robot is larger than the rim that pushes [m].
+        Difference between the radius of the domain's robot and that of the pushing rim [m].
     """
     body, resolution_m = domain.bodies[index], domain.map.resolution_m
     blocked = domain.occupied.copy()
@@ -121,12 +121,12 @@ def scene_of(
 
 
 def has_room(scene: OffCentreScene, points_m: Float[np.ndarray, "k 2"]) -> Bool[np.ndarray, "k"]:
-    """Whether the robot has room at points about the body's centre, the body apart [m].
+    """Whether the robot is free of collisions at points about the body's centre, the body itself ignored [m].
 
     Parameters
     ----------
     scene
-        The body and what is around it.
+        The body and its surroundings.
     points_m
         x, y about the body's centre, along the grid's axes.
     """
@@ -139,7 +139,7 @@ def has_room(scene: OffCentreScene, points_m: Float[np.ndarray, "k 2"]) -> Bool[
 def _approaches(
     scene: OffCentreScene, clearance: Float32[np.ndarray, "rows columns"], cost: np.ndarray
 ) -> Iterator[tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"], float]]:
-    """Directions of drives, where they start, and what it costs to get there [units]."""
+    """Directions of drives, their start positions, and the costs of reaching these [units]."""
 
     domain, body = scene.domain, scene.body
     shape = np.ascontiguousarray(body.outline - body.centre)
@@ -167,13 +167,13 @@ def _rollouts_of(
     approach_at: Float[np.ndarray, "2"],
     approach_s: float,
 ) -> Iterator[Rollout]:
-    """One drive at several lengths, as far as it is free of collisions."""
+    """One drive with several lengths, as far as it is collision-free."""
     resolution_m = scene.domain.map.resolution_m
     path = drive_of(scene, ahead, approach_at, MAX_LENGTH_M + scene.stand_off * resolution_m)
     try:
         trace = simulate_push(scene.model, (0.0, 0.0, 0.0), path, scene.radius_m)
     except InputError:
-        return  # the platform would start inside a dent of the outline
+        return  # the platform would start inside a concavity of the outline
     clear = np.logical_and.accumulate(has_room(scene, path[:, :2]) & fits(scene, trace.object_m))
     gone = np.hypot(*(path[:, :2] - path[0, :2]).T)
     next_m = 0.0
@@ -188,13 +188,13 @@ def _rollouts_of(
 def drive_of(
     scene: OffCentreScene, ahead: Float[np.ndarray, "2"], approach_at: Float[np.ndarray, "2"], length_m: float
 ) -> Float[np.ndarray, "k 3"]:
-    """The drive about the body's centre [m]."""
+    """Poses of the drive relative to the body's centre [m]."""
     begin_m = (approach_at - scene.body.centre) * scene.domain.map.resolution_m
     return line_path(begin_m, begin_m + length_m * ahead)
 
 
 def fits(scene: OffCentreScene, poses: Float[np.ndarray, "k 3"]) -> Bool[np.ndarray, "k"]:
-    """Whether the body is free of everything at each pose; points that begin in something are not looked at."""
+    """Whether the body is collision-free at each pose; points that start in an obstacle are ignored."""
     rows, columns = scene.blocked.shape
 
     def hit(points: Float[np.ndarray, "*k 2"]) -> Bool[np.ndarray, "*k"]:
@@ -217,7 +217,7 @@ def retreat(rollout: Rollout) -> Float[np.ndarray, "2"]:
 def _reached(
     rollout: Rollout, pose: np.ndarray
 ) -> tuple[Float32[np.ndarray, "rows columns"], Bool[np.ndarray, "n"]]:
-    """Clearance, and the cells that the robot reaches after a push."""
+    """Clearance, and the cells that the robot can reach after a push."""
 
     domain = rollout.scene.domain
     clearance = rollout.scene.without.copy()
@@ -229,7 +229,7 @@ def _reached(
 
 
 def opens_passage(rollout: Rollout, pose: np.ndarray) -> bool:
-    """Whether the goal can be reached when the body has moved by a pose."""
+    """Whether the goal can be reached after the body has moved by a pose."""
 
     domain = rollout.scene.domain
     clearance, reached = _reached(rollout, pose)
@@ -238,7 +238,7 @@ def opens_passage(rollout: Rollout, pose: np.ndarray) -> bool:
 
 
 def contacts_after(rollout: Rollout) -> int:
-    """How many straight pushes the body has afterwards from where the robot can approach_at."""
+    """Number of straight pushes of the body afterwards whose approach the robot can reach."""
     domain = rollout.scene.domain
     _, reached = _reached(rollout, rollout.pose)
     shape = rollout.scene.domain.clearance.shape

@@ -24,9 +24,9 @@ class FollowLimits(SpeedLimits):
 
     radius_m: float = field(default=0.17, metadata=POSITIVE)
     turn_max_rad_s: float = field(default=1.2, metadata=POSITIVE)
-    acceleration_m_s2: float = field(default=0.25, metadata=POSITIVE)  #: that braking is planned with
+    acceleration_m_s2: float = field(default=0.25, metadata=POSITIVE)  #: deceleration assumed for braking
     tolerance_m: float = field(default=0.02, metadata=POSITIVE)  #: of the goal
-    corner_rad: float = 0.3  #: sharper corners are turned at a stop
+    corner_rad: float = 0.3  #: at sharper corners the robot stops and rotates
     offset_gain_per_m2: float = 30.0  #: k_e: turn rate per speed and cross-track error
     heading_gain_per_s: float = 3.0  #: k_theta: turn rate per heading error
 
@@ -46,9 +46,9 @@ class PathFollower:
 
     The platform drives along straight segments and is steered by its cross-track
     error e and heading error theta, omega = -k_e v e sin(theta) / theta - k_theta theta
-    (Samson 1992). It brakes before sharp corners and turns them at a stop, so
-    that it leaves the path by no more than its tracking error; pure pursuit
-    would cut them.
+    (Samson 1992). It brakes before sharp corners and rotates there at standstill, so
+    that it deviates from the path only by its tracking error; pure pursuit
+    would cut corners.
 
     Parameters
     ----------
@@ -57,9 +57,9 @@ class PathFollower:
     limits
         Speeds and distances.
     clearance
-        Distance to the nearest obstacle [m] at a point (x, y); far away when not given.
+        Distance to the nearest obstacle [m] at a point (x, y); unlimited by default.
     heading_rad
-        To turn to at the goal.
+        Final heading at the goal.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class PathFollower:
 
     @property
     def rest_m(self) -> Float[np.ndarray, "k 2"]:
-        """Corners that are still to come."""
+        """Remaining corners of the path."""
         return self._path[min(self._part + 1, len(self._path) - 1) :]
 
     def command(self, state: BaseState) -> tuple[float, float]:
@@ -137,7 +137,7 @@ class PathFollower:
         along = math.atan2(ahead[1], ahead[0])
         error = wrap_angle(state.heading_rad - along)
         if self._turning or abs(error) > 0.8:
-            # Standing turn; it ends well inside the corner that counts as one.
+            # Rotation at standstill; it ends well below the angle of a sharp corner.
             self._turning = abs(error) > 0.03
             if self._turning:
                 return 0.0, self._turn(-error)
@@ -163,7 +163,7 @@ class PathFollower:
         off = self._path[-1] - place
         away = float(np.hypot(*off))
         if away > limits.tolerance_m:
-            # Ended beside the goal, after a slip: straight to it, slowly.
+            # Ended beside the goal, after slip: drive straight to it, slowly.
             error = wrap_angle(math.atan2(off[1], off[0]) - state.heading_rad)
             if abs(error) > 0.2:
                 return 0.0, self._turn(error)
@@ -176,12 +176,12 @@ class PathFollower:
         return 0.0, 0.0
 
     def _corner(self, part: int) -> float:
-        """Angle between a part and the next [rad]."""
+        """Angle between a segment and the next [rad]."""
         a, b = self._path[part + 1] - self._path[part], self._path[part + 2] - self._path[part + 1]
         return abs(wrap_angle(math.atan2(b[1], b[0]) - math.atan2(a[1], a[0])))
 
     def _turn(self, error: float) -> float:
-        """Turn rate towards an angle that is ``error`` away; brakes in time."""
+        """Turn rate for an angle error ``error``; brakes in time."""
         limits = self._limits
         rate = min(limits.turn_max_rad_s, limits.heading_gain_per_s * abs(error))
         return math.copysign(max(rate, 0.03), error)

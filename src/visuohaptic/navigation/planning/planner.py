@@ -25,7 +25,7 @@ __all__ = ["assemble", "plan_in_domain"]
 
 #: Fraction of the budget for the search; the rest is for the drives of the plan.
 SEARCH_FRACTION = 0.9
-#: Clearance interpolated between cells may fall by this along a straight way out [cells].
+#: Allowed decrease of the interpolated clearance along a straight escape path [cells].
 ESCAPE_SLACK = 0.02
 
 
@@ -40,12 +40,12 @@ def plan_in_domain(
     name: str = "cheapest",
     report_costs: PushCosts | None = None,
 ) -> Plan:
-    """Search and assemble a plan in a domain that was prepared before.
+    """Search and assemble a plan in a prepared domain.
 
     Parameters
     ----------
     problem
-        Start and goal; its map and objects are those that ``domain`` was made from.
+        Start and goal; ``domain`` was built from its map and objects.
     domain
         From :func:`~visuohaptic.navigation.planning.search.domain_builder.build_search_domain`.
     costs, limits
@@ -57,7 +57,7 @@ def plan_in_domain(
     name
         Side condition, for the plan's label.
     report_costs
-        Costs for the tasks' seconds, if ``costs`` weighs other quantities than time.
+        Costs for the durations of the tasks, if ``costs`` weighs quantities other than time.
     """
     costs, limits = costs or PushCosts(), limits or SearchLimits()
     load_kernels()
@@ -93,13 +93,13 @@ def assemble(
     result
         Pushes in order.
     costs
-        Costs for the seconds of the tasks.
+        Costs for the durations of the tasks.
     name
         Side condition, for the plan's label.
     begin
-        Where the search began, after an escape from a start in collision; the start by default [cells].
+        Start of the search, after an escape from a start in collision; the start by default [cells].
     deadline
-        Corners of drives are not cut after it.
+        Corner cutting ends at this time.
     """
     notes = _notes(domain, result)
     if not result.found:
@@ -135,7 +135,7 @@ def assemble(
 
 
 def escape(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"] | None:
-    """Place to which a robot that starts in collision can escape straight without approaching an obstacle; else its start.
+    """Position to which a robot that starts in collision can escape straight without approaching an obstacle; else its start.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def escape(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> Float[np.ndar
 
     Returns
     -------
-    The start where the robot fits there or beside it; none where no free cell is within its radius.
+    The start if the robot fits there or next to it; none if no free cell is within its radius.
     """
 
     reach = int(np.ceil(domain.radius)) + 1
@@ -217,7 +217,7 @@ def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[
         )
     cost_s = push.total_s - (push.fail_s if body.allowed.unknown else 0.0)
     known = push.failure_probability
-    if body.allowed.unknown:  # once it has been explored, what is left is the risk of a first push
+    if body.allowed.unknown:  # once it has been explored, only the risk of a first push remains
         known = costs.prior_failures / (1.0 + costs.prior_failures + costs.prior_successes)
     tasks.append(
         Task(

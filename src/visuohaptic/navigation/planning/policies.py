@@ -1,4 +1,4 @@
-"""Plans under side conditions, and what to do about objects that nobody has touched (Alt 2016, Sec. 4.2.1)."""
+"""Plans under side conditions, and decisions about unexplored objects (Alt 2016, Sec. 4.2.1)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["alternatives", "make_plan", "via_exploration", "without_pushing"]
 
 #: Weight of reliability in the most reliable plan [s per -log(1 - p)].
 RELIABLE_RISK_S = 600.0
-#: Fraction of the budget for a plan that explores nothing, where objects are unknown.
+#: Fraction of the budget for a plan without exploration, if there are unknown objects.
 KNOWN_FRACTION = 0.5
 #: Maximum number of unknown objects, the nearest ones, that are considered for the most informative plan.
 MAX_UNKNOWN = 5
@@ -35,16 +35,16 @@ def make_plan(
 ) -> Plan:
     """The plan of minimum expected time.
 
-    An object that was never touched is explored first; the plan through it is
-    taken when its expected time - movable with a prior probability, the best
-    detour otherwise - beats the best plan that needs no exploration.
+    An unexplored object is explored first; the plan through it is
+    chosen if its expected time (movable with a prior probability, the best
+    detour otherwise) is below that of the best plan without exploration.
 
     Parameters
     ----------
     problem
         Map, objects, robot, start and goal.
     costs, limits
-        Cost parameters that the text leaves open; limits of the search.
+        Cost parameters that the dissertation leaves open; limits of the search.
 
     Examples
     --------
@@ -73,7 +73,7 @@ def _cheapest(
     limits: SearchLimits,
     done: frozenset[str] = frozenset(),
 ) -> Plan:
-    """The cheapest plan; objects that are ``done`` are not brushed aside once more."""
+    """The cheapest plan; objects that are ``done`` are not pushed sideward again."""
     deadline = Deadline.after(limits.budget_s)
     unknown = any(body.allowed.unknown for body in domain.bodies)
     first = replace(limits, budget_s=limits.budget_s * (KNOWN_FRACTION if unknown else 1.0))
@@ -104,19 +104,19 @@ def _cheapest(
 
 
 def _until(deadline: Deadline, limits: SearchLimits) -> SearchLimits:
-    """Limits for what is left of a budget, however little."""
+    """Limits for the remainder of a budget, however small."""
     return replace(limits, budget_s=min(max(deadline.left_s, 1e-9), limits.budget_s))
 
 
 def without_pushing(problem: PlanningProblem, limits: SearchLimits | None = None) -> Plan:
-    """The cheapest plan that leaves every object where it is: the detour.
+    """The cheapest plan without pushing: the detour.
 
     Parameters
     ----------
     problem
         Map, objects, robot, start and goal.
     limits
-        How long to search.
+        Limits of the search.
     """
     return plan_in_domain(problem, build_search_domain(problem), None, limits, active=(), name="no pushing")
 
@@ -131,9 +131,9 @@ def alternatives(
     problem
         Map, objects, robot, start and goal.
     costs
-        What a push costs.
+        Cost model of the pushes.
     limits
-        How long to search.
+        Limits of the search.
 
     Returns
     -------
@@ -159,7 +159,7 @@ def alternatives(
 
 
 def _pushed(domain: SearchDomain, *, unknown: bool) -> list[int]:
-    """Bodies that are pushed straight: those that are so by their mode, and unknown ones where they are explored."""
+    """Bodies that are pushed straight: those with that mode, and unknown ones where they are explored."""
     return [
         k
         for k, body in enumerate(domain.bodies)
@@ -181,7 +181,7 @@ def _planned(
     found = plan_in_domain(problem, domain, costs, limits, active=active, report_costs=report_costs)
     if found.reachable or not active or deadline.passed:
         return found
-    # Oblique pushes hold by friction alone: only where nothing else clears a path.
+    # Oblique pushes rely on friction: they are used only if no other push clears a path.
     left = _until(deadline, limits)
     oblique = plan_in_domain(
         problem, domain, costs, left, active=active, oblique=True, report_costs=report_costs
@@ -195,7 +195,7 @@ def _planned(
 def _expected(
     problem: PlanningProblem, risky_plan: Plan, first: int, costs: PushCosts, limits: SearchLimits
 ) -> float:
-    """Expected time of a plan with an exploration: the best path from there when nothing moves."""
+    """Expected time of a plan with an exploration, with the best path from there if the object does not move."""
     explore = risky_plan.tasks[first]
     before_s = sum(task.cost_s for task in risky_plan.tasks[: first + 1])
     after_s = sum(task.cost_s for task in risky_plan.tasks[first + 1 :])
@@ -217,7 +217,7 @@ def _expected(
 def _most_information(
     problem: PlanningProblem, domain: SearchDomain, costs: PushCosts, limits: SearchLimits, cheapest: Plan
 ) -> Plan:
-    """The plan that learns most per second: of what it touches, the entropy of "it moves"."""
+    """The plan with the highest information rate: entropy of "the object moves" over the touched objects, per second."""
     middle = 0.5 * (problem.start_m + problem.goal_m)
     uncertain = sorted(
         (body.obj for body in domain.bodies if _entropy(body.obj, costs) > 0.3),
@@ -238,9 +238,9 @@ def via_exploration(
     costs: PushCosts | None = None,
     limits: SearchLimits | None = None,
 ) -> Plan:
-    """A plan to the goal that touches one object in passing, without relying on what is found.
+    """A plan to the goal that touches one object on the way, independent of the result.
 
-    The contact is the one that is reached at the lowest cost without pushing anything.
+    The contact is the one with the lowest cost that can be reached without pushing.
 
     Parameters
     ----------
@@ -249,9 +249,9 @@ def via_exploration(
     obj
         The object to touch.
     costs
-        What a push costs.
+        Cost model of the pushes.
     limits
-        How long to search.
+        Limits of the search.
     """
     costs = costs or PushCosts()
     domain = build_search_domain(problem, costs)
@@ -290,7 +290,7 @@ def via_exploration(
 
 
 def _entropy(obj: MovableObject, costs: PushCosts) -> float:
-    """Bits that touching an object once yields: of its probability to move."""
+    """Expected information from touching an object once [bits]: entropy of its probability to move."""
     if obj.tag is None:
         p = costs.unknown_movable
     else:

@@ -1,4 +1,4 @@
-"""What changes after a push that worked (Alt 2016, Sec. 4.2.1)."""
+"""Update of the problem after a successful push (Alt 2016, Sec. 4.2.1)."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ def after_push(
     *,
     turn_rad: float = 0.0,
 ) -> PlanningProblem:
-    """After a success: footprint and map cells have moved, the counter of explorations has grown.
+    """The problem after a successful push: footprint and map cells moved, counter of explorations incremented.
 
     Parameters
     ----------
     problem
-        As it was before the push.
+        Problem before the push.
     id
         Object that was pushed.
     displacement_m
-        Way of the object as it was measured, not as it was planned.
+        Measured displacement of the object, not the planned one.
     robot_m
-        Where the robot is now.
+        Current position of the robot.
     turn_rad
-        By which the object has turned, about its centroid.
+        Rotation of the object about its centroid.
     """
     obj = _object(problem, id)
     tag = obj.tag or HapticTag()

@@ -1,4 +1,4 @@
-"""A plan that brushes one object aside: drive to it, past it, and plan on from there (Alt 2016, Sec. 4.3.2)."""
+"""A plan with one sideward push: drive to the object and past it, and continue from there (Alt 2016, Sec. 4.3.2)."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from .sideward_push import SLIDE_M, SidewardPush, sideward_pushes
 
 __all__ = ["SidewardCheck", "via_sideward"]
 
-#: Moves a body far off any map [cells].
+#: Displacement that moves a body off any map [cells].
 AWAY = 1e7
-#: A path of fewer bends than this is written as its ends [m].
+#: A path whose heading changes by less than this is stored as its end points [rad].
 STRAIGHT_M = 1e-6
 
 
@@ -40,22 +40,22 @@ def via_sideward(
     max_cost_s: float = float("inf"),
     deadline: Deadline | None = None,
 ) -> Plan:
-    """The cheapest plan that first brushes an object aside; what is driven before does not push anything.
+    """The cheapest plan that starts with a sideward push of an object; the drive to it pushes nothing.
 
     Parameters
     ----------
     problem, domain
-        Map, objects, robot, start and goal, and the domain made of them.
+        Map, objects, robot, start and goal, and the domain built from them.
     index
-        Of the body.
+        Index of the body.
     costs
-        What a push costs.
+        Cost model of the pushes.
     rest
-        Plans on from where the robot and the object are afterwards.
+        Planner for the remaining problem after the push.
     max_cost_s
-        A plan that costs more is of no use: where no such plan can be cheaper, none is looked for [s].
+        Upper limit of the useful cost: if no such plan can be cheaper, none is searched [s].
     deadline
-        When to stop.
+        Time limit.
     """
     body, robot = domain.bodies[index], problem.robot
     nothing = Plan(False, reason=f"{body.obj.id} cannot be brushed aside on the way")
@@ -64,7 +64,7 @@ def via_sideward(
     gone = shifts.copy()
     gone[index] = AWAY
     path, cost = pull_string(domain, gone, start, goal)
-    if not len(path):  # others are in the way, too: they may be pushed afterwards
+    if not len(path):  # others are obstacles, too: they may be pushed afterwards
         gone[:] = AWAY
         path, cost = pull_string(domain, gone, start, goal)
     if not len(path) or domain.seconds(cost) + robot.setup_time_s >= max_cost_s:
@@ -141,14 +141,14 @@ def _task(scene: OffCentreScene, push: SidewardPush) -> Task:
 
 
 class SidewardCheck:
-    """What a robot that brushes an object aside knows: its model, and whether a drive has room; map frame.
+    """Model and collision check for a robot during a sideward push; map frame.
 
     Parameters
     ----------
     problem
-        As it is known before the drive; its robot is the one that plans were made for.
+        Problem before the drive; its robot is the one used for planning.
     id
-        Of the object.
+        Id of the object.
     """
 
     def __init__(self, problem: PlanningProblem, id: str) -> None:
@@ -160,18 +160,18 @@ class SidewardCheck:
         self.model = PushModel.of_footprint(obj.footprint_m - obj.centre_m).with_centre_moved(
             *obj.friction_offset_m
         )
-        #: where the object stands: x, y [m], turn since now [rad]
+        #: pose of the object: x, y [m], rotation relative to now [rad]
         self.place_m = (float(obj.centre_m[0]), float(obj.centre_m[1]), 0.0)
 
     def free(self, path_m: Float[np.ndarray, "k 3"], object_m: Float[np.ndarray, "n 3"]) -> bool:
-        """Whether the robot has room on a path, and the object at all its poses.
+        """Whether the robot is collision-free on a path, and the object at all its poses.
 
         Parameters
         ----------
         path_m
-            Of the robot: x, y [m], heading [rad].
+            Path of the robot: x, y [m], heading [rad].
         object_m
-            Of the object: x, y [m], turn from where it stood [rad].
+            Poses of the object: x, y [m], rotation relative to its initial pose [rad].
         """
         turn = rotation_2d(self._scene.domain.map.origin[2])
         poses = object_m.copy()

@@ -1,8 +1,8 @@
-"""Sideward push: drive past an object and brush it aside without a stop (Alt 2016, Sec. 4.3.2).
+"""Sideward push: drive past an object and displace it sideward without a stop (Alt 2016, Sec. 4.3.2).
 
-Candidates are straight drives, and arcs where no line helps, in the frame of an
+Candidates are straight drives, and arcs if no line succeeds, in the frame of an
 :class:`~visuohaptic.navigation.planning.off_centre_rollouts.OffCentreScene`: metres along the grid's axes about the
-centre of the object, which stands at (0, 0, 0).
+centre of the object, whose pose is (0, 0, 0).
 """
 
 from __future__ import annotations
@@ -23,28 +23,28 @@ from .search.push_states import Deadline
 
 __all__ = ["SidewardOutcome", "SidewardPush", "evaluate_push", "sideward_candidates", "sideward_pushes"]
 
-#: Largest distance of start and end from the object: "about 6 r_rob" (Sec. 4.3.2).
+#: Maximum distance of start and end from the object: "about 6 r_rob" (Sec. 4.3.2).
 SLIDE_M = 1.0
-#: Turns of the curves that are tried when all lines fail (rad).
+#: Heading changes of the arcs that are tried if all lines fail (rad).
 TURNS_RAD = (-0.8, -0.4, 0.4, 0.8)
-#: Drives whose failure is simulated.
+#: Number of drives whose failure probability is simulated.
 REFINED = 5
-#: Simulated drives of each: a probability of 0.1 is known to 0.06.
+#: Simulated drives of each: the standard error of a probability of 0.1 is 0.06.
 SAMPLES = 24
-#: An early release is worth as much as a shorter path, up to this length [m].
+#: Up to this length [m], an early release counts as much as a shorter path.
 RESERVE_M = 0.2
-#: Sampled drives begin so much earlier: five standard deviations of the object's place [m].
+#: Sampled drives start earlier by this distance: five standard deviations of the object's position [m].
 BACK_M = 0.05
 
 
 class SidewardOutcome(StrEnum):
-    """What becomes of a candidate."""
+    """Result of a candidate."""
 
     RELEASED = "released"  #: success: contact was lost before the end
     CONTACT = "contact"  #: still in contact at the end
-    COLLISION = "collision"  #: the object meets another obstacle
-    BLOCKED = "blocked"  #: the platform has no room on its path
-    UNTOUCHED = "untouched"  #: the platform never meets the object
+    COLLISION = "collision"  #: the object collides with another obstacle
+    BLOCKED = "blocked"  #: the path of the platform is blocked
+    UNTOUCHED = "untouched"  #: the platform never touches the object
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +59,7 @@ class SidewardPush:
 
     @property
     def cost_s(self) -> float:
-        """Expected, with retries."""
+        """Expected cost, with retries."""
         return self.attempt_s / max(1.0 - self.failure_probability, 1e-3)
 
 
@@ -74,16 +74,16 @@ def sideward_candidates(
 ) -> tuple[Float[np.ndarray, "a 2"], Float[np.ndarray, "b 2"]]:
     """Start and end points of the platform's path [m].
 
-    Starts lie a radius away from the outline on the side of ``enter_m``, ends
+    Starts lie one radius away from the outline on the side of ``enter_m``, ends
     up to ``slide_m`` from the object on the side of ``leave_m``; both where
-    the platform has room.
+    the platform is collision-free.
 
     Parameters
     ----------
     scene
-        The object and what is around it.
+        The object and its surroundings.
     enter_m, leave_m
-        Where the platform comes from and has to go: x, y [m].
+        Positions before and after the push on the path of the platform: x, y [m].
     slide_m
         Maximum distance of an end from the object [m].
     starts
@@ -94,12 +94,12 @@ def sideward_candidates(
     Raises
     ------
     InputError
-        ``enter_m`` and ``leave_m`` are one place.
+        ``enter_m`` and ``leave_m`` are the same position.
     """
     import shapely
 
     model, radius_m = scene.model, scene.radius_m
-    # A millimetre off: a start that touches would be one that has begun.
+    # One millimetre away, so that a start is not in contact.
     ring = (
         (shapely.Polygon if len(model.outline_m) > 2 else shapely.MultiPoint)(model.outline_m)
         .buffer(model.round_m + radius_m + 1e-3)
@@ -129,18 +129,18 @@ def sideward_candidates(
 def evaluate_push(
     scene: OffCentreScene, path_m: Float[np.ndarray, "k 3"]
 ) -> tuple[SidewardOutcome, PushTrace | None]:
-    """Simulate one candidate and classify what becomes of it.
+    """Simulate one candidate and classify the outcome.
 
     Parameters
     ----------
     scene
-        The object and what is around it.
+        The object and its surroundings.
     path_m
         Poses of the platform: x, y [m], heading [rad].
 
     Returns
     -------
-    The outcome, and the simulated motion; no motion where the platform has no room on its path.
+    The outcome, and the simulated motion; no motion if the path of the platform is blocked.
 
     Raises
     ------
@@ -170,25 +170,25 @@ def sideward_pushes(
     rng: np.random.Generator | None = None,
     deadline: Deadline | None = None,
 ) -> tuple[SidewardPush, ...]:
-    """Drives that brush the object aside, the best first; empty where none succeeds.
+    """Successful sideward pushes, the best first; empty if there are none.
 
     Arcs are tried only when no straight drive succeeds.
 
     Parameters
     ----------
     scene, enter_m, leave_m
-        As of :func:`sideward_candidates`.
+        See :func:`sideward_candidates`.
     costs
-        What a push costs.
+        Cost model of the pushes.
     rng
-        Of the simulated pushes.
+        Random generator of the simulated pushes.
     deadline
-        When to stop: drives that were not simulated by then are left out.
+        Time limit: drives that were not simulated by then are omitted.
 
     Raises
     ------
     InputError
-        ``enter_m`` and ``leave_m`` are one place.
+        ``enter_m`` and ``leave_m`` are the same position.
     """
     robot, pushes = scene.domain.robot, []
     starts, ends = sideward_candidates(scene, enter_m, leave_m)
@@ -222,7 +222,7 @@ def sideward_pushes(
 def _sampled(
     scene: OffCentreScene, push: SidewardPush, costs: PushCosts, rng: np.random.Generator
 ) -> SidewardPush:
-    """A push with the fraction of simulated drives that neither release the object nor pass it, and where they end."""
+    """A push with the fraction of simulated drives that neither release nor miss the object, and their final poses."""
     failed, errors = 0, []
     # An object that is nearer than estimated is touched before the start.
     heading = push.path_m[0, 2]
@@ -235,13 +235,13 @@ def _sampled(
         try:
             trace = simulate_push(model, place, drive, scene.radius_m)
         except InputError:
-            continue  # sampled into the platform: no information
+            continue  # the sampled object overlaps the platform: no information
         failed += _outcome(scene, trace) not in (SidewardOutcome.RELEASED, SidewardOutcome.UNTOUCHED)
         errors.append(trace.object_m[-1] - push.trace.object_m[-1])
     if not errors:
         return replace(push, failure_probability=1.0)
     off = np.array(errors)
-    # Drift and turn of straight pushes say nothing here: the counters and the force do.
+    # Drift and rotation of straight pushes do not apply here; the counters and the force do.
     holds = 1.0 - failure_probability(scene.body.obj.tag, 0.0, scene.domain.robot, costs)
     risk = 1.0 - holds * (1.0 - failed / len(errors))
     return replace(push, failure_probability=risk, end_covariance=off.T @ off / len(errors))

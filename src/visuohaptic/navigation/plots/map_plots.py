@@ -1,4 +1,4 @@
-"""Pictures of a navigation map, as in figure 4.1 of Alt 2016."""
+"""Plots of a navigation map, as in figure 4.1 of Alt 2016."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def plot_navigation(regions: Regions) -> Figure:
     Parameters
     ----------
     regions
-        With the layers and the graph they were made from.
+        Regions with their layers and graph.
     """
     from matplotlib.figure import Figure
 
@@ -37,7 +37,7 @@ def plot_navigation(regions: Regions) -> Figure:
     _walls(left, layers)
     distance = np.where(layers.distance_m > 0, layers.distance_m, np.nan)
     shown = left.imshow(distance, origin="lower", cmap="Greens", vmin=0, vmax=float(np.nanpercentile(distance, 99.5)) if np.isfinite(distance).any() else 1.0)  # fmt: skip
-    # A bar inside the margin keeps both maps at the same size and place.
+    # A colour bar inside the margin keeps both maps at the same size and position.
     figure.colorbar(
         shown, cax=left.inset_axes((1.02, 0.15, 0.02, 0.7)), label="distance to the nearest obstacle [m]"
     )
@@ -45,7 +45,7 @@ def plot_navigation(regions: Regions) -> Figure:
     _edges(left, graph, 0.8)
     _walls(right, layers)
     number = regions.node
-    # Neighbouring numbers get far colours: the golden ratio spreads them round the circle.
+    # Neighbouring numbers get different colours: the golden ratio distributes them over the circle.
     pale = _pale_colours(max(graph.nodes, 1))
     picture = np.ones((*number.shape, 4))
     picture[..., 3] = 0.0
@@ -85,7 +85,7 @@ def _pale_colours(count: int) -> np.ndarray:
 
 
 def _scale(axes: Axes, layers: GridLayers) -> None:
-    """A bar of 1, 2, 5 or 10 m."""
+    """A scale bar of 1, 2, 5 or 10 m."""
     rows, columns = layers.shape
     resolution_m = layers.map.resolution_m
     length_m = max((v for v in (1, 2, 5, 10, 20, 50) if v < 0.25 * columns * resolution_m), default=0.5)

@@ -1,4 +1,4 @@
-"""Pictures of plans, like figure 4.6 of the dissertation."""
+"""Plots of plans, as in figure 4.6 of the dissertation."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
     problem
         Map, objects, start and goal.
     plan
-        What to draw.
+        Plan to draw.
     path
-        File name of the picture.
+        File name of the image.
 
     Examples
     --------
@@ -91,7 +91,7 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
 
 
 def _draw_objects(axes: Any, problem: PlanningProblem, plan: Plan) -> None:
-    """Outlines and names of the objects; the colour shows which are pushed, and which cannot be."""
+    """Outlines and names of the objects; the colour shows which ones are pushed, and which ones cannot be pushed."""
     from matplotlib.patches import Polygon
 
     moved = {task.object for task in plan.pushes}
@@ -112,7 +112,7 @@ def _draw_objects(axes: Any, problem: PlanningProblem, plan: Plan) -> None:
 
 
 def _draw_passages(axes: Any, problem: PlanningProblem, plan: Plan) -> None:
-    """Doors and elevators, and in the legend what is waited for or pushed open, and for how long."""
+    """Doors and elevators, with the waiting or opening time of those that are used in the legend."""
     from matplotlib.patches import Polygon
 
     steps = {task.object: task for task in plan.tasks if task.kind in {"wait", "door"}}

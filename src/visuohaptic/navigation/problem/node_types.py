@@ -1,4 +1,4 @@
-"""Kinds of nodes that the joint graph knows: objects, glass, doors, elevators (Alt 2016, Sec. 4.2.1, 4.3.3, 4.3.4)."""
+"""Kinds of nodes of the joint graph: objects, glass, doors, elevators (Alt 2016, Sec. 4.2.1, 4.3.3, 4.3.4)."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ PLANNERS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ManipulationNode:
-    """An object that may be pushed away."""
+    """An object that may be pushed aside."""
 
     item: MovableObject
-    push_length_m: float = 0.5  #: assumed before a local planner has looked
+    push_length_m: float = 0.5  #: assumed until a local planner has computed it
     costs: PushCosts = field(default_factory=PushCosts)
     planner: str = "direct push"
     in_map: bool = True
 
     @property
     def id(self) -> str:
-        """Of the object."""
+        """Id of the object."""
         return self.item.id
 
     @property
@@ -49,7 +49,7 @@ class ManipulationNode:
         Parameters
         ----------
         robot
-            The platform.
+            Model of the platform.
         """
         return push_cost(self.item.tag, self.push_length_m, robot, self.costs).total_s
 
@@ -59,14 +59,14 @@ class ManipulationNode:
         Parameters
         ----------
         robot
-            The platform.
+            Model of the platform.
         """
         return failure_probability(self.item.tag, self.push_length_m, robot, self.costs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TransparencyNode:
-    """Something that the laser does not see: a safety region on cells that look free, which is not entered."""
+    """An obstacle that is invisible to the laser: a safety region on apparently free cells, which is not entered."""
 
     id: str
     outline_m: Float[np.ndarray, "p 2"]
@@ -79,17 +79,17 @@ class TransparencyNode:
         Parameters
         ----------
         robot
-            The platform.
+            Model of the platform.
         """
         return float("inf")
 
     def failure_probability(self, robot: RobotModel) -> float:
-        """Of driving through: certain.
+        """Probability of a failure when driving through: 1.
 
         Parameters
         ----------
         robot
-            The platform.
+            Model of the platform.
         """
         return 1.0
 
@@ -103,26 +103,26 @@ class PassageNode:
 
     @property
     def id(self) -> str:
-        """Of the passage."""
+        """Id of the passage."""
         return self.passage.id
 
     @property
     def outline_m(self) -> Float[np.ndarray, "p 2"]:
-        """Closed wing or threshold."""
+        """Outline of the closed wing or of the threshold."""
         return self.passage.footprint_m
 
     @property
     def planner(self) -> str:
-        """Local planner that gets through."""
+        """Local planner for the passage."""
         return PLANNERS[self.passage.kind]
 
     def task_s(self, robot: RobotModel) -> float:
-        """Expected time to get through; infinite where the robot never does [s].
+        """Expected time to pass; infinite if it cannot be passed [s].
 
         Parameters
         ----------
         robot
-            The platform.
+            Model of the platform.
         """
         return self.passage.cost(robot).total_s
 
@@ -132,7 +132,7 @@ class PassageNode:
         Parameters
         ----------
         robot
-            The platform.
+            Model of the platform.
         """
         return self.passage.cost(robot).failure_probability
 
@@ -140,7 +140,7 @@ class PassageNode:
 def nodes_of(
     objects: Iterable[MovableObject], passages: Iterable[Passage]
 ) -> list[ManipulationNode | TransparencyNode | PassageNode]:
-    """Nodes of what ``objects.yaml`` holds: what is fixed, or glass, is kept clear of.
+    """Nodes for the entries of ``objects.yaml``; fixed objects and glass become safety regions.
 
     Parameters
     ----------

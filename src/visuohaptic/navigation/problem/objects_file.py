@@ -1,4 +1,4 @@
-"""Readers of ``objects.yaml`` and ``robot.yaml``: strict, and clear about what they refuse."""
+"""Readers of ``objects.yaml`` and ``robot.yaml`` with strict validation."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ __all__ = [
 
 T = TypeVar("T")
 
-#: More objects than this on one map are a mistake of the writer.
+#: Maximum number of objects on one map; more indicate an error in the file.
 MAX_OBJECTS = 10_000
-#: What an entry may be, beside the kinds of passages. Glass that was never pushed is kept clear of.
+#: Types of an entry besides the kinds of passages. Glass that was never pushed is avoided.
 GLASS, PASSAGES = "glass", tuple(PassageKind)
 Kind = Literal["object", "glass", "door_push", "door_sliding", "elevator"]
-#: Room kept beside glass, which depth cameras see several centimetres off [m].
+#: Margin around glass, because depth cameras measure it with an error of several centimetres [m].
 GLASS_SAFETY_M = 0.05
 
 
@@ -75,7 +75,7 @@ def load_robot(path: Path | str) -> RobotModel:
 def load_objects(path: Path | str) -> tuple[MovableObject, ...]:
     """Read ``objects.yaml``: footprints with tags.
 
-    A tag's field that is missing or null was not observed; an object without
+    Missing or null fields of a tag were not observed; an object without
     a ``haptic_tag`` is unknown.
 
     Parameters
@@ -108,7 +108,7 @@ def robot_from_data(data: Any, *, where: str = "robot") -> RobotModel:
     data
         Mapping of the robot's fields [m, m/s, N, s].
     where
-        File that it comes from, for messages.
+        Name of the source file, for messages.
 
     Raises
     ------
@@ -124,11 +124,11 @@ def objects_from_data(data: Any, *, where: str = "objects") -> tuple[MovableObje
     Parameters
     ----------
     data
-        Mapping with a list of ``objects``: of each its ``id``, ``footprint_m`` (corners x, y in the map frame [m]),
-        where it was explored, its ``haptic_tag``, ``push: sideward`` where it is to be brushed aside, and
-        ``pose_sigma``, how well its place [m] and turn [rad] are known.
+        Mapping with a list of ``objects``, each with its ``id``, ``footprint_m`` (corners x, y in the map frame [m]),
+        its ``haptic_tag`` if it was explored, ``push: sideward`` for sideward pushes, and
+        ``pose_sigma``, the standard deviations of its position [m] and rotation [rad].
     where
-        File that it comes from, for messages.
+        Name of the source file, for messages.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def load_passages(path: Path | str) -> tuple[Passage, ...]:
     Parameters
     ----------
     path
-        As of :func:`load_objects`; entries without a type are left out.
+        File name, see :func:`load_objects`; entries without a type are ignored.
 
     Raises
     ------
@@ -175,7 +175,7 @@ def passages_from_data(data: Any, *, where: str = "objects") -> tuple[Passage, .
     Parameters
     ----------
     data, where
-        As of :func:`objects_from_data`; of each its ``type``, and ``open_s``, the seconds until it is open.
+        See :func:`objects_from_data`; each entry has its ``type``, and ``open_s``, the seconds until it is open.
 
     Raises
     ------
@@ -191,7 +191,7 @@ def passages_from_data(data: Any, *, where: str = "objects") -> tuple[Passage, .
 
 
 def _made(data: Any, where: str, make: Callable[[_Entry], T], *, passages: bool) -> tuple[T, ...]:
-    """What a function makes of the entries that are passages, or of the others."""
+    """Convert the entries that are passages, or the others, with a function."""
     found = []
     for index, entry in enumerate(_entries(data, where)):
         if (entry.type in PASSAGES) is passages:
@@ -225,7 +225,7 @@ def _entries(data: Any, where: str) -> tuple[_Entry, ...]:
 
 
 def _wider(outline_m: Float[np.ndarray, "p 2"], room_m: float) -> Float[np.ndarray, "q 2"]:
-    """An outline with room around it."""
+    """An outline with a margin around it."""
     import shapely
 
     return np.array(shapely.Polygon(outline_m).buffer(room_m, join_style="mitre").exterior.coords)[:-1]

@@ -1,4 +1,4 @@
-"""Outlines on the floor, checked: simple polygons."""
+"""Validated outlines on the floor: simple polygons."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from ...core.geometry import polygon_area
 
 __all__ = ["outline_of"]
 
-#: Vertices of one footprint; more than this is a scan, not an outline.
+#: Maximum number of vertices of one footprint; more indicate a scan, not an outline.
 MAX_VERTICES = 2000
-#: Corners farther from the map's origin than this are no lengths on a floor [m].
+#: Maximum distance of corners from the map's origin [m]; larger values are not plausible.
 MAX_COORDINATE_M = 1e9
 
 
 def outline_of(points: object, where: str) -> Float[np.ndarray, "p 2"]:
-    """A footprint that was checked: distinct corners of a simple polygon, counter-clockwise.
+    """A validated footprint: distinct corners of a simple polygon, counter-clockwise.
 
     Parameters
     ----------
     points
         x, y of the corners [m].
     where
-        What it is of, for messages.
+        Name of the object, for messages.
 
     Raises
     ------
     InputError
-        No simple polygon with an area.
+        The corners do not form a simple polygon with an area.
     """
     try:
         outline = np.array(points, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Passages that open: door wings that are pushed, sliding doors, elevators (Alt 2016, Sec. 4.3.4)."""
+"""Passages that can be opened: pushed door wings, sliding doors, elevators (Alt 2016, Sec. 4.3.4)."""
 
 from __future__ import annotations
 
@@ -19,41 +19,41 @@ __all__ = ["Passage", "PassageCost", "PassageKind", "is_door_wing"]
 
 #: Expected opening time of a passage without observations, from the trigger on [s].
 SLIDING_S = Estimate(4.0, spread=2.0)
-#: Wait for a person who operates it, one a minute at random: exponential, so that deviation and mean are equal.
+#: Waiting time for a person who operates it, with one random arrival per minute: exponential, deviation equals mean.
 ARRIVALS_S = Estimate(60.0, spread=60.0)
 #: Probability that a sliding door does not open.
 SLIDING_FAILURE = 0.05
 #: Maximum waiting time for an elevator [s].
 PATIENCE_S = 300.0
-#: The rotation of a wing, and so the time to push it open, varies by at most this fraction.
+#: Maximum relative variation of a wing's rotation, and thus of the time to push it open.
 WING_SPREAD = 0.35
-#: A wing turns about its hinge by at least this much per pushed metre: 0.5 m from the contact to the hinge is 2.
+#: Minimum rotation of a wing about its hinge per pushed metre: 0.5 m from the contact to the hinge gives 2.
 WING_RAD_PER_M = 0.7
-#: Width that a robot needs beside an open wing [of its diameter].
+#: Width that a robot needs next to an open wing [relative to its diameter].
 WING_ROOM = 1.1
 
 
 class PassageKind(StrEnum):
-    """How a passage opens."""
+    """How a passage is opened."""
 
     DOOR_PUSH = "door_push"  #: a wing that the robot pushes open
     DOOR_SLIDING = "door_sliding"  #: after a trigger: a motion detector, a command
-    ELEVATOR = "elevator"  #: when somebody comes, or a car
+    ELEVATOR = "elevator"  #: when a person or a car arrives
 
 
 @dataclass(frozen=True, slots=True)
 class PassageCost:
-    """What it costs to get through a passage."""
+    """Cost of traversing a passage."""
 
-    total_s: float  #: expected, with retries; infinite where the robot never gets through
-    sigma_s: float = 0.0  #: standard deviation of one passing
+    total_s: float  #: expected, with retries; infinite if the robot can never pass
+    sigma_s: float = 0.0  #: standard deviation of one pass
     failure_probability: float = 0.0
-    reason: str = ""  #: why the robot never gets through
+    reason: str = ""  #: why the robot can never pass
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Passage:
-    """A place that is closed on the map, and opens.
+    """A place that is closed on the map and can be opened.
 
     Examples
     --------
@@ -67,7 +67,7 @@ class Passage:
     footprint_m: Float[np.ndarray, "p 2"]  #: of the closed wing or the threshold, map frame
     kind: PassageKind
     open_s: Estimate | None = None  #: from the trigger, or the start of waiting, until it is open
-    tag: HapticTag | None = None  #: from former passings; ``fixed`` is locked
+    tag: HapticTag | None = None  #: from earlier passes; ``fixed`` means locked
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "kind", PassageKind(self.kind))
@@ -77,16 +77,16 @@ class Passage:
 
     @property
     def width_m(self) -> float:
-        """From the hinge to the edge of the wing: the longest side of the footprint [m]."""
+        """Distance from the hinge to the edge of the wing: the longest side of the footprint [m]."""
         return float(np.hypot(*(self.footprint_m - np.roll(self.footprint_m, 1, axis=0)).T).max())
 
     def cost(self, robot: RobotModel) -> PassageCost:
-        """Time to get through, and how sure that is.
+        """Time to pass, its standard deviation and the failure probability.
 
         Parameters
         ----------
         robot
-            The platform.
+            Model of the platform.
         """
         if self.tag is not None and self.tag.fixed:
             return PassageCost(math.inf, reason="it is locked")
@@ -95,7 +95,7 @@ class Passage:
         expected = self.open_s or (SLIDING_S if self.kind is PassageKind.DOOR_SLIDING else ARRIVALS_S)
         if self.kind is PassageKind.DOOR_SLIDING:
             return _with_retries(expected.value, expected.predictive_sigma, SLIDING_FAILURE)
-        # Random arrivals, waited for as long as there is patience.
+        # Random arrivals, up to the maximum waiting time.
         failure = math.exp(-PATIENCE_S / max(expected.value, 1e-9))
         return PassageCost(expected.value * (1.0 - failure), expected.predictive_sigma, failure)
 
@@ -116,15 +116,15 @@ class Passage:
 
 
 def is_door_wing(tag: HapticTag) -> bool:
-    """Whether a tag shows the pattern of a door's wing (Sec. 4.3.4).
+    """Whether a tag has the pattern of a door wing (Sec. 4.3.4).
 
     A constant rotation and a planar primitive; a wing also keeps moving after
-    the platform stops, or shows nearly no friction, where that was observed.
+    the platform stops, or has almost no friction, if that was observed.
 
     Parameters
     ----------
     tag
-        From pushes of the object.
+        Tag from pushes of the object.
     """
     rotation = tag.rotation_rad_per_m
     if rotation is None or tag.fixed or tag.falls or abs(rotation.value) < WING_RAD_PER_M:
@@ -135,5 +135,5 @@ def is_door_wing(tag: HapticTag) -> bool:
 
 
 def _with_retries(attempt_s: float, sigma_s: float, failure: float) -> PassageCost:
-    """A passage that opens at one attempt of (1 - failure)."""
+    """Expected cost with retries of attempts that fail with probability ``failure``."""
     return PassageCost(attempt_s / (1.0 - min(failure, 0.99)), sigma_s, failure)

@@ -1,4 +1,4 @@
-"""Plans: what to drive, push and explore, in order, with seconds and risks; to and from JSON."""
+"""Plans: ordered driving, pushing and exploration tasks with durations and risks; conversion to and from JSON."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ...core.errors import InputError
 
 __all__ = ["Plan", "Task", "plan_from_json"]
 
-#: Kinds of tasks. ``explore`` touches an unknown object and decides; ``sideward`` drives past an object and brushes
-#: it aside; ``wait`` and ``door`` come from passages.
+#: Kinds of tasks. ``explore`` touches an unknown object and decides; ``sideward`` displaces an object while driving
+#: past it; ``wait`` and ``door`` come from passages.
 Kind = Literal["navigate", "push", "sideward", "explore", "wait", "door"]
 
-#: Costs of drives are whole units: a gap below this is rounding.
+#: Costs of drives are integers: smaller gaps are due to rounding.
 OPTIMAL_GAP = 0.005
 
 Point = tuple[float, float]
@@ -31,18 +31,18 @@ class Task:
     cost_s: float  #: expected duration, with the penalty for failures
     length_m: float = 0.0  #: path length of the robot
     path_m: tuple[Point, ...] = ()  #: path of the robot's centre, map frame
-    object: str = ""  #: id of what is pushed, explored or waited for
-    contact_m: Point | None = None  #: where the robot touches the outline
-    goal_m: Point | None = None  #: where the centre of the object goes
+    object: str = ""  #: id of the object that is pushed, explored or waited for
+    contact_m: Point | None = None  #: contact of the robot on the outline
+    goal_m: Point | None = None  #: final position of the object's centre
     displacement_m: Point | None = None  #: motion of the object
-    turn_rad: float = 0.0  #: of the object, about its centre
+    turn_rad: float = 0.0  #: rotation of the object about its centre
     failure_probability: float = 0.0
-    #: of a push, x, y [m] and turn [rad] of the object about its planned end: its 90 % ellipsoid holds 90 % of the ends
+    #: of a push, x, y [m] and rotation [rad] of the object about its planned pose: its 90 % ellipsoid holds 90 % of the samples
     end_covariance: tuple[tuple[float, ...], ...] = ()
-    sigma_s: float = 0.0  #: standard deviation of the duration, where it is known
+    sigma_s: float = 0.0  #: standard deviation of the duration, if known
 
     def to_json(self) -> dict[str, Any]:
-        """As in the contract; what does not apply is left out."""
+        """Plain data in the documented format; fields that do not apply are omitted."""
         data: dict[str, Any] = {"kind": self.kind, "length_m": self.length_m, "cost_s": self.cost_s}
         if self.kind != "navigate":
             data["failure_probability"] = self.failure_probability
@@ -57,21 +57,23 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The answer to a planning problem."""
+    """The solution of a planning problem."""
 
     reachable: bool
     tasks: tuple[Task, ...] = ()
     reason: str = ""  #: why there is no plan
     proved: bool = False  #: whether "no plan" holds for every sequence of pushes of the model
-    expanded: int = 0  #: configurations that the search has looked at
-    name: str = "cheapest"  #: side condition it was made under
-    expected_s: float | None = None  #: with what is driven when an exploration finds that nothing moves
-    notes: tuple[str, ...] = field(default=())  #: e.g. objects that are never pushed, and why
+    expanded: int = 0  #: configurations expanded by the search
+    name: str = "cheapest"  #: side condition of the plan
+    expected_s: float | None = (
+        None  #: including the drives if an exploration finds that the object does not move
+    )
+    notes: tuple[str, ...] = field(default=())  #: e.g. objects that are never pushed, with reasons
     gap: float = 0.0  #: no plan of the model is cheaper by more than this fraction of the bound
 
     @property
     def answer(self) -> str:
-        """How good the plan is known to be, or how certain it is that there is none."""
+        """Proved quality of the plan, or whether infeasibility is proved."""
         if not self.reachable:
             return "no plan (proved)" if self.proved else "no plan found (not proved)"
         if not np.isfinite(self.gap):
@@ -81,7 +83,7 @@ class Plan:
     @property
     def cost_s(self) -> float:
         """Sum over the tasks; infinite without a plan."""
-        # Of what is written, so that a reader's sum is the same.
+        # Sum of the rounded values that are written, so that a reader computes the same sum.
         return sum(round(task.cost_s, 6) for task in self.tasks) if self.reachable else float("inf")
 
     @property
@@ -96,14 +98,14 @@ class Plan:
 
     @property
     def failure_probability(self) -> float:
-        """Probability that at least one task fails, tasks taken as independent."""
+        """Probability that at least one task fails, with independent tasks."""
         holds = 1.0
         for task in self.tasks:
             holds *= 1.0 - task.failure_probability
         return 1.0 - holds
 
     def to_json(self) -> dict[str, Any]:
-        """Plain data for ``json.dumps``; costs are null where there is no plan."""
+        """Plain data for ``json.dumps``; costs are null if there is no plan."""
         totals = ("cost_s", "length_m", "failure_probability")
         data: dict[str, Any] = {
             **{name: round(getattr(self, name), 6) if self.reachable else None for name in totals},
@@ -122,7 +124,7 @@ class Plan:
 
 
 def plan_from_json(data: Mapping[str, Any], *, where: str = "plan") -> Plan:
-    """Read what :meth:`Plan.to_json` wrote.
+    """Read a plan written by :meth:`Plan.to_json`.
 
     Parameters
     ----------
@@ -134,7 +136,7 @@ def plan_from_json(data: Mapping[str, Any], *, where: str = "plan") -> Plan:
     Raises
     ------
     InputError
-        A field that is missing or of the wrong kind.
+        A field is missing or of the wrong type.
     """
     if not isinstance(data, Mapping) or not isinstance(listed := data.get("tasks"), list):
         raise InputError(where, "is missing", field="tasks")
@@ -149,7 +151,7 @@ def plan_from_json(data: Mapping[str, Any], *, where: str = "plan") -> Plan:
 
 
 def _known(kind: type, data: Any) -> Any:
-    """What a record has a field for: sums and answers follow from them."""
+    """The entries that correspond to fields of a record; sums and answers are derived from them."""
     names = {one.name for one in fields(kind)}
     return {name: data[name] for name in data if name in names} if isinstance(data, Mapping) else data
 

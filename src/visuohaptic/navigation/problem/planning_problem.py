@@ -1,4 +1,4 @@
-"""What a plan is asked for: a map, what stands on it, who drives, from where to where."""
+"""The input of a planner: map, objects, passages, robot, start and goal."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class PushMode(StrEnum):
     """How an object is pushed once it has been explored."""
 
     DIRECT = "direct"  #: straight through its centre of friction (Sec. 4.3.1)
-    SIDEWARD = "sideward"  #: brushed aside by a drive past it (Sec. 4.3.2)
+    SIDEWARD = "sideward"  #: displaced by a drive past it (Sec. 4.3.2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MovableObject:
-    """Something with an outline on the floor. Whether it moves is what its tag says.
+    """An object with an outline on the floor. Its tag determines whether it is movable.
 
     Examples
     --------
@@ -40,13 +40,13 @@ class MovableObject:
     id: str
     footprint_m: Float[np.ndarray, "p 2"]  #: outline in the map frame, counter-clockwise, not closed
     tag: HapticTag | None = None  #: ``None``: never touched
-    where: str = field(default="MovableObject", repr=False)  #: file and place, for messages
-    #: centre of friction from the footprint's centroid, map frame [m]: from former pushes (Sec. 4.3.1)
+    where: str = field(default="MovableObject", repr=False)  #: file and entry, for messages
+    #: centre of friction from the footprint's centroid, map frame [m]: from earlier pushes (Sec. 4.3.1)
     friction_offset_m: tuple[float, float] = (0.0, 0.0)
-    #: its covariance [m^2]; ``None``: no push was seen
+    #: its covariance [m^2]; ``None``: no push was observed
     friction_covariance_m2: tuple[tuple[float, float], tuple[float, float]] | None = None
     push: PushMode = PushMode.DIRECT
-    #: standard deviations of its place along each axis [m] and of its turn [rad]: a map of 5 cm cells tells 1.4 cm
+    #: standard deviations of its position along each axis [m] and of its rotation [rad]: 1.4 cm for a map of 5 cm cells
     pose_sigma: tuple[float, float] = (0.01, 0.05)
 
     def __post_init__(self) -> None:
@@ -63,13 +63,13 @@ class MovableObject:
 
     @property
     def known_immovable(self) -> bool:
-        """Fixed, or falls when pushed: never pushed (Sec. 4.2.1)."""
+        """Whether it is fixed or tips when pushed, and is therefore never pushed (Sec. 4.2.1)."""
         return self.tag is not None and (self.tag.fixed is True or self.tag.falls is True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanningProblem:
-    """All that a plan depends on.
+    """All inputs of a plan.
 
     Examples
     --------

@@ -2,10 +2,10 @@
 
 The components of ``t_mani`` are
 
-- setup: constant, to bring the platform into position (a);
-- manipulability: fixed, falls, too heavy, or drifting too far on this push length (b);
-- ``t_push``: length by speed, the speed falling with the effort (c);
-- ``t_fail``: the time that failures are expected to cost (d).
+- setup: constant, to position the platform (a);
+- manipulability: fixed, tips over, too heavy, or drifts too far over this push length (b);
+- ``t_push``: length divided by speed, which decreases with the effort (c);
+- ``t_fail``: the expected cost of failures (d).
 
 The stool of Sec. 4.4 (8.1 N against 20 N, drift 0.03, explored once) pushed by
 0.15 m at 0.05 m/s costs 4 s + 3 s = 7 s.
@@ -32,35 +32,35 @@ __all__ = [
 ]
 
 
-#: A push is given up once its object has turned so far [rad].
+#: A push is aborted once its object has rotated by this angle [rad].
 TURN_LIMIT_RAD = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class PushCosts:
-    """Parameters that the text leaves open, with their defaults."""
+    """Parameters that the dissertation leaves open, with their defaults."""
 
-    drift_limit_m: float = 0.10  #: the contact may wander so far sideways over one push
-    rotation_limit_rad: float = 1.05  #: the object may turn so far over one push
-    easy_fraction: float = 0.5  #: up to this fraction of the maximum force the push has full speed
-    min_speed_fraction: float = 0.5  #: of the full speed, at the largest force
+    drift_limit_m: float = 0.10  #: maximum lateral drift of the contact over one push
+    rotation_limit_rad: float = 1.05  #: maximum rotation of the object over one push
+    easy_fraction: float = 0.5  #: fraction of the maximum force up to which the push has full speed
+    min_speed_fraction: float = 0.5  #: of the full speed, at the maximum force
     prior_failures: float = 0.2  #: pseudo-counts: a first push fails with 0.2 / (0.2 + 0.8)
     prior_successes: float = 0.8
-    unknown_movable: float = 0.5  #: probability that an object nobody touched can be pushed
+    unknown_movable: float = 0.5  #: probability that an unexplored object can be pushed
     explore_time_s: float = 8.0  #: to approach, touch and decide
-    unknown_force_fraction: float = 0.5  #: of the largest force: effort assumed where no force was observed
-    risk_s: float = 0.0  #: added seconds per -log(1 - p): how much reliability is worth
+    unknown_force_fraction: float = 0.5  #: of the maximum force: effort assumed if no force was observed
+    risk_s: float = 0.0  #: added seconds per -log(1 - p): weight of reliability
     max_push_m: float = 2.0  #: r_mani of Eq. (4.3)
-    price_ends: bool = True  #: whether lengths allow for ends that may block the plan's later drives
+    price_ends: bool = True  #: whether push lengths account for final poses that may block later drives
 
 
 @dataclass(frozen=True, slots=True)
 class Manipulability:
-    """Whether an object may be pushed at all, how far at most, and why not further."""
+    """Whether an object may be pushed, the maximum push length, and the reason for the limit."""
 
     possible: bool
     max_length_m: float
-    reason: str = ""  #: what limits it, for people
+    reason: str = ""  #: the limiting quantity, for display
     unknown: bool = False  #: no tag: explore first, then decide
 
 
@@ -84,14 +84,14 @@ def manipulability(
 ) -> Manipulability:
     """Whether, and how far, an object may be pushed: component (b) of ``t_mani``.
 
-    The events "fixed" and "falls", the force, and the push length that drift and rotation allow.
+    Depends on the events "fixed" and "falls", the force, and the push length that drift and rotation allow.
 
     Parameters
     ----------
     tag
-        From former pushes; ``None`` for an object that was never touched.
+        Tag from earlier pushes; ``None`` for an object that was never touched.
     robot
-        The platform.
+        Model of the platform.
     costs
         Limits and priors.
     """
@@ -123,12 +123,12 @@ def manipulability(
 def push_speed_m_s(tag: HapticTag | None, robot: RobotModel, costs: PushCosts | None = None) -> float:
     """Speed of a push [m/s]: component (c) of ``t_mani``.
 
-    Full speed while the effort is low, then linearly slower to the maximum force.
+    Full speed at low effort, then linearly decreasing up to the maximum force.
 
     Parameters
     ----------
     tag, robot, costs
-        As of :func:`manipulability`.
+        See :func:`manipulability`.
     """
     costs = costs or PushCosts()
     force = None if tag is None else tag.dynamic_friction_N or tag.static_friction_N
@@ -138,30 +138,30 @@ def push_speed_m_s(tag: HapticTag | None, robot: RobotModel, costs: PushCosts | 
 
 
 class PushForce(Protocol):
-    """What has a largest pushing force: a robot, or the limits of a push."""
+    """An object with a maximum pushing force: a robot, or the limits of a push."""
 
     @property
     def push_force_max_N(self) -> float:
-        """The platform pushes at most so hard [N]."""
+        """Maximum pushing force of the platform [N]."""
 
 
 def failure_probability(
     tag: HapticTag | None, length_m: float, robot: PushForce, costs: PushCosts | None = None
 ) -> float:
-    """Probability that one push of a length fails: the counters, and what the tag is unsure of.
+    """Probability that one push of a given length fails, from the counters and the uncertainty of the tag.
 
     The counters give a Beta posterior mean; force, drift and rotation the
     probability that the next push exceeds what the platform or the limits
-    allow, with the predictive sigma of each estimate. Drift and rotation go either way.
+    allow, with the predictive standard deviation of each estimate. Drift and rotation may have either sign.
 
     Parameters
     ----------
     tag
-        ``None`` for an object that was never touched. What is fixed or falls fails for certain.
+        Haptic tag; ``None`` for an object that was never touched. Pushes of fixed or tipping objects fail with probability 1.
     length_m
-        Way of the object [m], 0 where only the counters and the force count.
+        Push length of the object [m]; 0 if only the counters and the force count.
     robot
-        Its largest force.
+        Its maximum force.
     costs
         Limits and priors.
     """
@@ -197,28 +197,28 @@ def push_cost(
 ) -> PushCost:
     """``t_mani`` of one push.
 
-    The failure penalty is what retries are expected to cost, ``p / (1 - p)``
-    times the attempt. An object that was explored once and did not fail has
+    The failure penalty is the expected cost of retries, ``p / (1 - p)``
+    times the attempt. An object that was explored once without failure has
     none yet ("if the object was explored several times", Sec. 4.2.1); that of an
     unknown object is the exploration.
 
     Parameters
     ----------
     tag
-        ``None`` for an object that was never touched.
+        Haptic tag; ``None`` for an object that was never touched.
     length_m
-        Way of the object [m].
+        Push length of the object [m].
     robot
         Platform.
     costs
         Limits and priors.
     turn_probability
-        Of the object turning away, where the push is oblique to its face.
+        Probability that the object rotates away, for pushes oblique to its face.
 
     Returns
     -------
     PushCost
-        Seconds by part; infinite where the object must not be pushed so far.
+        Seconds by component; infinite beyond the allowed push length.
     """
     costs = costs or PushCosts()
     allowed = manipulability(tag, robot, costs)
@@ -229,13 +229,13 @@ def push_cost(
     p = failure_probability(tag, length_m, robot, costs)
     p = 1.0 - (1.0 - p) * (1.0 - turn_probability)
     if tag is None:
-        # Touching comes first; what a refusal costs depends on the detour, see decide.py.
+        # Exploration comes first; the cost of a failure depends on the detour, see ``planning.policies``.
         return PushCost(robot.setup_time_s, push_s, costs.explore_time_s + _risk(p, costs), p)
     penalised = p
     if tag.explored <= 1 and tag.failed == 0:
         prior = _from_counters(tag, costs)
         penalised = 1.0 - (1.0 - p) / (1.0 - prior)
-    penalised = min(max(penalised, 0.0), 0.99)  # endless retries are not a plan, nor an infinite cost
+    penalised = min(max(penalised, 0.0), 0.99)  # the penalty is limited, so that the cost stays finite
     fail_s = penalised / (1.0 - penalised) * attempt_s + _risk(p, costs)
     return PushCost(robot.setup_time_s, push_s, fail_s, p)
 

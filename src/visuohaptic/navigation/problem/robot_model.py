@@ -1,4 +1,4 @@
-"""Who drives and pushes: size, speeds, force."""
+"""Robot model: size, speeds, force."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["RobotModel"]
 
 @dataclass(frozen=True, slots=True)
 class RobotModel(SpeedLimits):
-    """A disc that drives and pushes (Alt 2016, Sec. 4.2 and 4.4).
+    """A disc-shaped robot that drives and pushes (Alt 2016, Sec. 4.2 and 4.4).
 
     Examples
     --------
@@ -20,9 +20,9 @@ class RobotModel(SpeedLimits):
     0.3
     """
 
-    v_push_m_s: float = field(default=0.05, metadata=POSITIVE)  #: while pushing what is easily pushed
-    push_force_max_N: float = field(default=20.0, metadata=POSITIVE)  #: the platform's capability
-    setup_time_s: float = field(default=4.0, metadata=NON_NEGATIVE)  #: to come into position, once per push
+    v_push_m_s: float = field(default=0.05, metadata=POSITIVE)  #: at low pushing effort
+    push_force_max_N: float = field(default=20.0, metadata=POSITIVE)  #: maximum force of the platform
+    setup_time_s: float = field(default=4.0, metadata=NON_NEGATIVE)  #: positioning time per push
     push_margin_m: float = field(
         default=0.0, metadata=NON_NEGATIVE
-    )  #: room that what is pushed keeps from what does not move with it
+    )  #: margin between a pushed object and obstacles

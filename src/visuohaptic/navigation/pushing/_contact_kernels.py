@@ -1,6 +1,6 @@
-"""Contacts between the rim of a round platform and an outline: where they are, and how they move.
+"""Contacts between the rim of a round platform and an outline: their positions and motion.
 
-Lengths in metres, angles in radians; an outline is widened by its corner radius.
+Lengths in metres, angles in radians; an outline is dilated by its corner radius.
 """
 
 from __future__ import annotations
@@ -9,18 +9,18 @@ import numpy as np
 
 from ...core.kernels import kernel
 
-#: Largest number of places where the rim can touch an outline at once.
+#: Maximum number of simultaneous contacts between rim and outline.
 MAX_CONTACTS = 4
 
 
 @kernel
 def features(outline, round_m, x, y, yaw, cx, cy, radius, reach, out):
-    """Places where the rim of a disc is nearest to the outline, those nearer than ``reach``.
+    """Points where the rim of a disc is locally nearest to the outline, within ``reach``.
 
-    Every local minimum of the distance is one: a foot of the perpendicular
-    inside an edge, or a corner that both its edges lead to. Rows of ``out``:
+    Every local minimum of the distance is one: the foot of a perpendicular
+    inside an edge, or a corner between two edges. Rows of ``out``:
     normal into the object (2), contact point from the object's reference
-    point (2), gap, and 1 for an edge. Returns their number and the smallest gap of all.
+    point (2), gap, and 1 for an edge. Returns their number and the smallest gap.
     """
     c, s = np.cos(yaw), np.sin(yaw)
     # Centre of the disc in the object's frame.
@@ -48,7 +48,7 @@ def features(outline, round_m, x, y, yaw, cx, cy, radius, reach, out):
             continue
         nx, ny = px - qx, py - qy
         distance = np.sqrt(nx * nx + ny * ny)
-        # Within an outline of three and more corners the disc's centre has no outer normal.
+        # If the disc's centre is inside an outline with three or more corners, there is no outer normal.
         gap = distance - round_m - radius
         least = min(least, gap)
         if gap > reach or distance < 1e-9:
@@ -73,7 +73,7 @@ def features(outline, round_m, x, y, yaw, cx, cy, radius, reach, out):
 
 @kernel
 def advance(contacts, count, shift_x, shift_y, dx, dy, turn, reach):
-    """Gaps later on, when the disc has moved by ``shift`` and the object by (dx, dy, turn); the smallest."""
+    """Gaps after the disc has moved by ``shift`` and the object by (dx, dy, turn); returns the smallest."""
     least = np.inf
     c, s = np.cos(turn), np.sin(turn)
     for k in range(count):

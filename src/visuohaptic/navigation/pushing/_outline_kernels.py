@@ -1,7 +1,7 @@
-"""Kernels on outlines in cells: distances from polygons, patches of them, where a disc touches and where it passes.
+"""Kernels for outlines in cells: distances from polygons, distance patches, contact and passage of a disc.
 
-All lengths are in cells, points are (x, y) with cell (row, column) covering
-``column..column + 1`` and ``row..row + 1``.
+All lengths are in cells; points are (x, y), and cell (row, column) covers
+``column..column + 1`` by ``row..row + 1``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def segment_distance(px: float, py: float, ax: float, ay: float, bx: float, by: 
 
 @kernel
 def inside_polygon(px: float, py: float, polygon: np.ndarray) -> bool:
-    """Even-odd rule."""
+    """Whether a point is inside a polygon (even-odd rule)."""
     inside = False
     n = len(polygon)
     j = n - 1
@@ -61,7 +61,7 @@ def polygon_distance(px: float, py: float, polygon: np.ndarray) -> float:
 
 @kernel
 def segment_gap(ax: float, ay: float, bx: float, by: float, polygon: np.ndarray) -> float:
-    """Distance of a segment from a filled polygon; 0 where they meet."""
+    """Distance of a segment from a filled polygon; 0 if they intersect."""
     if inside_polygon(ax, ay, polygon):
         return 0.0
     best = np.inf
@@ -101,10 +101,10 @@ def clear_straight(
     ends: np.ndarray,
     radius: float,
 ) -> np.ndarray:
-    """Whether a disc gets straight from a point to each end, nowhere nearer than its radius to anything.
+    """Whether a disc can move straight from a point to each end with its radius as minimum clearance.
 
-    Exact: to the squares of the occupied cells, the border of the map, and the filled outlines, of which one begins
-    at each of ``starts``.
+    Exact with respect to the squares of the occupied cells, the border of the map, and the filled outlines, which
+    start at the indices ``starts``.
     """
     rows, columns = occupied.shape
     clear = np.zeros(len(ends), np.bool_)
@@ -135,7 +135,7 @@ def clear_straight(
 
 @kernel
 def extent(polygon: np.ndarray) -> tuple[float, float, float, float]:
-    """Smallest and largest x, smallest and largest y."""
+    """Minimum and maximum x, minimum and maximum y."""
     x_min, x_max, y_min, y_max = np.inf, -np.inf, np.inf, -np.inf
     for i in range(len(polygon)):
         x_min, x_max = min(x_min, polygon[i, 0]), max(x_max, polygon[i, 0])
@@ -145,7 +145,7 @@ def extent(polygon: np.ndarray) -> tuple[float, float, float, float]:
 
 @kernel
 def distance_patch(polygon: np.ndarray, reach: float) -> tuple[np.ndarray, int, int]:
-    """Distance of the cells around a polygon from it, and the first row and column of the patch; may be off a map."""
+    """Distance from a polygon of the cells around it, and the first row and column of the patch, possibly outside a map."""
     x_min, x_max, y_min, y_max = extent(polygon)
     c0, c1 = int(math.floor(x_min - reach)), int(math.ceil(x_max + reach)) + 1
     r0, r1 = int(math.floor(y_min - reach)), int(math.ceil(y_max + reach)) + 1
@@ -158,9 +158,9 @@ def distance_patch(polygon: np.ndarray, reach: float) -> tuple[np.ndarray, int, 
 
 @kernel
 def disc_touches_at(polygon: np.ndarray, dir_x: float, dir_y: float, radius: float, reach: float) -> float:
-    """How far from the origin a disc stops that comes from ``-reach * dir`` towards a polygon; -1 when it passes.
+    """Distance from the origin at which a disc coming from ``-reach * dir`` touches a polygon; -1 if it passes.
 
-    Steps by the distance that is surely free, so that nothing is jumped over.
+    Each step is the distance that is certainly free, so that no contact is skipped.
     """
     at = reach
     for _ in range(500):

@@ -1,8 +1,8 @@
-"""Quasi-static motion of an object that a round platform drives against: one candidate is one call.
+"""Quasi-static motion of an object pushed by a round platform: one call per candidate.
 
-Lengths in metres, angles in radians. Forces are fractions of the floor's whole
-friction (coefficient times weight), so that neither mass nor friction of the
-floor are needed. Poses are (x, y, yaw) of the object's reference point.
+Lengths in metres, angles in radians. Forces are fractions of the total floor
+friction (coefficient times weight), so that neither mass nor floor friction
+is needed. Poses are (x, y, yaw) of the object's reference point.
 """
 
 from __future__ import annotations
@@ -12,23 +12,23 @@ import numpy as np
 from ...core.kernels import kernel
 from ._contact_kernels import MAX_CONTACTS, advance, features
 
-#: How far the platform's rim enters the outline at full friction force (m): the contact's softness.
+#: Depth of the platform's rim in the outline at full friction force (m): the compliance of the contact.
 SOFT_M = 1e-4
-#: A support point that moves less than this fraction of a step still holds less than its whole friction.
+#: A support point that moves less than this fraction of a step carries less than its full friction.
 MIN_SLIP_FRACTION = 2e-3
-#: Force that may remain out of balance, as a fraction of the floor's friction.
+#: Allowed force imbalance, as a fraction of the floor friction.
 TOLERANCE = 3e-3
-#: Fraction of a step by which the object may move otherwise than expected before the step is looked at again.
+#: Deviation of the object's motion from the prediction, as a fraction of a step, above which the step is solved again.
 MAX_STEP_DEVIATION = 0.3
-#: How often a step is looked at, at most.
+#: Maximum number of attempts per step.
 ATTEMPTS = 20
-#: Newton steps at most for one step of the platform.
+#: Maximum number of Newton iterations per attempt.
 ITERATIONS = 40
 
 #: Columns of the trace of each step.
 X, Y, YAW, FORCE_X, FORCE_Y, CONTACT_X, CONTACT_Y, GAP = range(8)
 
-#: Sums over support points may be taken in any order, four at a time.
+#: Sums over support points may be reordered, for vectorization.
 _SUMS = {"reassoc", "contract", "arcp", "nsz"}
 
 
@@ -36,8 +36,8 @@ _SUMS = {"reassoc", "contract", "arcp", "nsz"}
 def _balance(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, r, even, full):
     """Floor friction minus contact forces for an increment ``z`` = (dx, dy, rho dyaw), and derivatives.
 
-    ``even`` is the derivative with the bound of the contact's friction held,
-    ``full`` the whole one, which is not symmetric.
+    ``even`` is the derivative with the limit of the contact friction held fixed,
+    ``full`` the complete derivative, which is not symmetric.
     """
     r[0] = r[1] = r[2] = 0.0
     xx = xy = xa = yy = ya = aa = 0.0
@@ -74,7 +74,7 @@ def _balance(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, k
             continue
         push = -gap / SOFT_M
         pulls[k] = push
-        # Surface of a disc that turns by ``turn`` while its centre moves by ``shift``.
+        # Surface of a disc that rotates by ``turn`` while its centre moves by ``shift``.
         slip = -ny * (z[0] - shift[0]) + nx * (z[1] - shift[1]) + ta * z[2] - turn
         root = np.sqrt(slip * slip + eps * eps)
         rub = -mu * slip / root
@@ -96,7 +96,7 @@ def _balance(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, k
 
 @kernel(fastmath=_SUMS)
 def _energy(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known):
-    """Work against the floor, in the soft rim, and against contact friction bound by ``mu pulls``: convex."""
+    """Work against the floor, in the compliant rim, and against contact friction limited by ``mu pulls``: convex."""
     total = 0.0
     for i in range(load.shape[0]):
         vx, vy = z[0] - arms[i, 1] / rho * z[2], z[1] + arms[i, 0] / rho * z[2]
@@ -114,7 +114,7 @@ def _energy(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, kn
 
 @kernel
 def _solve(jac, r, damp, step):
-    """``step`` = -inverse(jac + damp I) r by Cramer's rule; False where there is no inverse."""
+    """``step`` = -inverse(jac + damp I) r by Cramer's rule; False if the matrix is singular."""
     a, b, c = jac[0, 0] + damp, jac[0, 1], jac[0, 2]
     d, e, f = jac[1, 0], jac[1, 1] + damp, jac[1, 2]
     g, h, i = jac[2, 0], jac[2, 1], jac[2, 2] + damp
@@ -130,9 +130,9 @@ def _solve(jac, r, damp, step):
 
 @kernel
 def _newton(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, size, work):
-    """Find the increment ``z`` in balance; returns whether, and the contacts' force."""
+    """Solve for the equilibrium increment ``z``; returns whether it was found, and the contact force."""
     r, even, full, step, trial, bound = work[0], work[1:4], work[4:7], work[7], work[8], work[9]
-    # A trace of stiffness against drifting far where nothing but friction acts.
+    # Slight damping limits drift where only friction acts.
     damp = 1e-3 / size
     fx, fy = _balance(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, r, even, full)
     size_r = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
@@ -156,7 +156,7 @@ def _newton(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, kn
         )
         size_new = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
         if size_new > 0.5 * size_r:
-            # Newton's step overshot; the energy with the bound of friction held is convex.
+            # Newton's step overshot; the energy with the friction limit held fixed is convex.
             here = _energy(z, bound, arms, load, rho, eps, contacts, count, shift, turn, mu, known)
             for _ in range(10):
                 there = _energy(trial, bound, arms, load, rho, eps, contacts, count, shift, turn, mu, known)
@@ -177,7 +177,7 @@ def _newton(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, kn
 
 @kernel
 def _tilted(load, support, ox, oy, fraction):
-    """Fill ``share``: the load when its centre is moved by (ox, oy), in the object's frame."""
+    """Fill ``fraction``: the load distribution when its centre is moved by (ox, oy), in the object's frame."""
     n = load.shape[0]
     mx, my, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
@@ -204,16 +204,16 @@ def _tilted(load, support, ox, oy, fraction):
 
 @kernel
 def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, start, trace):
-    """Drive a disc along ``path`` (k x 3: x, y, heading) and follow the object; fills ``trace`` (k x 8).
+    """Drive a disc along ``path`` (k x 3: x, y, heading) and simulate the object; fills ``trace`` (k x 8).
 
     Each step solves for the increment of the object's pose at which the
     friction of all support points (unit vectors against their motion, times
-    their load) balances the forces of the contacts. That is the exact limit
-    surface of the support points, and both slip directions and sticking of
-    the contact come out of the same equation. The rim is stiff, not rigid
+    their load) balances the contact forces. This is the exact limit
+    surface of the support points; slip directions and sticking of
+    the contact follow from the same equation. The rim is stiff, not rigid
     (``SOFT_M``), so that any number of contacts may carry the force.
 
-    Returns (steps with contact, last step with contact, steps not solved).
+    Returns (steps with contact, last step with contact, unsolved steps).
     """
     n = support.shape[0]
     x, y, yaw = start[0], start[1], start[2]
@@ -236,7 +236,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
             turn = path[j, 2] - path[j - 1, 2]
         size = np.hypot(shift[0], shift[1]) + abs(turn) * radius
         gap = np.hypot(cx - x, cy - y) - reach
-        # What the object is expected to do: what it did in the last step, or nothing.
+        # Predicted motion of the object: that of the last step, or none.
         if not moving:
             known[:] = 0.0
         z[:] = 0.0
@@ -272,21 +272,21 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
                     gap = gap_new
                 if count == 0 or size == 0.0 or (not moving and attempt == 0 and gap >= 0.0):
                     break
-                # Arms at the middle of the step, so that a step of turning errs in its third order only.
+                # Lever arms at the middle of the step, so that a rotation has errors of third order only.
                 middle = yaw + 0.5 * known[2] / rho
                 c, s = np.cos(middle), np.sin(middle)
                 for i in range(n):
                     arms[i, 0] = c * support[i, 0] - s * support[i, 1]
                     arms[i, 1] = s * support[i, 0] + c * support[i, 1]
                 if tip_m > 0.0 and attempt == 0:
-                    # A force above the floor moves the load towards where it pushes to.
+                    # A force above the floor shifts the load in the direction of the force.
                     _tilted(load, support, tip_m * (c * fx + s * fy), tip_m * (-s * fx + c * fy), fraction)
                 if moving or attempt > 0:
                     for a in range(3):
                         z[a] = known[a]
                 else:
                     z[0], z[1], z[2] = shift[0], shift[1], 0.0
-                # Where sticking goes over into slipping Newton may go in circles; a blunter edge ends that.
+                # At the transition from sticking to slipping Newton may cycle; stronger regularization prevents that.
                 eps = MIN_SLIP_FRACTION * size
                 for _ in range(5):
                     solved, force_x, force_y = _newton(
@@ -309,8 +309,8 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
                         break
                     eps *= 6.0
                 off = np.hypot(z[0] - known[0], z[1] - known[1]) + abs(z[2] - known[2])
-                # Not what was expected: look again at where that leads to, by less and less of the step: between two
-                # modes of contact whole steps go to and fro.
+                # The prediction was wrong: linearize again at the result, with a decreasing step fraction, because full
+                # steps may alternate between two contact modes.
                 if off < MAX_STEP_DEVIATION * size or not solved:
                     break
                 if attempt + 1 < ATTEMPTS:

@@ -1,4 +1,4 @@
-"""Where a disc may touch an outline so that a straight push through the centre is stable (Alt 2016, Sec. 4.3.1)."""
+"""Contacts of a disc with an outline from which a straight push through the centre is stable (Alt 2016, Sec. 4.3.1)."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from ._outline_kernels import disc_touches_at
 
 __all__ = ["PushContact", "push_contacts"]
 
-#: The contact's normal and the push may differ by this; friction cones are wider than that.
+#: Maximum angle between contact normal and push; friction cones are wider.
 STABLE_RAD = np.deg2rad(8.0)
 #: Oblique pushes; they need a contact friction of the tangent, 0.21 and 0.45, which foam has on most objects.
 OBLIQUE_RAD = (np.deg2rad(12.0), np.deg2rad(24.0))
-#: A face is met at least this far from its ends, as a fraction of its length.
+#: Minimum distance of a contact from the ends of a face, as a fraction of its length.
 FACE_MARGIN = 0.1
-#: Pushes that differ by less are one; round outlines have as many faces as somebody drew.
+#: Pushes that differ by less are merged; the number of faces of a round outline is arbitrary.
 FACE_SPACING_RAD, OBLIQUE_SPACING_RAD = np.deg2rad(1.0), np.deg2rad(6.0)
-#: Directions tried beside those of the faces, for round outlines.
+#: Additional directions tried for round outlines.
 DIRECTIONS = 16
 
 
@@ -29,9 +29,9 @@ class PushContact:
     """One stable straight push, relative to the object's centre."""
 
     direction: Float[np.ndarray, "2"]  #: unit vector of the push
-    contact: Float[np.ndarray, "2"]  #: where disc and outline touch
+    contact: Float[np.ndarray, "2"]  #: common point of disc and outline
     robot: Float[np.ndarray, "2"]  #: centre of the disc when it touches
-    oblique: bool = False  #: oblique to the face: holds by friction only
+    oblique: bool = False  #: oblique to the face: relies on contact friction
 
 
 def push_contacts(
@@ -39,22 +39,22 @@ def push_contacts(
 ) -> tuple[PushContact, ...]:
     """Contacts from which a disc pushes an outline straight and stably, sorted by direction.
 
-    The line of the push goes through the centre, and the normal at the contact
+    The line of the push goes through the centre, and the contact normal
     differs from it by at most ``STABLE_RAD``. Candidates are the
-    perpendiculars of the hull's faces through the centre - a disc that bridges
-    a dent touches twice, which is stable too - and, for round outlines, a fan
+    perpendiculars of the hull's faces through the centre (a disc that bridges
+    a concavity has two contacts, which is stable too) and, for round outlines, a fan
     of directions.
 
     Parameters
     ----------
     outline
-        Corners; any unit of length will do, the same for all arguments.
+        Corners, in any unit of length that all arguments share.
     centre
-        Centre of friction that the line of the push goes through.
+        Centre of friction on the line of the push.
     radius
-        Of the disc that pushes.
+        Radius of the pushing disc.
     oblique
-        Whether pushes oblique to a face, which hold by friction only, are added.
+        Whether pushes oblique to a face, which rely on contact friction, are added.
     """
     from shapely import Point, Polygon
 
@@ -63,7 +63,7 @@ def push_contacts(
     hull = np.array(body.convex_hull.exterior.coords)[:-1]
     if not body.convex_hull.exterior.is_ccw:
         hull = hull[::-1]
-    candidates: list[tuple[float, float]] = []  # angle, and how far from others it must be
+    candidates: list[tuple[float, float]] = []  # angle, and minimum spacing from others
     for a, b in zip(hull, np.roll(hull, -1, axis=0), strict=True):
         edge = b - a
         length = float(np.hypot(*edge))
@@ -88,7 +88,7 @@ def push_contacts(
         direction = np.array([np.cos(angle), np.sin(angle)])
         distance = disc_touches_at(shape, direction[0], direction[1], radius, reach)
         if distance <= 0.0:
-            continue  # it passes, or ends in a dent beyond the centre
+            continue  # it passes, or ends in a concavity beyond the centre
         robot = -distance * direction
         exterior = body.exterior
         contact_point = exterior.interpolate(exterior.project(Point(*robot)))
@@ -106,9 +106,9 @@ def push_contacts(
 def _tilt(
     hull: Float[np.ndarray, "h 2"], contact: Float[np.ndarray, "2"], direction: Float[np.ndarray, "2"]
 ) -> float:
-    """Angle between a push and the inward normal of the face that it meets [rad].
+    """Angle between a push and the inward normal of the face that it touches [rad].
 
-    Of a face, not of a corner: pushed at its tip, a box turns away.
+    Only faces count, not corners: pushed at a corner, a box rotates away.
     """
     edges = np.roll(hull, -1, axis=0) - hull
     lengths = np.hypot(*edges.T)

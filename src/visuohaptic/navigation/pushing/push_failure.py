@@ -1,4 +1,4 @@
-"""Distribution of the ends of pushes, simulated with uncertain friction, load, centre of friction and pose."""
+"""Distribution of final poses of pushes, simulated with uncertain friction, load, centre of friction and pose."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from .push_model import PushModel
 
 __all__ = ["PushUncertainty", "covariance_of_ends", "sampled_pushes"]
 
-#: A platform that would begin inside the object begins this distance earlier (m): up to 4 sigma of place and turn.
+#: A platform that would start inside the object starts this distance earlier (m): up to 4 sigma of position and yaw.
 BACK_M = (0.0, 0.04, 0.08, 0.16, 0.32)
-#: Maximum depth of the rim in the outline at the beginning (m).
+#: Maximum depth of the rim in the outline at the start (m).
 INSIDE_M = 1e-3
-#: Largest factor of the load's distance from its centre: the bottom of a disc stands on its rim.
+#: Maximum factor of the load's distance from its centre: the bottom of a disc rests on its rim.
 RIM = math.sqrt(2.0)
-#: Numbers of a sample: contact friction, load, scale of the centre of friction, its x and y, place along x and y, yaw.
+#: Parameters of a sample: contact friction, load, scale of the centre of friction, its x and y, position x and y, yaw.
 NUMBERS = 8
-#: Distance of the centre of friction from the centroid along either axis, by the lever of the bottom: root mean square
-#: of six numbers of real pushes (``benchmarks.nav_push.real_centres``): a centre of mass, two of pressure on flat bottoms.
+#: Standard deviation of the centre of friction from the centroid along either axis, relative to the lever of the bottom:
+#: root mean square of six values of real pushes (``benchmarks.nav_push.real_centres``): a centre of mass, two of pressure
+#: on flat bottoms.
 CENTRE_FRACTION, CENTRE_NUMBERS = 0.05, 6
 
 
@@ -30,17 +31,17 @@ CENTRE_FRACTION, CENTRE_NUMBERS = 0.05, 6
 class PushUncertainty:
     """Uncertain parameters of a simulated push; standard deviations except for the friction.
 
-    The distribution of the load is uncertain, too: from uniform over a flat bottom to all on its rim, or on feet there.
+    The load distribution is uncertain, too: from uniform over a flat bottom to all on its rim, or on feet there.
     """
 
-    #: Half range of the contact's friction, all of which is as likely. By default from none to twice
-    #: :data:`~visuohaptic.navigation.pushing.push_model.CONTACT_FRICTION`: steel on aluminium, dry, slides like 0.45
-    #: (Zhou 2016), plastic that chatters on its feet like 0.1 (``benchmarks.plan_evidence push_ends``).
+    #: Half range of the uniformly distributed contact friction. By default from zero to twice
+    #: :data:`~visuohaptic.navigation.pushing.push_model.CONTACT_FRICTION`: dry steel on aluminium has about 0.45
+    #: (Zhou 2016), plastic that chatters on its feet about 0.1 (``benchmarks.plan_evidence push_ends``).
     contact_friction: float = 0.25
-    #: covariance of the centre of friction [m^2]; ``None`` where no push of the object was seen: then the deviation is
-    #: :data:`CENTRE_FRACTION` of its lever, whose own uncertainty is drawn as well (Student's t)
+    #: covariance of the centre of friction [m^2]; ``None`` if no push of the object was observed: then the deviation is
+    #: :data:`CENTRE_FRACTION` of its lever, whose own uncertainty is sampled as well (Student's t)
     centre_m2: Float[np.ndarray, "2 2"] | None = None
-    place_m: float = 0.01  #: of the object against the platform, along x and y
+    place_m: float = 0.01  #: of the object relative to the platform, along x and y
     yaw_rad: float = 0.05
 
     def samples(
@@ -48,7 +49,7 @@ class PushUncertainty:
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n k 2"], Float[np.ndarray, "n 3"]]:
         """Contact frictions, supports [m] and poses about the nominal ones.
 
-        The samples are spread evenly over all numbers at once (a Kronecker sequence with a random beginning).
+        The samples cover all parameters evenly at once (a Kronecker sequence with a random start).
 
         Parameters
         ----------
@@ -57,9 +58,9 @@ class PushUncertainty:
         object_m
             Nominal pose: x, y [m], yaw [rad].
         rng
-            Source of the sequence's beginning.
+            Generator for the start of the sequence.
         count
-            Of the samples.
+            Number of samples.
         """
         from scipy.special import gammaincinv, ndtri
 
@@ -101,9 +102,9 @@ def sampled_pushes(
     samples: int = 40,
     skip: int = 0,
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n k 3"], Bool[np.ndarray, "n"]]:
-    """Poses of an object before a push and along it, for samples of what is not known.
+    """Poses of an object before a push and along it, for samples of the uncertain parameters.
 
-    The push begins earlier on its line where the object was sampled into the platform.
+    The push starts earlier on its line where the sampled object overlaps the platform.
 
     Parameters
     ----------
@@ -114,20 +115,20 @@ def sampled_pushes(
     path_m
         Poses of the platform: x, y [m], heading [rad].
     radius_m
-        Of the platform [m].
+        Radius of the platform [m].
     rng
-        Source of the samples.
+        Random generator.
     uncertainty
-        Of friction, load, centre of friction and pose.
+        Uncertainty of friction, load, centre of friction and pose.
     samples
         Number of samples.
     skip
-        Number of first samples that are not simulated, because their poses are known.
+        Number of initial samples that are not simulated, because their poses are known.
 
     Returns
     -------
-    Poses before, poses where the platform is at each of its own, and whether the object blocks the whole approach:
-    then it stays where it was.
+    Poses before the push, poses at each platform pose, and whether the object blocks the whole approach:
+    then it stays in place.
     """
 
     uncertainty = uncertainty if uncertainty is not None else PushUncertainty()
@@ -154,19 +155,19 @@ def sampled_pushes(
 
 
 def covariance_of_ends(errors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3 3"]:
-    """Covariance of the normal distribution about zero whose 90 % ellipsoid holds 90 % of the errors.
+    """Covariance of the zero-mean normal distribution whose 90 % ellipsoid holds 90 % of the errors.
 
-    Second moments, scaled: pushes that stick and pushes that slip do not end as one normal distribution has it.
+    Scaled second moments: with sticking and slipping pushes, final poses are not normally distributed.
 
     Parameters
     ----------
     errors
-        Of simulated ends: x, y [m], turn [rad]; a hundred or more.
+        Errors of simulated final poses: x, y [m], rotation [rad]; at least a hundred.
     """
     from scipy.special import chdtri
 
     moments: Float[np.ndarray, "3 3"] = errors.T @ errors / len(errors)
-    # Components without any deviation are left out.
+    # Components without any deviation are ignored.
     if not (rank := int(np.linalg.matrix_rank(moments, hermitian=True))):
         return moments
     squares = np.einsum("ni,ij,nj->n", errors, np.linalg.pinv(moments, hermitian=True), errors)

@@ -13,12 +13,12 @@ from ...core.geometry import polygon_area, polygon_second_moments
 
 __all__ = ["PushModel", "load_of_feet", "patch_points"]
 
-#: Contact friction that is assumed where nothing is known (foam or plastic on furniture).
+#: Default contact friction (foam or plastic on furniture).
 CONTACT_FRICTION = 0.25
-#: Points of a flat bottom: enough for 1 % of its limit surface.
+#: Support points of a flat bottom: its limit surface is accurate to 1 %.
 PATCH_POINTS = 24
-#: A regular polygon of at least this number of corners represents a disc: its edges leave the circle by less than 2 % of the radius
-#: on either side, the centimetre to which outlines are drawn.
+#: A regular polygon of at least this number of corners represents a disc: its edges deviate from the circle by less than
+#: 2 % of the radius on either side, the centimetre to which outlines are drawn.
 DISC_CORNERS = 12
 
 
@@ -26,17 +26,17 @@ DISC_CORNERS = 12
 class PushModel:
     """An object on the floor, in a frame whose origin is its reference point.
 
-    Mass and floor friction cancel out of quasi-static motion; what stays is
-    where the load rests. Motion of an object on a few feet differs much from
-    that of one with a flat bottom.
+    Mass and floor friction cancel out of quasi-static motion; only the
+    distribution of the load matters. An object on a few feet moves very differently
+    from one with a flat bottom.
     """
 
     outline_m: Float[np.ndarray, "m 2"]  #: corners, counter-clockwise; one point and ``round_m`` for a disc
-    support_m: Float[np.ndarray, "n 2"]  #: where it rests on the floor
+    support_m: Float[np.ndarray, "n 2"]  #: support points on the floor
     load: Float[np.ndarray, "n"]  #: fraction of the weight on each; sums to 1
     contact_friction: float = CONTACT_FRICTION  #: between platform and object
-    round_m: float = 0.0  #: the outline is widened by this
-    tip_m: float = 0.0  #: floor friction times height of the push: load moves forward by this
+    round_m: float = 0.0  #: dilation of the outline
+    tip_m: float = 0.0  #: floor friction times height of the push: forward shift of the load
 
     def __post_init__(self) -> None:
         outline = np.ascontiguousarray(self.outline_m, dtype=np.float64)
@@ -73,27 +73,27 @@ class PushModel:
 
     @property
     def centre_m(self) -> Float[np.ndarray, "2"]:
-        """Centre of the load: a push through it along the floor's friction does not turn the object."""
+        """Centre of the load: a push through it does not rotate the object."""
         return self.load @ self.support_m
 
     @property
     def gyration_m(self) -> float:
-        """Root mean square distance of the load from the reference point; scales turns to lengths."""
+        """Root mean square distance of the load from the reference point; scales rotations to lengths."""
         return max(float(np.sqrt(self.load @ (self.support_m**2).sum(axis=1))), 1e-3)
 
     @property
     def lever_m(self) -> float:
-        """Largest friction moment by largest friction force: the load's mean distance from its centre."""
+        """Ratio of maximum friction moment to maximum friction force: the load's mean distance from its centre."""
         away = self.support_m - self.centre_m
         return float(self.load @ np.hypot(away[:, 0], away[:, 1]))
 
     @property
     def reach_m(self) -> float:
-        """Radius about the reference point that holds the outline."""
+        """Radius of the circle about the reference point that contains the outline."""
         return float(np.hypot(self.outline_m[:, 0], self.outline_m[:, 1]).max()) + self.round_m
 
     def with_centre_moved(self, dx_m: float, dy_m: float) -> PushModel:
-        """The same model with its supports moved: the centre of friction is elsewhere than assumed.
+        """The same model with displaced supports, for a centre of friction that differs from the assumed one.
 
         Parameters
         ----------
@@ -122,10 +122,10 @@ class PushModel:
 
     @classmethod
     def of_footprint(cls, outline_m: Float[np.ndarray, "m 2"]) -> PushModel:
-        """A flat bottom where nothing but the outline is known; a disc that was drawn with corners is round again.
+        """A flat bottom for an object of which only the outline is known; a polygon that approximates a disc becomes a disc.
 
-        Pushed by a rim, a round object turns several times as far as one with edges where its contact slips: a
-        turning edge takes the contact's normal along.
+        Pushed by a rim, a round object rotates several times as far as a polygonal one when its contact slips: a
+        rotating edge takes the contact normal along.
 
         Parameters
         ----------
@@ -139,31 +139,31 @@ class PushModel:
 
     @classmethod
     def disc(cls, radius_m: float, contact_friction: float = CONTACT_FRICTION) -> PushModel:
-        """A round object with a flat bottom: two rings that have its limit surface to 1 %.
+        """A round object with a flat bottom: two rings that reproduce its limit surface to 1 %.
 
         Parameters
         ----------
         radius_m
-            Of the object [m].
+            Radius of the object [m].
         contact_friction
             Coefficient of friction between platform and object.
         """
         angle = np.arange(12) * (math.pi / 6)
         ring = np.column_stack([np.cos(angle), np.sin(angle)])
-        # Halves of equal area; the mean radius of each.
+        # Inner and outer part of equal area; the mean radius of each.
         inner, outer = 2 / 3 * math.sqrt(0.5), 2 / 3 * (1 - 0.5**1.5) / 0.5
         points = radius_m * np.concatenate([inner * ring, outer * ring])
         return cls(np.zeros((1, 2)), points, np.full(24, 1 / 24), contact_friction, radius_m)
 
 
 def _drawn_radius(outline_m: Float[np.ndarray, "m 2"]) -> float:
-    """Radius of the disc [m] that a polygon was drawn around, of the same area; 0 where it is none."""
+    """Radius [m] of the disc of equal area that a polygon approximates; 0 if it does not approximate a disc."""
     corners = np.asarray(outline_m, dtype=np.float64)
     if len(corners) < DISC_CORNERS:
         return 0.0
     away = np.hypot(*(corners - corners.mean(axis=0)).T)
     edges = np.hypot(*(corners - np.roll(corners, 1, axis=0)).T)
-    # Corners as near to the circle as its edges come.
+    # Corners are as near to the circle as the edges.
     height = away.mean() * (1.0 - math.cos(math.pi / len(corners)))
     even = float(np.ptp(away)) <= height and float(edges.max()) <= 2.0 * float(edges.mean())
     return math.sqrt(abs(polygon_area(corners)) / math.pi) if even else 0.0
@@ -174,13 +174,13 @@ def load_of_feet(
 ) -> Float[np.ndarray, "n"]:
     """Fractions of the weight on feet of equal compliance: balance of forces and moments.
 
-    Three feet have one answer. Of more, the load varies linearly with the
-    place, as it does on springs of equal stiffness.
+    Three feet are statically determinate. With more, the load varies linearly with the
+    position, as on springs of equal stiffness.
 
     Parameters
     ----------
     feet_m
-        Where they stand [m].
+        Positions of the feet [m].
     centre_m
         Centre of mass [m], in the same frame.
 
@@ -210,11 +210,11 @@ def load_of_feet(
 def patch_points(
     outline_m: Float[np.ndarray, "m 2"], count: int = PATCH_POINTS
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n"]]:
-    """Points and weights that stand for uniform pressure on a polygon.
+    """Points and weights that represent uniform pressure on a polygon.
 
-    Cells of a square grid, each cut with the polygon: its centroid, and its
-    area as the weight; then all are moved apart a little, so that not only area
-    and centroid but also the polar second moment are those of the whole.
+    Cells of a square grid are clipped with the polygon: their centroids, with the
+    areas as weights. Then all points are scaled slightly, so that not only area
+    and centroid but also the polar second moment are those of the polygon.
 
     Parameters
     ----------

@@ -17,15 +17,15 @@ __all__ = ["PushEstimate", "PushMonitor"]
 
 #: Standard deviation of a tracked contact point along the rim (m).
 CONTACT_SIGMA_M = 0.006
-#: Prior: contact friction, centre of friction x, y [m], side step of the object [m].
+#: Standard deviations of the prior: contact friction, centre of friction x, y [m], lateral offset of the object [m].
 SIGMAS = (0.12, 0.03, 0.03, 0.01)
-#: Steps of the fit to one update.
+#: Iterations of the fit per update.
 STEPS = 3
 #: Minimum distance of the release from the path's end [m].
 RESERVE_M = 0.1
-#: Models that a correction is tried with beside the estimate, and the fraction of all with which it has to succeed.
+#: Models with which a correction is tried besides the estimate, and the required fraction of successes.
 SAMPLES, SUCCESSFUL = 8, 0.8
-#: Side steps of the path's end that a correction tries, in order (m).
+#: Lateral shifts of the path's end that a correction tries, in order (m).
 ASIDE_M = (0.0, 0.04, -0.04, 0.08, -0.08, 0.12, -0.12, 0.17, -0.17, 0.22, -0.22, 0.3, -0.3)
 
 
@@ -34,20 +34,20 @@ class PushEstimate:
     """Estimates from the motion of the contact along the rim so far."""
 
     model: PushModel
-    object_m: Float[np.ndarray, "3"]  #: where the object is now
-    #: contact friction, centre of friction x, y from where the model had it [m], side step of the object [m]
+    object_m: Float[np.ndarray, "3"]  #: current pose of the object
+    #: contact friction, displacement of the centre of friction x, y from the model [m], lateral offset of the object [m]
     value: Float[np.ndarray, "4"]
     covariance: Float[np.ndarray, "4 4"]
     residual_m: float  #: root mean square of contact positions along the rim
 
 
 class PushMonitor:
-    """Follows a push, estimates contact friction and centre of friction, and corrects the remaining path.
+    """Monitors a push, estimates contact friction and centre of friction, and corrects the remaining path.
 
     After every :data:`~visuohaptic.navigation.pushing.quasi_static.STEP_M` of the drive
-    the push so far is simulated with four numbers changed (contact friction,
-    centre of friction, side step of the object), and those are chosen that
-    explain where the contact was on the rim, with the prior of ``model``.
+    the push so far is simulated with four parameters (contact friction,
+    centre of friction, lateral offset of the object), which are fitted
+    to the observed contact positions on the rim, with the prior of ``model``.
 
     Parameters
     ----------
@@ -68,16 +68,16 @@ class PushMonitor:
         self._lateral = np.zeros(2)
 
     def update(self, platform_m: Sequence[float], contact_m: Sequence[float] | None) -> bool:
-        """Add an observation; returns whether the estimate is new.
+        """Add an observation; returns whether the estimate has changed.
 
-        Readings nearer than a step to the last one are left out.
+        Readings less than one step after the last one are ignored.
 
         Parameters
         ----------
         platform_m
             Pose of the platform: x, y [m], heading [rad], map frame.
         contact_m
-            Where its rim is touched: x, y [m], map frame; ``None`` without contact.
+            Contact point on its rim: x, y [m], map frame; ``None`` without contact.
         """
         pose = np.asarray(platform_m, dtype=np.float64)
         if self._path and np.hypot(*(pose[:2] - self._path[-1][:2])) < 0.8 * STEP_M:
@@ -101,7 +101,7 @@ class PushMonitor:
         residual = self._residual(self._value)[: -len(self._value)] * CONTACT_SIGMA_M
         where = start
         if len(self._path) > 1:
-            # Where contact was seen last: it stands there since, whatever the model would go on to do.
+            # The object has not moved since the last observed contact, whatever the model predicts afterwards.
             seen = np.flatnonzero(np.isfinite(self._angle))
             if len(seen):
                 where = self._simulate(self._value).object_m[seen[-1]]
@@ -120,15 +120,15 @@ class PushMonitor:
         Parameters
         ----------
         remaining_path_m
-            What is left of the plan, from the platform's present pose: x, y [m], heading [rad].
+            Remainder of the plan, from the platform's current pose: x, y [m], heading [rad].
         rng
-            Of the sampled models.
+            Random generator for the sampled models.
         allowed
-            Tells whether path and motion of the object are free of collisions.
+            Returns whether path and motion of the object are collision-free.
 
         Returns
         -------
-        The path, or ``None``: the manipulation has failed, plan anew.
+        The path, or ``None``: the manipulation has failed and a new plan is needed.
         """
         begin, end = remaining_path_m[0], remaining_path_m[-1]
         chord = end[:2] - begin[:2]
@@ -164,7 +164,7 @@ class PushMonitor:
         return not trace.touched or remaining_m(whole, trace.last_contact) > RESERVE_M
 
     def _with(self, value: Float[np.ndarray, "4"]) -> tuple[PushModel, Float[np.ndarray, "3"]]:
-        """Model and start with the four numbers changed."""
+        """Model and start pose with the four parameters applied."""
         model = replace(
             self._model,
             contact_friction=max(0.0, self._model.contact_friction + float(value[0])),
@@ -180,7 +180,7 @@ class PushMonitor:
         try:
             return simulate_push(model, start, path, self._radius_m)
         except InputError:
-            # The changed place reaches into the platform: begin the drive earlier.
+            # The changed position overlaps the platform: start the drive earlier.
             chord = path[1] - path[0]
             back = path[0] - chord * (0.05 / max(float(np.hypot(chord[0], chord[1])), 1e-9))
             trace = simulate_push(model, start, np.concatenate([back[None], path]), self._radius_m)
@@ -192,7 +192,7 @@ class PushMonitor:
             )
 
     def _residual(self, value: Float[np.ndarray, "4"]) -> Float[np.ndarray, "n"]:
-        """Contact positions along the rim, and the prior, by their standard deviations."""
+        """Residuals of contact positions along the rim, and of the prior, divided by their standard deviations."""
         prior = value / self._sigma
         angle = np.array(self._angle)
         rows = np.isfinite(angle)
@@ -201,13 +201,13 @@ class PushMonitor:
         trace = self._simulate(value)
         away = trace.contact_m - trace.platform_m[:, :2]
         predicted = np.arctan2(away[:, 1], away[:, 0])
-        # Contact observed where none is predicted counts as a large residual, but not more than that.
+        # Contact observed where none is predicted counts as a large but bounded residual.
         residual = wrap_angle(predicted - angle)[rows]
         residual = np.clip(np.nan_to_num(residual, nan=0.3), -0.5, 0.5)
         return np.concatenate([residual * self._radius_m / CONTACT_SIGMA_M, prior])
 
     def _fit(self) -> None:
-        """A few steps of Gauss and Newton with damping from where the last fit ended."""
+        """A few damped Gauss-Newton iterations from the result of the last fit."""
         value, damp = self._value, 1e-2
         residual = self._residual(value)
         size = float(residual @ residual)

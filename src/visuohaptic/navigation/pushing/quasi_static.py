@@ -1,13 +1,13 @@
-"""Motion of an object that a round platform pushes: quasi-static, with friction at the contact.
+"""Quasi-static motion of an object pushed by a round platform, with contact friction.
 
-The object stands still unless it is touched and stops at once when it is
-left: at 0.05 m/s its momentum carries it a third of a millimetre. Its motion
-then follows from three principles: each support point resists with its load
-times friction, against its own motion (Coulomb; all points together are the
-exact limit surface, no ellipsoid); the platform's rim is not entered; and
-the contact's force stays in its friction cone, at its edge where the rim
-slips along the object. Alt 2016, Algorithm 2, has none of the friction at
-the contact and moments of inertia in place of the floor's friction; see
+The object rests unless it is in contact and stops at once when contact is
+lost: at 0.05 m/s its momentum carries it a third of a millimetre. Its motion
+then follows from three principles: each support point resists its own motion
+with its load times friction (Coulomb; all points together form the
+exact limit surface, not an ellipsoid); the platform's rim does not penetrate the object;
+and the contact force stays in its friction cone, on its edge where the rim
+slips along the object. Alt 2016, Algorithm 2, has no contact friction
+and uses moments of inertia in place of the floor friction; see
 :mod:`~benchmarks.peers.impulse_push` for that.
 """
 
@@ -25,23 +25,23 @@ from .push_model import PushModel
 
 __all__ = ["PushTrace", "arc_path", "check_path", "line_path", "simulate_push"]
 
-#: Distance between poses of the platform (m): trajectories are of second order in it, 2 mm off at 2 cm.
+#: Distance between poses of the platform (m): trajectory errors are of second order in it, 2 mm at 2 cm.
 STEP_M = 0.02
-#: Length before the path's end in which a contact counts as not lost yet (m).
+#: Length before the path's end in which the contact does not count as lost (m).
 RELEASE_M = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PushTrace:
-    """The object along a path of the platform."""
+    """Motion of the object along a path of the platform."""
 
     platform_m: Float[np.ndarray, "k 3"]  #: x, y, heading [m, m, rad]
     object_m: Float[np.ndarray, "k 3"]  #: x, y, yaw of its reference point [m, m, rad]
-    force: Float[np.ndarray, "k 2"]  #: on the object, by the floor's whole friction; 0 without contact
-    contact_m: Float[np.ndarray, "k 2"]  #: where the rim touches; NaN without contact
-    last_contact: int  #: row of the last contact; -1 when it was never touched
-    released: bool  #: touched, and lost before the end of the path
-    unsolved: int = 0  #: steps whose balance was not found to its tolerance
+    force: Float[np.ndarray, "k 2"]  #: on the object, relative to the total floor friction; 0 without contact
+    contact_m: Float[np.ndarray, "k 2"]  #: contact point on the rim; NaN without contact
+    last_contact: int  #: row of the last contact; -1 if there was none
+    released: bool  #: touched, and contact lost before the end of the path
+    unsolved: int = 0  #: steps whose equilibrium was not found within the tolerance
 
     @property
     def touched(self) -> bool:
@@ -50,7 +50,7 @@ class PushTrace:
 
     @property
     def moved_m(self) -> float:
-        """How far the reference point is from where it was."""
+        """Displacement of the reference point from its start."""
         return float(np.hypot(*(self.object_m[-1, :2] - self.object_m[0, :2])))
 
 
@@ -60,25 +60,25 @@ def simulate_push(
     path_m: Float[np.ndarray, "k 3"],
     radius_m: float,
 ) -> PushTrace:
-    """Drive a disc along a path and follow the object.
+    """Simulate the motion of an object pushed by a disc along a path.
 
     Parameters
     ----------
     model
         Outline, supports and contact friction.
     object_m
-        Where its reference point stands: x, y [m], yaw [rad].
+        Pose of its reference point: x, y [m], yaw [rad].
     path_m
         Poses of the platform, x, y [m], heading [rad], a few centimetres apart
-        (:func:`line_path`, :func:`arc_path`). The heading matters only in so
-        far as the rim turns with it.
+        (:func:`line_path`, :func:`arc_path`). The heading matters only because
+        the rim rotates with it.
     radius_m
-        Of the platform.
+        Radius of the platform [m].
 
     Raises
     ------
     InputError
-        When the platform stands in the object from the beginning.
+        If the platform overlaps the object at the start.
     """
 
     start = np.asarray(object_m, dtype=np.float64)
@@ -154,7 +154,7 @@ def arc_path(
     Raises
     ------
     InputError
-        Both ends are one point, or the turn is a full circle or more.
+        Both ends are the same point, or the turn is a full circle or more.
     """
     start, end = np.asarray(start_m, dtype=np.float64), np.asarray(end_m, dtype=np.float64)
     chord = end - start
@@ -170,7 +170,7 @@ def arc_path(
     along = math.atan2(chord[1], chord[0])
     heading = along - half + fraction * turn_rad
     if abs(half) > 1e-9:
-        # Chords of the arc from its beginning: length sin(part) / sin(half), direction half way.
+        # Chords of the arc from its start: length sin(part) / sin(half), direction half way.
         reach = length * np.sin(fraction * half) / math.sin(half)
         direction = along - half + fraction * half
     else:
@@ -181,7 +181,7 @@ def arc_path(
 
 
 def check_path(where: str, path_m: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
-    """The path as a contiguous array of float64, after checking it.
+    """The validated path as a contiguous array of float64.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""From lines to a raw graph: junction cells that are one decision become one node, lines are led on to it.
+"""From lines to a raw graph: junction cells of one decision are merged into one node, and lines are extended to it.
 
-Works on the slots of ``_line_kernels`` alone and copies no paths: an edge is known by its two slots and
-its line, and :func:`edge_paths` writes the cells of all edges when somebody asks for them.
+Works only on the slots of ``_line_kernels`` and copies no paths: an edge is defined by its two slots and
+its line, and :func:`edge_paths` writes the cells of all edges on request.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ def gather_junctions(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Leader of each slot, the next slot on the path to it (-1 for leaders), and that path's measures.
 
-    From the cell with the largest key on, a node takes the junction cells that are linked to
-    it through others, as far as its own clearance (at least the cells that touch it).
+    In descending order of keys, a node absorbs the junction cells that are linked to
+    it through others, up to a distance of its own clearance (at least the adjacent cells).
     Measures (slots, 3): length [m], cost [s], clearance [m].
 
     Parameters
@@ -39,7 +39,7 @@ def gather_junctions(
     cell, masks, keys, links
         The slots: flat cell, linked neighbours, clearance and links; see the module.
     widest
-        Those of three links and more by descending key; of equal keys the first cell leads.
+        Slots with three or more links by descending key; among equal keys the first cell leads.
     columns
         Number of columns of the map.
     resolution_m
@@ -59,7 +59,7 @@ def gather_junctions(
         for j in range(8):
             other = -2 - links[slot, j]
             if other >= 0 and BITS[masks[other]] >= 3:
-                owner[slot] = -1  # it may belong to another
+                owner[slot] = -1  # it may belong to another leader
                 break
     for leader in widest:
         if owner[leader] >= 0:
@@ -94,7 +94,7 @@ def gather_junctions(
 def _step(
     here: float, there: float, direction: int, resolution_m: float, speeds: np.ndarray
 ) -> tuple[float, float]:
-    """Length [m] and cost [s] of a step between neighbours with these distances."""
+    """Length [m] and cost [s] of a step between neighbouring cells with these distances."""
     length = resolution_m * (math.sqrt(2.0) if direction & 1 else 1.0)
     return length, 0.5 * length * (cost(here, speeds) + cost(there, speeds))
 
@@ -117,7 +117,7 @@ def join_lines(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Cells of the nodes (n,), their clearance, ends of the edges (m, 2), their measures (m, 3), and pieces (m, 4).
 
-    A piece is first and last slot, and where in the lines' path the inner cells begin and stop;
+    A piece consists of first and last slot, and start and stop of the inner cells in the lines' path;
     the slots of a ring are -1.
 
     Parameters
@@ -131,7 +131,7 @@ def join_lines(
     table
         The lines, see the module.
     table, measured
-        The lines: first and last cell and place in ``path``; length, cost and clearance.
+        The lines: first and last cell and index in ``path``; length, cost and clearance.
     rings
         Lines that are rings, by ascending cell.
     resolution_m
@@ -139,7 +139,7 @@ def join_lines(
     speeds
         Radius [m], 1 / v_min and 1 / v_max [s/m], as in Eq. (4.1).
     """
-    # Every edge takes two links; arrays of just that size, because untouched memory is slow memory.
+    # Every edge uses two links; the arrays have exactly this size, because first access to memory is slow.
     taken = 0
     for slot in range(len(cell)):
         taken += BITS[masks[slot]]
@@ -153,7 +153,7 @@ def join_lines(
         for j in range(8):
             link = links[first, j]
             if link == -1 or (link >= 0 and link & 1):
-                continue  # nothing, or led on from its other end
+                continue  # no line, or extended from its other end
             if link >= 0:
                 line = link >> 1
                 last = table[line, 4]
@@ -172,7 +172,7 @@ def join_lines(
             measures[edges, 1] = seconds + to_leader[first, 1] + to_leader[last, 1]
             measures[edges, 2] = min(clearance, min(to_leader[first, 2], to_leader[last, 2]))
             edges += 1
-    # Nodes in the order of their cells; ``number`` says which one a leader has become.
+    # Nodes in the order of their cells; ``number`` maps a leader to its node.
     nodes = np.empty(len(cell) + len(rings), np.int32)
     clear = np.empty(len(cell) + len(rings), np.float32)
     number = np.empty(len(cell), np.int32)
@@ -219,8 +219,8 @@ def edge_paths(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Cells (flat) of edges from node to node, in CSR form.
 
-    Edge e is made of the half-edges ``halves[edge_start[e] : edge_start[e + 1]]`` of the raw graph, 2 r for piece r
-    as it is, 2 r + 1 for piece r backwards.
+    Edge e consists of the half-edges ``halves[edge_start[e] : edge_start[e + 1]]`` of the raw graph, 2 r for piece r
+    in its own direction, 2 r + 1 for piece r reversed.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ def edge_paths(
     parent
         From :func:`gather_junctions`.
     path
-        Cells (flat) of all lines, one after the other.
+        Concatenated cells (flat) of all lines.
     """
     count = len(edge_start) - 1
     start = np.zeros(count + 1, np.int32)
@@ -253,7 +253,7 @@ def edge_paths(
             while room > len(out):
                 out = longer(out)
             if size > begin:
-                size -= 1  # the cell that two pieces share
+                size -= 1  # the common cell of two pieces
             low = size
             here = piece[0]
             while here != -1:

@@ -1,11 +1,11 @@
-"""From skeleton cells to lines between the cells where lines meet or end.
+"""From skeleton cells to lines between junctions and end points.
 
-Cells where lines meet or end ("ends") are slots by ascending cell: ``cell`` (slots,) int32; ``masks`` uint8, linked
+Junction and end cells ("ends") are slots by ascending cell: ``cell`` (slots,) int32; ``masks`` uint8, linked
 neighbours; ``keys`` float32, distance; ``links`` (slots, 8) int32, what a neighbour leads to: ``2 * line`` where a
-line begins there, ``2 * line + 1`` where it stops, ``-2 - slot`` for another end, -1 for nothing.
+line starts there, ``2 * line + 1`` where it stops, ``-2 - slot`` for another end, -1 for nothing.
 
-``place`` (rows, columns) int32 tells of every cell: 0, the number of its line + 1, or -1 - slot.
-``table`` (lines, 5): first and last cell, where in ``path`` a line begins and stops, slot of the last
+``place`` (rows, columns) int32 contains for every cell: 0, the number of its line + 1, or -1 - slot.
+``table`` (lines, 5): first and last cell, start and stop index of the line in ``path``, slot of the last
 cell; the first is -1 for a ring. ``measured`` (lines, 3): length [m], cost [s], clearance [m].
 """
 
@@ -26,7 +26,7 @@ BITS = np.array([bin(mask).count("1") for mask in range(256)], np.uint8)
 
 @kernel(error_model="numpy", boundscheck=False)
 def linked(mark: np.ndarray, row: int, column: int) -> int:
-    """Mask of the neighbours that a skeleton cell is linked to."""
+    """Mask of the neighbours to which a skeleton cell is linked."""
     rows, columns = mark.shape
     mask = 0
     for k in range(8):
@@ -38,7 +38,7 @@ def linked(mark: np.ndarray, row: int, column: int) -> int:
 
 @kernel(error_model="numpy", boundscheck=False)
 def find_ends(mark: np.ndarray, cells: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cells (flat) where lines meet or end, and their linked neighbours; ``place`` gets their slots.
+    """Junction and end cells (flat), and their linked neighbours; writes their slots to ``place``.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def find_ends(mark: np.ndarray, cells: np.ndarray, place: np.ndarray) -> tuple[n
 def _walk(
     mark: np.ndarray, place: np.ndarray, before: int, here: int, line: int, path: np.ndarray, size: int
 ) -> tuple[np.ndarray, int]:
-    """Cells of a line from ``before``, where lines meet, through ``here`` to where they meet again."""
+    """Cells of a line from the end ``before`` through ``here`` to the next end."""
     columns = mark.shape[1]
     flat = place.ravel()
     path[size] = before
@@ -103,7 +103,7 @@ def _walk_ring(
     path: np.ndarray,
     size: int,
 ) -> tuple[np.ndarray, int]:
-    """Cells of a ring, from the widest round to it again."""
+    """Cells of a ring, starting and ending at its widest cell."""
     columns = mark.shape[1]
     flat = place.ravel()
     flat_distance = distance.ravel()
@@ -152,7 +152,7 @@ def find_lines(
     resolution_m: float,
     speeds: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Walk all lines and link the ends: ``table``, ``measured``, ``path`` and ``links``, see the module.
+    """Trace all lines and link the ends: ``table``, ``measured``, ``path`` and ``links``, see the module.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The lines of a skeleton, and the graph that they make."""
+"""The lines of a skeleton, and the graph that they form."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ __all__ = ["RawGraph", "skeleton_lines", "speeds"]
 
 
 def speeds(layers: GridLayers) -> Float[np.ndarray, "3"]:
-    """Radius [m], and the reciprocals of the minimum and maximum speed [s/m], as kernels take them.
+    """Radius [m], and the reciprocals of the minimum and maximum speed [s/m], in the format of the kernels.
 
     Parameters
     ----------
     layers
-        Of the map.
+        Layers of the map.
     """
     limits = layers.limits
     return np.array([limits.radius_m, 1.0 / limits.v_min_m_s, 1.0 / limits.v_max_m_s])
@@ -28,7 +28,7 @@ def speeds(layers: GridLayers) -> Float[np.ndarray, "3"]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawGraph:
-    """All lines of a skeleton, junction cells that touch made one node.
+    """All lines of a skeleton, with adjacent junction cells merged into one node.
 
     Symbols: n nodes, m edges.
     """
@@ -45,12 +45,12 @@ class RawGraph:
     def paths(
         self, edge_start: Int32[np.ndarray, "e+1"], halves: Int32[np.ndarray, "w"]
     ) -> tuple[Int32[np.ndarray, "e+1"], Int32[np.ndarray, "p"]]:
-        """Cells (flat) of edges that are made of half-edges of this graph, in CSR form.
+        """Cells (flat) of edges that consist of half-edges of this graph, in CSR form.
 
         Parameters
         ----------
         edge_start, halves
-            Half-edges of each edge in CSR form: 2 r for piece r, 2 r + 1 for it backwards.
+            Half-edges of each edge in CSR form: 2 r for piece r, 2 r + 1 for the reversed piece.
         """
 
         start, cells = edge_paths(
@@ -60,12 +60,12 @@ class RawGraph:
 
 
 def skeleton_lines(layers: GridLayers, mark: UInt8[np.ndarray, "rows columns"]) -> RawGraph:
-    """Lines between the cells of a skeleton where lines meet or end, and the graph that they make.
+    """Lines between the junction and end cells of a skeleton, and the graph that they form.
 
     Parameters
     ----------
     layers
-        Of the map.
+        Layers of the map.
     mark
         1 on the skeleton.
     """

@@ -1,4 +1,4 @@
-"""Length, travel cost and clearance of a path over cells, and arrays that grow."""
+"""Length, travel cost and clearance of a path over cells, and growth of arrays."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["cost", "longer", "longer_rows", "measure"]
 
 @kernel(error_model="numpy", boundscheck=False)
 def longer(array: np.ndarray) -> np.ndarray:
-    """The same array with room for as many values again.
+    """The same array with doubled capacity.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def longer(array: np.ndarray) -> np.ndarray:
 
 @kernel(error_model="numpy", boundscheck=False)
 def longer_rows(array: np.ndarray) -> np.ndarray:
-    """The same table with room for as many rows again.
+    """The same table with doubled capacity.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def measure(
     path
         Cells (flat).
     begin, end
-        First and past-the-last place in ``path``.
+        First and past-the-last index in ``path``.
     distance
         Clearance of each cell [m], (rows, columns) float32.
     resolution_m

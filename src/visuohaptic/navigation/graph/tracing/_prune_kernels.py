@@ -1,4 +1,4 @@
-"""From lines to decisions: remove stubs, merge what is no decision."""
+"""From lines to decisions: remove stubs, merge edges at nodes that are not decisions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["keep_edges", "prune"]
 
 @kernel(error_model="numpy", boundscheck=False)
 def _onward(node: int, came: int, start: np.ndarray, half: np.ndarray, alive: np.ndarray) -> int:
-    """The half-edge by which a line goes on through a node of degree 2; ``came`` arrives there."""
+    """The half-edge by which a line continues through a node of degree 2; ``came`` arrives there."""
     for k in range(start[node], start[node + 1]):
         if alive[half[k] >> 1] and half[k] != came:
             return half[k]
@@ -22,21 +22,21 @@ def _onward(node: int, came: int, start: np.ndarray, half: np.ndarray, alive: np
 def prune(
     clearance: np.ndarray, ends: np.ndarray, lengths: np.ndarray, stub_length_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Remove stubs, round by round; returns which edges and nodes are left, and the nodes' degree.
+    """Remove stubs, round by round; returns the remaining edges and nodes, and the nodes' degree.
 
-    ``clearance`` (n,) of the nodes. An edge (chain of edges through nodes of degree 2) that ends
-    dead goes if it is shorter than ``stub_length_m``; where that is negative, if it reaches
-    less than the clearance of its other end beyond the disc of that clearance, each of its
-    own ends taken as a disc too. All stubs of a round go at once, so that no order is in the result.
+    A dead end (chain of edges through nodes of degree 2) is removed if it is shorter than ``stub_length_m``;
+    where that is negative, if it extends less than the clearance of its other end beyond the disc of that
+    clearance, with its own ends taken as discs too. All stubs of a round are removed
+    at once, so that the result does not depend on their order.
 
     Parameters
     ----------
     clearance
-        Of the nodes (n,) [m].
+        Clearance of the nodes (n,) [m].
     ends
         Nodes of each edge, (m, 2).
     lengths
-        Of the edges [m].
+        Lengths of the edges [m].
     stub_length_m
         Minimum length of a dead end [m]; negative for the rule by clearance.
     """
@@ -73,7 +73,7 @@ def prune(
                     break
                 half_edge = _onward(node, came, start, half, alive)
             if degree[node] == 1 and (clearance[tip], -tip) > (clearance[node], -node):
-                gone = begin  # a line with two ends is measured from its narrower one
+                gone = begin  # a line with two dead ends is measured from its narrower one
                 continue
             if stub_length_m >= 0.0:
                 stub = length < stub_length_m
@@ -83,7 +83,7 @@ def prune(
                 gone = begin
         if gone == 0:
             break
-        # Ends that lost a line may be tips now; tips that stayed may belong to longer lines.
+        # Ends that lost a line may be tips now; tips that remain may belong to longer lines.
         for k in range(gone):
             edge = going[k]
             if alive[edge]:
@@ -124,11 +124,11 @@ def _keep_one(
     stays: np.ndarray,
     root: np.ndarray,
 ) -> None:
-    """Where a round left nothing of a tree, its inner end stays: stubs of one junction have that in common.
+    """If a round removes a whole tree, keep its inner end, which the stubs of one junction have in common.
 
-    ``root`` (n,) int32 is used in between.
+    ``root`` (n,) int32 is a work array.
     """
-    # Isolated nodes linked by edges of this round: the component's widest stays, if none has edges left.
+    # Isolated nodes linked by edges of this round: keep the widest of each component if none has edges left.
     for edge in gone:
         for side in range(2):
             root[ends[edge, side]] = ends[edge, side]
@@ -162,23 +162,23 @@ def keep_edges(
     stays: np.ndarray,
     degree: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The graph that is left, lines merged through nodes of degree 2.
+    """The remaining graph, with lines merged through nodes of degree 2.
 
-    A ring of such nodes keeps its widest. Edges run from the smaller node to the larger. Returns cells of the
-    nodes, ends and measures of the edges, and of which half-edges of the raw graph each is made (CSR form).
+    A ring of such nodes keeps its widest one. Edges run from the smaller node to the larger. Returns cells of the
+    nodes, ends and measures of the edges, and the half-edges of the raw graph that each edge consists of (CSR form).
 
     Parameters
     ----------
     cells
-        Of the nodes (n,), flat.
+        Cells of the nodes (n,), flat.
     clearance
-        Of the nodes (n,) [m].
+        Clearance of the nodes (n,) [m].
     ends
         Nodes of each edge, (m, 2).
     measures
         Length [m], cost [s] and clearance [m] of each edge, (m, 3).
     alive, stays, degree
-        Which edges and nodes are left, and the degree of each node; from :func:`prune`.
+        The remaining edges and nodes, and the degree of each node; from :func:`prune`.
     """
     count = len(cells)
     start, half = half_edges(count, ends)
@@ -187,7 +187,7 @@ def keep_edges(
         if stays[node] and degree[node] != 2:
             number[node] = 0
     seen = np.zeros(len(ends), np.bool_)
-    # Rings first, to know all nodes before they are numbered.
+    # Rings first, so that all nodes are known before they are numbered.
     for node in range(count):
         if number[node] == 0:
             for k in range(start[node], start[node + 1]):

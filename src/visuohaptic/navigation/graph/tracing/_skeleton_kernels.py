@@ -1,12 +1,12 @@
-"""Distance-ordered homotopic thinning as a function of the distance alone.
+"""Distance-ordered homotopic thinning that depends only on the distance.
 
-Every reachable cell has a key: its distance, then its index; the keys order all cells. A cell is
+Every reachable cell has a key: its distance, then its index; the keys define a total order. A cell is
 deleted if it is simple (its deletion changes neither components nor holes) and not the end of a
-line, among its neighbours with larger keys and those with smaller keys that were kept. That
-recursion runs from small keys to large ones and has exactly one solution, whatever the order in
-which it is worked out.
+line, among its neighbours with larger keys and the retained ones with smaller keys. This
+recursion runs from small keys to large ones and has a unique solution, independent of the order of
+evaluation.
 
-Neighbours are numbered round the cell, from +column through +row: (0, 1), (1, 1), (1, 0), (1, -1),
+Neighbours are numbered around the cell, from +column through +row: (0, 1), (1, 1), (1, 0), (1, -1),
 (0, -1), (-1, -1), (-1, 0), (-1, 1); bit k of a mask is neighbour k.
 """
 
@@ -28,7 +28,7 @@ COLUMN_STEP = np.array([1, 1, 0, -1, -1, -1, 0, 1], np.int32)
 
 
 def _deletable() -> np.ndarray:
-    """Whether a cell with such neighbours is simple and not an end (8-connected cells, 4-connected holes)."""
+    """Whether a cell with these neighbours is simple and not an end (8-connected cells, 4-connected holes)."""
     table = np.zeros(256, np.uint8)
     for mask in range(256):
         empty = [not mask >> k & 1 for k in range(8)] * 2
@@ -39,10 +39,10 @@ def _deletable() -> np.ndarray:
 
 
 def _adjacent() -> np.ndarray:
-    """Neighbours that a cell of a skeleton is linked to, so that links make no loop round nothing.
+    """Neighbours to which a skeleton cell is linked, without loops that enclose no hole.
 
-    A diagonal link is left out where a cell beside both makes the link in two steps, and of
-    the four links round a full 2 x 2 block the one along its lower row. Then cells minus links is
+    A diagonal link is omitted where a common neighbour makes the link in two steps, and of
+    the four links around a full 2 x 2 block the one along its lower row. Then cells minus links is
     the Euler number of the 8-connected set, whether it is thin or not.
     """
     table = np.zeros(256, np.uint8)
@@ -66,7 +66,7 @@ ADJACENT = _adjacent()
 
 @kernel(error_model="numpy", boundscheck=False)
 def survey(distance: np.ndarray, step: np.ndarray, mark: np.ndarray) -> int:
-    """Mark the cells that stay if every neighbour with a smaller key goes; returns how many.
+    """Mark the cells that remain if all neighbours with smaller keys are deleted; returns their number.
 
     ``distance`` (rows, columns) float32, ``step`` uint16 (0 = not reachable), ``mark`` uint8, filled.
 
@@ -115,7 +115,7 @@ def survey(distance: np.ndarray, step: np.ndarray, mark: np.ndarray) -> int:
 
 @kernel(error_model="numpy", boundscheck=False)
 def _higher(distance: np.ndarray, row: int, column: int) -> int:
-    """Mask of the neighbours with larger keys; they are reachable where the cell is."""
+    """Mask of the neighbours with larger keys; they are reachable if the cell is."""
     rows, columns = distance.shape
     d = distance[row, column]
     mask = 0
@@ -130,7 +130,7 @@ def _higher(distance: np.ndarray, row: int, column: int) -> int:
 
 @kernel(error_model="numpy", boundscheck=False)
 def start(distance: np.ndarray, mark: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Cells that have to be looked at again after :func:`survey`: those above a cell that stays.
+    """Cells to re-evaluate after :func:`survey`: those with a larger key than a remaining neighbour.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def start(distance: np.ndarray, mark: np.ndarray, kept: np.ndarray) -> np.ndarra
     mark
         Marks, (rows, columns) uint8.
     kept
-        Number of cells that stay, from :func:`survey`.
+        Number of remaining cells, from :func:`survey`.
     """
     columns = distance.shape[1]
     found = np.empty(8 * len(kept), np.int32)
@@ -159,19 +159,19 @@ def start(distance: np.ndarray, mark: np.ndarray, kept: np.ndarray) -> np.ndarra
 
 @kernel(error_model="numpy", boundscheck=False)
 def refine(distance: np.ndarray, step: np.ndarray, mark: np.ndarray, queue: np.ndarray) -> None:
-    """Work the recursion out from the queued cells.
+    """Evaluate the recursion from the queued cells.
 
     Parameters
     ----------
     distance, step, mark
-        As of :func:`survey`.
+        See :func:`survey`.
     queue
-        Cells (flat) to decide again.
+        Cells (flat) to re-evaluate.
     """
     rows, columns = distance.shape
     capacity = max(1024, 2 * len(queue))
     stack = np.empty(capacity, np.int32)
-    # From the last to the first, so that the first is on top.
+    # In reverse order, so that the first cell is on top.
     count = len(queue)
     for k in range(count):
         stack[k] = queue[count - 1 - k]

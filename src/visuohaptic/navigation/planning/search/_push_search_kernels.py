@@ -1,7 +1,7 @@
-"""Kernels of pushing on a grid: collision-free push distance, blocks of the lattice, and where a push clears a passage.
+"""Kernels for pushes on a grid: collision-free push distance, blocks of the lattice, and push lengths that open a passage.
 
-All lengths are in cells, points are (x, y) with cell (row, column) covering
-``column..column + 1`` and ``row..row + 1``. A block is ``block`` x ``block`` cells.
+All lengths are in cells; points are (x, y), and cell (row, column) covers
+``column..column + 1`` by ``row..row + 1``. A block is ``block`` x ``block`` cells.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ._travel_kernels import clearance_at
 
 @kernel
 def descend(cost: np.ndarray, clearance: np.ndarray, seeds: np.ndarray, cell: int) -> np.ndarray:
-    """Cells (x, y) from a seed to a cell, steepest descent over the eight neighbours of a field of travel costs."""
+    """Cells (x, y) from a seed to a cell, by steepest descent over the eight neighbours of a travel cost field."""
     columns = clearance.shape[1]
     path = np.empty((1024, 2))
     count = 0
@@ -48,7 +48,7 @@ def descend(cost: np.ndarray, clearance: np.ndarray, seeds: np.ndarray, cell: in
 
 @kernel
 def largest_in_blocks(clearance: np.ndarray, block: int) -> np.ndarray:
-    """The largest clearance in each block."""
+    """The maximum clearance of each block."""
     rows, columns = clearance.shape
     out = np.zeros(((rows + block - 1) // block, (columns + block - 1) // block), np.float32)
     for r in range(rows):
@@ -63,7 +63,7 @@ def largest_in_blocks(clearance: np.ndarray, block: int) -> np.ndarray:
 
 @kernel
 def corridor_clearance(clearance: np.ndarray, path: np.ndarray, block: int) -> np.ndarray:
-    """Clearance in the blocks (x, y) of a path and in those beside them; 0 elsewhere."""
+    """Clearance in the blocks (x, y) of a path and in their neighbours; 0 elsewhere."""
     rows, columns = clearance.shape
     found = np.zeros((rows, columns), np.float32)
     for i in range(len(path)):
@@ -78,9 +78,9 @@ def corridor_clearance(clearance: np.ndarray, path: np.ndarray, block: int) -> n
 def block_patch(
     clearance: np.ndarray, polygon: np.ndarray, radius: float, reach: float, block: int
 ) -> tuple[np.ndarray, int, int]:
-    """Largest of min(clearance, distance from a polygon) in the blocks around it, and the first row and column.
+    """Maximum of min(clearance, distance from a polygon) in the blocks around it, and the first row and column.
 
-    Exact to the cell where it decides whether a robot fits; elsewhere the distance of the block's centre will do.
+    Exact to one cell where it decides whether a robot fits; elsewhere the distance of the block's centre is used.
     """
     rows, columns = clearance.shape
     height, width = (rows + block - 1) // block, (columns + block - 1) // block
@@ -98,7 +98,7 @@ def block_patch(
                 patch[r - r0, c - c0] = centre
                 continue
             best = 0.0
-            # The corners first: a cell is no farther from the polygon than the centre is and the cell from that.
+            # Corners first: the distance from a cell to the polygon is at most that of the block's centre plus the offset.
             for step in (block - 1, 1):
                 for rr in range(r * block, min((r + 1) * block, rows), step):
                     for cc in range(c * block, min((c + 1) * block, columns), step):
@@ -114,7 +114,7 @@ def block_patch(
 
 @kernel
 def _meets(points: np.ndarray, dx: float, dy: float, others: np.ndarray, first: int, last: int) -> bool:
-    """Whether any of some moved points is inside one of the other outlines."""
+    """Whether any of the displaced points lies inside one of the other outlines."""
     for i in range(len(points)):
         if inside_polygon(points[i, 0] + dx, points[i, 1] + dy, others[first:last]):
             return True
@@ -137,19 +137,17 @@ def free_push_length(
     radius: float,
     limit: float,
 ) -> float:
-    """How far an object and the robot behind it can move, in half cells.
+    """Collision-free distance of an object and the robot behind it [cells], in steps of half a cell.
 
-    ``outline`` holds points along the object's edge, a little inside; ``others`` the
-    polygons of the other objects one after the other. A point that lies in an
-    occupied cell at the start (the object leans on a wall) is not looked at, so
-    that the object may slide along the wall. ``around`` holds points outside the
-    edge that are not looked at either where they begin in something: room that
-    is not there need not be kept. ``clearance`` is that of what never moves, ``radius`` what the robot needs of it
-    at samples half a cell apart.
+    ``outline`` holds points along the object's edge, slightly inside it; ``others`` the concatenated polygons of the
+    other objects. A point that lies in an occupied cell at the start (the object leans on a wall) is ignored, so that
+    the object may slide along the wall. ``around`` holds points outside the edge; those that start in an obstacle are
+    ignored too, because a margin that does not exist cannot be kept. ``clearance`` is that of static obstacles,
+    ``radius`` the clearance that the robot requires at samples half a cell apart.
     """
     rows, columns = occupied.shape
     n, m = len(outline), len(around)
-    # When each point has to be looked at again: before that it is too far from every occupied cell.
+    # Step at which each point must be checked next: until then every occupied cell is too far away.
     due = np.zeros(n + m)
     count = len(other_start) - 1
     for i in range(n + m):
@@ -214,11 +212,11 @@ def opening_lengths(
     goal_x: float,
     goal_y: float,
 ) -> np.ndarray:
-    """Lengths at which a push joins the robot's side of an object with other free space beside it.
+    """Push lengths at which the robot's side of an object is connected with other free space around the object.
 
-    The free blocks around the object fall into pieces while it stands there. Each blocked block has a length
-    after which it stays free; a piece is joined at the smallest length over all paths of the largest on the path.
-    The goal's own block counts as a piece where the object covers it. ``without`` is the clearance without the
+    With the object in place, the free blocks around it form several components. Each blocked block has a push length
+    after which it stays free. A component is connected at the minimum over all paths of the maximum length on the path.
+    The goal's own block counts as a component where the object covers it. ``without`` is the clearance without the
     object, by blocks; ``limit`` the collision-free push distance.
     """
     rows, columns = without.shape
@@ -231,7 +229,7 @@ def opening_lengths(
     if height <= 0 or width <= 0:
         return np.zeros(0)
     needed = radius - 0.5 * (block - 1)
-    # From which length on a block is free for good; infinite where it never is.
+    # Push length after which a block stays free; infinite where it never does.
     last = np.full(height * width, np.inf)
     label = np.full(height * width, -1, np.int32)
     for r in range(height):
@@ -241,7 +239,7 @@ def opening_lengths(
             x, y = (c + c0 + 0.5) * block, (r + r0 + 0.5) * block
             u = r * width + c
             if polygon_distance(x, y, polygon) >= needed:
-                label[u] = -2  # free now
+                label[u] = -2  # free at length 0
             t = limit
             while t >= 0.0:
                 gap = polygon_distance(x - t * dir_x, y - t * dir_y, polygon) - needed
@@ -279,7 +277,7 @@ def opening_lengths(
     covered = 0 <= gr < height and 0 <= gc < width and label[gr * width + gc] == -1
     if own < 0 or (pieces < 2 and not covered):
         return np.zeros(0)
-    # The smallest over all paths of the largest on the path: relaxation until nothing changes.
+    # Minimum over all paths of the maximum on the path: relaxation until convergence.
     reached = np.full(height * width, np.inf)
     for u in range(height * width):
         if label[u] == own:

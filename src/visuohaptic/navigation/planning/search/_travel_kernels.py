@@ -1,7 +1,7 @@
-"""Kernels of driving on a grid: clearance, field of travel costs, reachable cells, string pulling.
+"""Kernels for driving on a grid: clearance, travel cost field, connected cells, string pulling.
 
-All lengths are in cells, points are (x, y) with cell (row, column) covering
-``column..column + 1`` and ``row..row + 1``.
+All lengths are in cells; points are (x, y), and cell (row, column) covers
+``column..column + 1`` by ``row..row + 1``.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from ....core.kernels import kernel
 from ...graph.tracing._path_kernels import longer
 from ...pushing._outline_kernels import extent, polygon_distance
 
-#: Whole units of travel cost per straight cell at full speed: errors stay below 0.2 %.
+#: Integer units of travel cost per straight cell at full speed: rounding errors stay below 0.2 %.
 UNITS = 256
 FAR = np.int32(2**30)
-#: No step costs less: a straight one at full speed, at an angle of 45 degrees to the gradient.
+#: Minimum cost of a step: straight, at full speed, at an angle of 45 degrees to the gradient.
 MIN_STEP = 181
 
 
 @kernel
 def _slowness(clearance: float, radius: float, slow: float) -> float:
-    """Cost (4.1) at a clearance of the radius or more: ``slow`` there, 1 from three radii on."""
+    """Cost (4.1) at a clearance of at least the radius: ``slow`` at the radius, 1 from three radii on."""
     return slow + min((clearance / radius - 1.0) * 0.5, 1.0) * (1.0 - slow)
 
 
@@ -31,7 +31,7 @@ def _slowness(clearance: float, radius: float, slow: float) -> float:
 def nodes_around(
     clearance: np.ndarray, x: float, y: float, radius: float, slow: float, reach: int, block: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Free nodes in a window of ``reach`` around a point (flat index), and what it costs to get there [units]."""
+    """Free nodes in a window of ``reach`` around a point (flat index), and the costs from the point to them [units]."""
     rows, columns = clearance.shape
     x, y = x / block, y / block
     c, r = int(math.floor(x)), int(math.floor(y))
@@ -53,7 +53,7 @@ def nodes_around(
 def reach_costs(
     clearance: np.ndarray, cost: np.ndarray, points: np.ndarray, radius: float, slow: float, block: int
 ) -> np.ndarray:
-    """Least cost [units] of reaching each point over the free blocks around it; FAR where none is free."""
+    """Minimum cost [units] of reaching each point over the free blocks around it; FAR where none is free."""
     found = np.full(len(points), int(FAR), np.int64)
     for i in range(len(points)):
         nodes, costs = nodes_around(clearance, points[i, 0], points[i, 1], radius, slow, 1, block)
@@ -64,7 +64,7 @@ def reach_costs(
 
 @kernel
 def mark_region(region: np.ndarray, polygon: np.ndarray, radius: float, label: int, block: int) -> None:
-    """Label the blocks of which every cell's centre is nearer than ``radius`` to a polygon; the first label stays."""
+    """Label the blocks all of whose cell centres are nearer than ``radius`` to a polygon; existing labels are kept."""
     rows, columns = region.shape
     inside = radius - 0.7072 * (block - 1)
     x_min, x_max, y_min, y_max = extent(polygon)
@@ -102,30 +102,30 @@ def travel_field(
     bound: int,
     targets: np.ndarray,
 ) -> np.ndarray:
-    """Cheapest any-angle travel from the seeds to every cell [units].
+    """Minimum any-angle travel cost from the seeds to every cell [units].
 
-    Eikonal equation with the cost (4.1), 1 far away and ``slow`` at the radius, on the eight triangles around a cell
-    (Ferguson and Stentz 2006, Field D*): between a straight neighbour s and a diagonal one d beside it, the path
+    Eikonal equation with the cost (4.1), 1 far from obstacles and ``slow`` at the radius, on the eight triangles around
+    a cell (Ferguson and Stentz 2006, Field D*): between a straight neighbour s and an adjacent diagonal one d, the path
     through their edge costs ``s + sqrt(c^2 - (s - d)^2)``, c the mean cost of the straight step. Bucket queue over
-    whole units, label correcting within a bucket, which is as wide as the cheapest step.
+    integer units, label correcting within a bucket; the width of a bucket is the minimum step cost.
 
     Parameters
     ----------
     clearance
         Distance to obstacles [cells].
     radius
-        Of the robot [cells].
+        Radius of the robot [cells].
     slow
         v_max / v_min.
     seeds, seed_cost
-        Start cells (flat index) and what they cost already [units].
+        Start cells (flat index) and their initial costs [units].
     region, charge
-        Where ``region`` is not empty, leaving a labelled cell (seen from the seeds)
-        into an unlabelled one costs ``charge[label]`` more [units].
+        Where ``region`` is not empty, leaving a labelled cell (in the direction away from the seeds)
+        for an unlabelled one costs an additional ``charge[label]`` [units].
     cost_to_go, bound
-        Where ``cost_to_go`` is not empty, cells with cost + cost_to_go > bound are not followed.
+        Where ``cost_to_go`` is not empty, cells with cost + cost_to_go > bound are not expanded.
     targets
-        Where there are any, the search ends when all of them have their cost.
+        If given, the search ends when the costs of all of them are final.
     """
     rows, columns = clearance.shape
     n = rows * columns
@@ -140,7 +140,7 @@ def travel_field(
     for i in range(len(seed_cost)):
         top = max(top, seed_cost[i])
     count = (int(slow * UNITS * 1.5) + top) // UNITS + 4
-    cell_cost = np.zeros(n, np.int32)  # of a cell that was looked at [units], -1 where the robot does not fit
+    cell_cost = np.zeros(n, np.int32)  # of a visited cell [units], -1 where the robot does not fit
     heads = np.full(count, -1, np.int32)
     capacity = max(1024, n // 4)
     pool_cell = np.empty(capacity, np.int32)
@@ -178,7 +178,7 @@ def travel_field(
                 continue
             r, c = u // columns, u % columns
             own = labels[u] if charged else 0
-            # How much lower the cell above or below is, and that on the left or right: 0 where neither is.
+            # Cost difference to the lower of the cells above and below, and of those left and right: 0 where neither is lower.
             upright, level_by = 0, 0
             if r > 0 and (not charged or labels[u - columns] == own):
                 upright = max(upright, reached - cost[u - columns])
@@ -238,7 +238,7 @@ def travel_field(
 
 @kernel
 def clearance_at(clearance: np.ndarray, x: float, y: float) -> float:
-    """Clearance between cell centres, bilinear; 0 off the map."""
+    """Clearance between cell centres, bilinear; 0 outside the map."""
     rows, columns = clearance.shape
     if x < 0.0 or y < 0.0 or x >= columns or y >= rows:
         return 0.0
@@ -254,7 +254,7 @@ def clearance_at(clearance: np.ndarray, x: float, y: float) -> float:
 
 @kernel
 def clearances_at(clearance: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Clearance at points between cell centres, bilinear; 0 off the map."""
+    """Clearance at points between cell centres, bilinear; 0 outside the map."""
     found = np.zeros(len(points))
     for i in range(len(points)):
         found[i] = clearance_at(clearance, points[i, 0], points[i, 1])
@@ -273,12 +273,12 @@ def segment_cost(
     forced: bool,
     enough: float,
 ) -> float:
-    """Integral of the cost (4.1) along a segment [cells at full speed]; infinite where it touches.
+    """Integral of the cost (4.1) along a segment [cells at full speed]; infinite where it collides.
 
-    ``forced`` counts what is nearer than the radius as at the radius. Infinite, too, from ``enough`` on.
+    ``forced`` treats a clearance below the radius as equal to the radius. Also infinite once the cost reaches ``enough``.
     """
     length = math.hypot(x1 - x0, y1 - y0)
-    # Between samples an obstacle is nearer by at most spacing^2 / (8 radius).
+    # Between samples the clearance is lower by at most spacing^2 / (8 radius).
     count = max(1, int(math.ceil(length / max(0.5, radius / 7.0))))
     total = 0.0
     for i in range(count + 1):
@@ -297,10 +297,10 @@ def segment_cost(
 def string_pull(
     clearance: np.ndarray, radius: float, slow: float, path: np.ndarray, window: int
 ) -> tuple[np.ndarray, float]:
-    """Cheapest selection of a path's points, joined by straight segments that touch nothing.
+    """Cheapest subset of a path's points that is connected by collision-free straight segments.
 
     A shortest-path problem over pairs of points at most ``window`` apart; steps
-    between neighbours are always allowed, they were free on the grid.
+    between neighbours are always allowed, because they were free on the grid.
 
     Returns
     -------
@@ -319,7 +319,7 @@ def string_pull(
             cost = segment_cost(clearance, radius, slow, x0, y0, x1, y1, False, best[j] - best[i])
             if not cost < np.inf and i == j - 1:
                 cost = segment_cost(clearance, radius, slow, x0, y0, x1, y1, True, np.inf)
-            # 1e-9 per kept point: of equal paths the one with fewer corners.
+            # 1e-9 per kept point: among paths of equal cost, prefer fewer corners.
             if best[i] + cost + 1e-9 < best[j]:
                 best[j] = best[i] + cost + 1e-9
                 came[j] = i
@@ -338,7 +338,7 @@ def string_pull(
 
 @kernel
 def flood(clearance: np.ndarray, radius: float, seeds: np.ndarray) -> np.ndarray:
-    """Cells that hang together with the seeds, 8-connected, clearance at least the radius."""
+    """Cells connected with the seeds, 8-connected, with at least the radius as clearance."""
     rows, columns = clearance.shape
     flat = clearance.ravel()
     found = np.zeros(rows * columns, np.bool_)

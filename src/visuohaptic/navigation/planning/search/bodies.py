@@ -1,4 +1,4 @@
-"""Bodies that may be pushed, in grid coordinates: outline, contacts, and the room that they take."""
+"""Pushable bodies in grid coordinates: outline, contacts, and their effect on the clearance."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ __all__ = ["OUTLINE_INSET_M", "Body", "grid_from_world", "lower_clearance", "low
 STAND_OFF_M = 0.03
 #: Number of simulated pushes for a covariance in three dimensions, and for the probability of an event.
 SAMPLES, PRICED = 160, 40
-#: Their steps [m]: twice those of a single push, which changes ends by hundredths of a millimetre.
+#: Step of these simulations [m]: twice that of a single push, which changes final poses by hundredths of a millimetre.
 LONG_STEP_M = 2.0 * STEP_M
-#: Pushes are simulated to this multiple of the requested length, because lengths are refined afterwards.
+#: Pushes are simulated to this multiple of the requested length, because lengths are refined later.
 BEYOND = 1.5
 #: Spacing of the points along an outline that are checked for collisions [cells].
 OUTLINE_STEP = 0.45
@@ -40,7 +40,7 @@ OUTLINE_INSET_M = 5e-4
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A pushable object in grid coordinates, where the map has it."""
+    """A pushable object in grid coordinates, at its mapped position."""
 
     obj: MovableObject
     outline: Float[np.ndarray, "p 2"]
@@ -48,17 +48,17 @@ class Body:
     friction: Float[np.ndarray, "2"]  #: centre of friction from the centre
     allowed: Manipulability
     radius: float  #: of the robot
-    margin: float  #: room that it keeps while it is pushed
-    inset: float  #: of the points along its outline
+    margin: float  #: margin that the robot keeps while it is pushed
+    inset: float  #: of the sampled points from its outline
 
     @cached_property
     def samples(self) -> Float[np.ndarray, "k 2"]:
-        """Points along the outline, a little inside."""
+        """Points along the outline, slightly inside."""
         return _samples(self.outline, -self.inset)
 
     @cached_property
     def around(self) -> Float[np.ndarray, "m 2"]:
-        """Points the robot's ``push_margin_m`` outside; none without a margin."""
+        """Points outside the outline by the robot's ``push_margin_m``; none without a margin."""
         return _samples(self.outline, self.margin) if self.margin > 0 else np.zeros((0, 2))
 
     @cached_property
@@ -68,20 +68,20 @@ class Body:
 
     @cached_property
     def with_oblique(self) -> tuple[PushContact, ...]:
-        """The contacts, and after them those oblique to a face, which friction has to hold."""
+        """The contacts, followed by those oblique to a face, which rely on contact friction."""
         return (*self.contacts, *(push for push in self._contacts(oblique=True) if push.oblique))
 
     def placed(
         self, points: Float[np.ndarray, "m 2"], poses: Float[np.ndarray, "*k 3"], resolution_m: float
     ) -> Float[np.ndarray, "*k m 2"]:
-        """Points of the body [cells] after it has moved by each pose.
+        """Points of the body [cells] after each of the motions.
 
         Parameters
         ----------
         points
-            Where the map has them [cells].
+            Points at the mapped position [cells].
         poses
-            x, y [m] and turn about the centre [rad].
+            x, y [m] and rotation about the centre [rad].
         resolution_m
             Edge of a cell [m].
         """
@@ -91,12 +91,12 @@ class Body:
         return (points - self.centre) @ turns + ends[..., None, :]
 
     def push(self, contact: int) -> PushContact:
-        """A push by its index: those straight at a face, then the oblique ones.
+        """A push by its index: first those perpendicular to a face, then the oblique ones.
 
         Parameters
         ----------
         contact
-            The index.
+            Index of the contact.
         """
         return self.contacts[contact] if contact < len(self.contacts) else self.with_oblique[contact]
 
@@ -121,22 +121,22 @@ def _contacts(shape: bytes, radius: float, oblique: bool) -> tuple[PushContact, 
 def end_errors(
     domain: SearchDomain, index: int, contact: int, length: float, samples: int = SAMPLES
 ) -> Float[np.ndarray, "n 3"]:
-    """Ends of simulated pushes from the planned end: x, y along the grid's axes [m], turn [rad].
+    """Errors of the final poses of simulated pushes: x, y along the grid's axes [m], rotation [rad].
 
     Parameters
     ----------
     domain
         Robot, map and bodies.
     index, contact
-        Of the body, and of its contact.
+        Indices of the body and of its contact.
     length
-        Of the push [cells].
+        Length of the push [cells].
     samples
-        Number of pushes: fewer are the first of more.
+        Number of pushes: a smaller number is a prefix of a larger one.
     """
     body, resolution_m = domain.bodies[index], domain.map.resolution_m
     ahead = body.push(contact).direction
-    # Relative to the body's centre before the push, hence independent of its place.
+    # Relative to the body's centre before the push, hence independent of its position.
     begin = body.push(contact).robot * resolution_m - STAND_OFF_M * ahead
     length_m = STAND_OFF_M + length * resolution_m
     key = index, contact
@@ -147,7 +147,7 @@ def end_errors(
     model, reach_m, poses = domain.ends[key]
     if reach_m < length_m or len(poses) < samples:
         known = poses if reach_m >= length_m else poses[:0]
-        # Whole steps, so that the beginning does not depend on the simulated length.
+        # Whole steps, so that the first poses do not depend on the simulated length.
         steps = np.ceil((1.0 if len(known) else BEYOND) * length_m / LONG_STEP_M)
         reach_m = float(steps) * LONG_STEP_M
         path_m = line_path(begin, begin + reach_m * ahead, LONG_STEP_M)
@@ -169,30 +169,30 @@ def end_errors(
 
 
 def turn_probability(domain: SearchDomain, index: int, contact: int, length: float) -> float:
-    """Probability that a push is given up because the object turns away from the robot.
+    """Probability that a push is aborted because the object rotates away from the robot.
 
     Parameters
     ----------
     domain, index, contact, length
-        As of :func:`end_errors`.
+        See :func:`end_errors`.
     """
     turned = np.abs(end_errors(domain, index, contact, length, PRICED)[:, 2]) > TURN_LIMIT_RAD
-    return float((turned.sum() + 0.5) / (PRICED + 1.0))  # the mean of the posterior with Jeffreys' prior
+    return float((turned.sum() + 0.5) / (PRICED + 1.0))  # posterior mean with Jeffreys' prior
 
 
 def lower_clearance(
     clearance: Float32[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"], reach: float
 ) -> None:
-    """Bring an object into a clearance layer, in place, as far as it matters.
+    """Add an object to a clearance layer, in place, within the relevant distance.
 
     Parameters
     ----------
     clearance
-        Clearance of each cell, (rows, columns) float32 [cells]; lowered.
+        Clearance of each cell, (rows, columns) float32 [cells]; reduced in place.
     outline
         Corners of the object (x, y), (p, 2) [cells].
     reach
-        Largest clearance that matters [cells].
+        Maximum clearance that matters [cells].
     """
 
     lower_window(clearance, *distance_patch(outline, reach))
@@ -201,16 +201,16 @@ def lower_clearance(
 def lower_window(
     layer: Float32[np.ndarray, "rows columns"], patch: Float32[np.ndarray, "r c"], row: int, column: int
 ) -> None:
-    """Bring a patch into a clearance layer, in place.
+    """Add a patch to a clearance layer, in place.
 
     Parameters
     ----------
     layer
-        Clearance of each cell, (rows, columns) float32 [cells]; lowered.
+        Clearance of each cell, (rows, columns) float32 [cells]; reduced in place.
     patch
-        Clearance from one object, (r, c) float32 [cells].
+        Clearance to one object, (r, c) float32 [cells].
     row, column
-        Where the patch begins, on the layer or off it [cells].
+        First row and column of the patch, which may lie outside the layer [cells].
     """
     r0, c0 = max(row, 0), max(column, 0)
     r1, c1 = min(row + patch.shape[0], layer.shape[0]), min(column + patch.shape[1], layer.shape[1])
@@ -220,7 +220,7 @@ def lower_window(
 
 
 def _samples(outline: Float[np.ndarray, "p 2"], outside: float) -> Float[np.ndarray, "k 2"]:
-    """Points along the outline, a little outside (inside where negative) [cells]."""
+    """Points along the outline, offset to the outside (to the inside where negative) [cells]."""
     import shapely
 
     body = shapely.Polygon(outline)

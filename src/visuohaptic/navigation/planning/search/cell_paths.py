@@ -1,4 +1,4 @@
-"""Paths over the cells of a layer, and points along them."""
+"""Paths over the cells of a layer, and sampling of points along them."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ def cheapest_cells(
     clearance
         The layer [cells].
     start, goal
-        From its corner [cells].
+        Start and goal from the layer's corner [cells].
     block
-        Edge of a node [cells].
+        Edge length of a node [cells].
     field
-        Nodes that the path begins at, and costs from there [units], where they are known.
+        Start nodes of the path and the costs from there [units], where known.
     labels
-        Of passages on the layer.
+        Passage labels of the layer.
     beside
-        Shifts of the bodies, and the layer's corner on the map: the path has to be clear of everything exactly from the
-        start to its first cell and from its last one to the goal, too.
+        Displacements of the bodies, and the layer's corner on the map: the path must then also be exactly collision-free
+        from the start to its first cell and from its last cell to the goal.
     """
 
     radius, slow = domain.radius, domain.slow
@@ -78,14 +78,14 @@ def cheapest_cells(
 
 
 def resampled(path: Float[np.ndarray, "k 2"], count: int) -> Float[np.ndarray, "n 2"]:
-    """The corners of a path and about ``count`` points between them, evenly along it.
+    """The corners of a path and about ``count`` evenly spaced points between them.
 
     Parameters
     ----------
     path
-        Its corners.
+        Corners of the path.
     count
-        Of the points, about.
+        Approximate number of points.
     """
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     places = np.union1d(along, np.linspace(0.0, along[-1], max(count - len(path), 2)))
@@ -95,16 +95,16 @@ def resampled(path: Float[np.ndarray, "k 2"], count: int) -> Float[np.ndarray, "
 def thinned(
     domain: SearchDomain, clearance: Float32[np.ndarray, "r c"], path: Float[np.ndarray, "k 2"]
 ) -> Float[np.ndarray, "n 2"]:
-    """Points a block apart on a path from cell to cell, and all of it where the straight line between is not clear.
+    """Points one block apart on a cell path; all of its cells where the straight line between them is not free.
 
     Parameters
     ----------
     domain
-        Radius and speeds of the robot, edge of a block.
+        Radius and speeds of the robot, edge length of a block.
     clearance
-        Of the layer [cells].
+        Clearance of the layer [cells].
     path
-        From its corner [cells].
+        Cells from the layer's corner [cells].
     """
 
     kept = [0]
@@ -122,25 +122,25 @@ def unclear_steps(
     cells: Float[np.ndarray, "k 2"],
     low: Int[np.ndarray, "2"],
 ) -> Int[np.ndarray, "n 2"]:
-    """Cells (x, y) of a path that are reached by a diagonal step that comes too near to something.
+    """Cells (x, y) of a path that are reached by a diagonal step with insufficient clearance.
 
     Parameters
     ----------
     domain
         Static map and bodies.
     shifts
-        Of the bodies from where the map has them [cells].
+        Displacements of the bodies from their mapped positions [cells].
     clearance
-        Of the layer [cells].
+        Clearance of the layer [cells].
     cells
-        Of the path, from the layer's corner.
+        Cells of the path, from the layer's corner.
     low
-        That corner on the map (x, y) [cells].
+        The layer's corner on the map (x, y) [cells].
     """
     places = cells.astype(int)
     clear = clearance[places[:, 1], places[:, 0]]
     diagonal = np.abs(np.diff(places, axis=0)).sum(axis=1) > 1
-    # The middle of a diagonal step is nearer to a corner than both of its ends, those of other steps are not by as much.
+    # The middle of a diagonal step may be nearer to an obstacle's corner than both ends; other steps matter less.
     radius = domain.robot.radius_m / domain.map.resolution_m
     tight = np.flatnonzero(diagonal & (np.minimum(clear[1:], clear[:-1]) < np.hypot(radius, np.sqrt(0.5))))
     middle = cells + low + 0.5

@@ -1,4 +1,4 @@
-"""From a planning problem to the domain of the search: static obstacles, pushable bodies and passages."""
+"""Search domain of a planning problem: static obstacles, pushable bodies and passages."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ MAX_NODES = 500_000
 def build_search_domain(
     problem: PlanningProblem, costs: PushCosts | None = None, *, block: int | None = None
 ) -> SearchDomain:
-    """Separate a map into what never moves and the bodies that may be pushed.
+    """Separate a map into static obstacles and pushable bodies.
 
     Parameters
     ----------
     problem
         Map, objects and robot.
     costs
-        Limits that decide what may be pushed.
+        Limits that decide which objects may be pushed.
     block
-        Edge of a node of the lattice [cells]; by default what a robot of its radius needs.
+        Edge length of a node of the lattice [cells]; by default chosen for the robot's radius.
     """
 
     costs = costs or PushCosts()
     grid, robot = problem.map, problem.robot
     radius = robot.radius_m / grid.resolution_m
     margin = robot.push_margin_m / grid.resolution_m
-    # Cells that were never seen are obstacles, too.
+    # Unknown cells are obstacles, too.
     occupied = (grid.cells >= OBSTACLE_FROM) | (grid.cells < 0)
     movable: list[Body] = []
     fixed: list[MovableObject | Passage] = []
@@ -71,7 +71,7 @@ def build_search_domain(
         else:
             fixed.append(passage)
             why[passage.id] = cost.reason
-    # An object is as large as its outline, whether it may be moved or not.
+    # The outline defines the size of an object, whether it is movable or not.
     clearance = cell_distance(occupied, full_speed_clearance(radius))
     outlines = tuple(grid_from_world(grid, obj.footprint_m) for obj in fixed)
     for outline in outlines:
@@ -95,7 +95,7 @@ def build_search_domain(
 
 
 def _wings(problem: PlanningProblem) -> list[Passage]:
-    """Objects that turn like a wing when they are pushed: doors."""
+    """Objects that rotate like a door wing when they are pushed."""
     return [
         Passage(obj.id, obj.footprint_m, PassageKind.DOOR_PUSH, tag=obj.tag)
         for obj in problem.objects
@@ -104,6 +104,6 @@ def _wings(problem: PlanningProblem) -> list[Passage]:
 
 
 def _block(cells: int, radius: float) -> int:
-    """Edge of a node [cells] for a map of so many cells and a robot of a radius [cells]."""
+    """Edge length of a node [cells] for a map with this number of cells and a robot radius [cells]."""
     large = min(int(np.ceil(np.sqrt(cells / MAX_NODES))), int(np.ceil(radius)))
     return max(1, round(radius / NODES_PER_RADIUS), large)

@@ -1,4 +1,4 @@
-"""Drives between pushes: over the lattice, along that on the map, and shortened by string pulling."""
+"""Drives between pushes: search over the lattice, refinement on the map, and string pulling."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from .search_domain import Corridor, SearchDomain
 
 __all__ = ["changed_drives_cost", "drive_cost", "drives_cells", "drives_cost", "pull_string"]
 
-#: Points of a grid path that one straight segment may span.
+#: Maximum number of points of a grid path that one straight segment may span.
 STRING_WINDOW = 80
-#: Maximum number of rounds in which corners are cut.
+#: Maximum number of rounds of corner cutting.
 STRING_ROUNDS = 12
-#: Nodes of a path over the lattice that are followed on the map at once.
+#: Number of nodes of a lattice path that are refined on the map at once.
 PIECE = 60
-#: Pieces whose cells are kept: some plans' worth.
+#: Maximum number of cached pieces, enough for several plans.
 MAX_PIECES = 64
 
 
 class _Drive(NamedTuple):
-    """From where to where, and where the bodies are meanwhile."""
+    """Start and goal of a drive, and the configuration of the bodies during it."""
 
-    shifts: Float[np.ndarray, "bodies 2"]  #: from where the map has them [cells]
+    shifts: Float[np.ndarray, "bodies 2"]  #: displacements of the bodies from their mapped positions [cells]
     start: Float[np.ndarray, "2"]  #: grid coordinates [cells]
     goal: Float[np.ndarray, "2"]
 
@@ -40,22 +40,22 @@ def pull_string(
     goal: Float[np.ndarray, "2"],
     deadline: Deadline | None = None,
 ) -> tuple[Float[np.ndarray, "k 2"], float]:
-    """Cheapest any-angle path between two points: over the lattice, along it on the map, then string pulling.
+    """Cheapest any-angle path between two points: lattice search, refinement on the map, then string pulling.
 
-    A long path is pulled piece by piece; corners are cut from the middle of each piece to the middle of the next.
+    A long path is processed piece by piece; corners are cut from the middle of each piece to the middle of the next.
 
     Parameters
     ----------
     domain, shifts
-        As of :func:`~visuohaptic.navigation.planning.search.cell_paths.unclear_steps`.
+        See :func:`~visuohaptic.navigation.planning.search.cell_paths.unclear_steps`.
     start, goal
         Grid coordinates [cells].
     deadline
-        Corners are not cut after it.
+        Corner cutting ends at this time.
 
     Returns
     -------
-    corners in grid coordinates, cost [cells at full speed]; empty and infinite when there is none
+    corners in grid coordinates, cost [cells at full speed]; empty and infinite if there is no path
     """
     nowhere = np.zeros((0, 2)), float("inf")
     if np.hypot(*(goal - start)) < 1e-9:
@@ -86,7 +86,7 @@ def drives_cost(
     most: float = float("inf"),
     field: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "n"]] | None = None,
 ) -> float:
-    """What the drives of a plan cost on the map [cells at full speed]; infinite where it has no such drive.
+    """Cost of a plan's drives on the map [cells at full speed]; infinite if one of them does not exist there.
 
     Parameters
     ----------
@@ -97,16 +97,16 @@ def drives_cost(
     start, goal
         Grid coordinates [cells].
     most
-        Infinite from this cost on, too [cells at full speed].
+        Costs from this one on count as infinite [cells at full speed].
     field
-        Of the last drive over the lattice: nodes that it begins at, and its costs [units].
+        Lattice field of the last drive: its start nodes and costs [units].
     """
     ends = _ends(domain, steps, start, goal)
     if not domain.clear_straight(ends[-1].shifts, goal, goal[None])[0]:
         return float("inf")
     if field is not None:
         _over_lattice(domain, ends[-1], field)
-    # The cost on the lattice is a lower bound of that on the map.
+    # The lattice cost is a lower bound of the cost on the map.
     if sum(_over_lattice(domain, end)[1] for end in ends) >= most:
         return float("inf")
     total = 0.0
@@ -123,12 +123,12 @@ def drive_cost(
     start: Float[np.ndarray, "2"],
     goal: Float[np.ndarray, "2"],
 ) -> float:
-    """What one drive costs on the map [cells at full speed]; infinite where it has none.
+    """Cost of one drive on the map [cells at full speed]; infinite if it does not exist.
 
     Parameters
     ----------
     domain, shifts, start, goal
-        As of :func:`pull_string`.
+        See :func:`pull_string`.
     """
     return _drive(domain, _Drive(shifts, start, goal))[2]
 
@@ -141,12 +141,12 @@ def changed_drives_cost(
     goal: Float[np.ndarray, "2"],
     most: float,
 ) -> float:
-    """:func:`drives_cost` of pushes of other lengths, along the drives of a plan.
+    """:func:`drives_cost` of pushes with other lengths, along the drives of a known plan.
 
     Parameters
     ----------
     domain, steps, start, goal, most
-        As there; the drives of ``steps`` exist.
+        See :func:`drives_cost`; the drives of ``steps`` exist.
     changed
         The same pushes with other lengths.
     """
@@ -163,7 +163,7 @@ def changed_drives_cost(
                 domain.drives[key] = block, nodes, cost, cells
                 total += cost
                 continue
-            # From where the new drive begins to the old one, along that, and to where the new one ends.
+            # From the start of the new drive to the old one, along the old one, and to the goal of the new one.
             ends = [resampled(np.stack(pair), 2 + int(np.hypot(*(pair[1] - pair[0])))) // block for pair in
                     ((new[1], old[1]), (old[2], new[2]))]  # fmt: skip
             nodes = np.concatenate([ends[0], nodes, ends[1]])
@@ -183,12 +183,12 @@ def drives_cells(
     start: Float[np.ndarray, "2"],
     goal: Float[np.ndarray, "2"],
 ) -> list[Float[np.ndarray, "n 2"]]:
-    """Points of every drive of a plan, a cell apart [cells].
+    """Points of every drive of a plan, one cell apart [cells].
 
     Parameters
     ----------
     domain, steps, start, goal
-        As of :func:`drives_cost`.
+        See :func:`drives_cost`.
     """
     return [_drive(domain, end)[3] for end in _ends(domain, steps, start, goal)]
 
@@ -200,13 +200,13 @@ def _near_path(
     before: Float[np.ndarray, "bodies 2"],
     after: Float[np.ndarray, "bodies 2"],
 ) -> bool:
-    """Whether the old or new place of a moved body affects the cost along a path."""
+    """Whether the old or new position of a moved body affects the cost along a path."""
     moved = np.flatnonzero((before != after).any(axis=1))
     low, high = (corners[moved] for corners in domain.extents)
     middle, half = 0.5 * (low + high), 0.5 * np.hypot(*(high - low).T)
     places = np.concatenate([middle + before[moved], middle + after[moved]])
     away = np.hypot(*((nodes[:, None] + 0.5) * block - places).T)
-    # The corridor includes blocks beside the path: two more on either side.
+    # The corridor includes neighbouring blocks of the path: two more on either side.
     return bool((away.min(axis=1) < np.tile(half, 2) + domain.reach + 4.0 * block).any())
 
 
@@ -216,7 +216,7 @@ def _ends(
     start: Float[np.ndarray, "2"],
     goal: Float[np.ndarray, "2"],
 ) -> list[_Drive]:
-    """Every drive of a plan."""
+    """All drives of a plan."""
     shifts = [np.zeros((len(domain.bodies), 2)), *(step.shifts_after for step in steps)]
     begins = [start, *(step.retreat for step in steps)]
     return list(map(_Drive, shifts, begins, [*(step.approach for step in steps), goal]))
@@ -245,10 +245,10 @@ def _over_lattice(
 def _drive(
     domain: SearchDomain, drive: _Drive, *, complete: bool = True
 ) -> tuple[int, Float[np.ndarray, "k 2"], float, Float[np.ndarray, "n 2"]]:
-    """Edge of a block, blocks (x, y) along which the map has a drive, what it costs there, and its cells.
+    """Block size, blocks (x, y) along which the drive exists on the map, its cost there, and its cells.
 
-    A block is as clear as its clearest cell: where the map has no drive along the path over the lattice, half as
-    large blocks are tried, down to the cells, if the answer has to be ``complete``.
+    The clearance of a block is that of its clearest cell. If the drive does not exist on the map along the lattice path,
+    blocks of half the size are tried, down to single cells, provided that a ``complete`` search is requested.
     """
 
     key, (shifts, start, goal) = _key(*drive), drive
@@ -272,7 +272,7 @@ def _drive(
 def _cost_along(
     domain: SearchDomain, drive: _Drive, nodes: Float[np.ndarray, "k 2"], block: int
 ) -> tuple[float, Float[np.ndarray, "n 2"]]:
-    """What a drive along a path over blocks costs on the map, passages included, and the middles of its cells [cells]."""
+    """Cost on the map of a drive along a path over blocks, passages included, and the centres of its cells [cells]."""
     cost, parts = 0.0, [drive.start[None]]
     for part, piece in _pieces(domain, drive, nodes, block):
         found = _cells_along(domain, part, piece, block)
@@ -292,7 +292,7 @@ def _cost_along(
 def _pieces(
     domain: SearchDomain, drive: _Drive, nodes: Float[np.ndarray, "k 2"], block: int
 ) -> list[tuple[_Drive, Float[np.ndarray, "p 2"]]]:
-    """Drives along the pieces of a path over blocks, each with its blocks, which ends at the clearest cell of a block."""
+    """Drives along the pieces of a path over blocks, each with its blocks; a piece ends at the clearest cell of a block."""
     shifts, start, goal = drive
     pieces = []
     for first in range(0, len(nodes), PIECE):
@@ -312,7 +312,7 @@ def _pieces(
 def _pulled_piece(
     domain: SearchDomain, drive: _Drive, nodes: Float[np.ndarray, "k 2"], block: int
 ) -> Float[np.ndarray, "q 2"]:
-    """Cheapest choice of points of the path on the map along a path over blocks; empty without one."""
+    """Cheapest subset of the points of the map path along a path over blocks; empty if there is no path."""
     found = _cells_along(domain, drive, nodes, block)
     if found is None:
         return np.zeros((0, 2))
@@ -323,7 +323,7 @@ def _pulled_piece(
 
 
 def _halved(path: Float[np.ndarray, "q 2"]) -> tuple[Float[np.ndarray, "a 2"], Float[np.ndarray, "b 2"]]:
-    """A path up to its middle and from there on."""
+    """The two halves of a path, up to its middle and from there on."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     after = max(int(np.searchsorted(along, 0.5 * along[-1])), 1)
     middle = [np.interp(0.5 * along[-1], along, path[:, axis]) for axis in (0, 1)]
@@ -360,7 +360,7 @@ def _without_corners(
 def _cells_along(
     domain: SearchDomain, drive: _Drive, nodes: Float[np.ndarray, "k 2"], block: int
 ) -> Corridor | None:
-    """Cells of a drive along a path over blocks, cached: the drive that was priced last is executed."""
+    """Cells of a drive along a path over blocks, cached because the drive evaluated last is usually executed."""
     key = _key(*drive, nodes, np.array(block))
     if key not in domain.pieces:
         if len(domain.pieces) >= MAX_PIECES:
@@ -374,7 +374,7 @@ def _found_along(
 ) -> Corridor | None:
     shifts, start, goal = drive
     rows, columns = domain.clearance.shape
-    # Chords stay in the bounding box of the path; clearance accounts for obstacles outside.
+    # Chords stay within the bounding box of the path; the clearance accounts for obstacles outside.
     low_block = np.maximum(nodes.min(axis=0).astype(int) - 2, 0)
     low = low_block * block
     high = np.minimum((nodes.max(axis=0).astype(int) + 3) * block, (columns, rows))

@@ -1,8 +1,8 @@
-"""Proofs that no sequence of pushes clears a path, by search over (component of the robot, places of a few bodies).
+"""Infeasibility proofs, by search over (connected component of the robot, positions of a few bodies).
 
-Leaving bodies out only helps: a plan among all of them, without the pushes of those left out, is a plan among the
-rest. So where one body alone, or two, cannot be brought out of the way from any component that the robot gets to,
-there is no plan. Costs do not matter, only what is connected; pushes go by short steps, one after the other.
+Leaving bodies out is a relaxation: a plan among all bodies, without the pushes of those left out, is also a plan among
+the remaining ones. If one body alone, or two or three, cannot be pushed clear from any component that the robot can
+reach, there is no plan. Only connectivity matters, not costs; pushes are sequences of short steps.
 """
 
 from __future__ import annotations
@@ -22,40 +22,40 @@ from .push_states import Deadline, SearchLimits, SearchState
 
 __all__ = ["Infeasibility"]
 
-#: Maximum number of bodies that are considered together.
+#: Maximum number of bodies that are considered jointly.
 MAX_TOGETHER = 3
-#: Pushes go by steps of this [m].
+#: Step length of the pushes [m].
 STEP_M = 0.05
 
 
 class Infeasibility:
-    """Searches for a proof that there is no plan.
+    """Search for a proof that no plan exists.
 
     Parameters
     ----------
     heuristic
-        Of the search, for its domain, contacts and goal.
+        Heuristic of the search, with its domain, contacts and goal.
     limits
-        Memory.
+        Memory limit.
     deadline
-        When to stop.
+        Time limit.
     """
 
     def __init__(self, heuristic: PushHeuristic, limits: SearchLimits, deadline: Deadline) -> None:
         self.heuristic, self.domain, self.deadline = heuristic, heuristic.domain, deadline
-        # A push is followed in half cells.
+        # Pushes are checked in steps of half a cell.
         self.step = max(STEP_M / self.domain.map.resolution_m, 0.5)
         self.max_states = limits.memory_bytes // 1000
 
     def prove(self, first: SearchState, cells: Int32[np.ndarray, "k"]) -> str:
-        """Why there is no plan; empty where that is not proved.
+        """The reason why no plan exists; empty if this is not proved.
 
         Parameters
         ----------
         first
-            Where everything is at the start.
+            Initial state.
         cells
-            Nodes of the lattice that the robot can be on at the start.
+            Lattice nodes that the robot can occupy at the start.
         """
         for count in range(1, MAX_TOGETHER + 1):
             for chosen in combinations(self.heuristic.active, count):
@@ -67,8 +67,8 @@ class Infeasibility:
         return ""
 
     def _blocked(self, chosen: tuple[int, ...], first: SearchState, cells: Int32[np.ndarray, "k"]) -> bool:
-        """Whether some bodies keep the robot from the goal, whatever is done to them, all others away."""
-        open_states: list[Any] = [(first.shifts, cells, None)]  # places, nodes or place of the robot
+        """Whether some bodies keep the robot from the goal wherever they are pushed, with all others removed."""
+        open_states: list[Any] = [(first.shifts, cells, None)]  # positions, nodes or position of the robot
         domain, heuristic = self.domain, self.heuristic
         queued: set[bytes] = set()
         seen: set[tuple[bytes, int]] = set()
@@ -100,7 +100,7 @@ class Infeasibility:
         return True
 
     def _places(self, chosen: tuple[int, ...], shifts: Float[np.ndarray, "bodies 2"]) -> bytes:
-        """Places of the bodies; closer than half a step they are one."""
+        """Positions of the bodies, quantized to half a step."""
         return np.rint(shifts[list(chosen)] * (2.0 / self.step)).astype(np.int32).tobytes()
 
     def _after_pushes(
@@ -111,7 +111,7 @@ class Infeasibility:
         reached: Bool[np.ndarray, "n"],
         pushes: tuple[Int[np.ndarray, "m 2"], Float[np.ndarray, "m 2"]],
     ) -> Iterator[tuple[Float[np.ndarray, "bodies 2"], Float[np.ndarray, "2"]]]:
-        """Configurations one step on, and where the robot is."""
+        """Configurations after one push step, and the positions of the robot."""
 
         domain, heuristic = self.domain, self.heuristic
         bodies, numbers = pushes[0].T

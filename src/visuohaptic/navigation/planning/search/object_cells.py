@@ -1,4 +1,4 @@
-"""Cells that an object covers: freed and occupied in place; grid coordinates."""
+"""Cells covered by an object: clear and fill them in place, in grid coordinates."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ def _window(shape: tuple[int, int], outline: Float[np.ndarray, "p 2"], grow: flo
 
 
 def _touched(outline: Float[np.ndarray, "p 2"], window: tuple[slice, slice]) -> Bool[np.ndarray, "r c"]:
-    """Cells of a window whose square meets the outline's inside."""
+    """Cells of a window whose square overlaps the interior of the outline."""
     import shapely
 
     r, c = np.mgrid[window]
-    body = shapely.Polygon(outline).buffer(-1e-6)  # a square that the outline only touches is not its own
+    body = shapely.Polygon(outline).buffer(-1e-6)  # exclude squares that only touch the outline
     shapely.prepare(body)
     return np.asarray(shapely.intersects(body, shapely.box(c, r, c + 1, r + 1)))
 
 
 def clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
-    """Free an object's cells in place: those it covers, and spurious components beside it.
+    """Free an object's cells in place: those it covers, and adjacent spurious components.
 
     Parameters
     ----------
@@ -47,12 +47,12 @@ def clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.nd
 
 
 def fill_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
-    """Occupy the cells that an object covers, in place.
+    """Mark the cells that an object covers as occupied, in place.
 
     Parameters
     ----------
     occupied, outline
-        As of :func:`clear_cells`.
+        See :func:`clear_cells`.
     """
     window = _window(occupied.shape, outline, 1.0)
     if occupied[window].size:

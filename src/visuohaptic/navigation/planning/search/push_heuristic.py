@@ -1,8 +1,8 @@
 """Cost-to-go of the search over pushes: an admissible lower bound of the remaining cost.
 
-The bound is the cheapest path to the goal on which crossing the place of a body that may be pushed costs at least its
-shortest push. Where a body alone separates start and goal, crossing its place costs what the cheapest plan costs
-without all other bodies more than one without any (a pattern database).
+The bound is the cheapest path to the goal on which crossing the region covered by a pushable body costs at least its
+shortest push. Where a single body separates start and goal, crossing its region costs the difference between the
+cheapest plan with this body alone and the cheapest path without bodies (a pattern database).
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from .search_domain import SearchDomain
 
 __all__ = ["PushHeuristic"]
 
-#: The shortest push that is worth a contact [m].
+#: Minimum useful length of a push [m].
 MIN_PUSH_M = 0.01
-#: Nodes of fields that are kept.
+#: Maximum number of nodes of cached fields.
 MAX_FIELD_NODES = 50_000_000
-#: More than this the lower bound does not charge for crossing a body [s]: the queue of the field grows with it.
+#: Upper limit of the charge for crossing a body in the lower bound [s]: the queue of the field grows with it.
 MAX_CROSSING_S = 60.0
 
 
 class PushHeuristic:
-    """Costs of pushes and lower bounds of the cost-to-go, in whole units of travel cost.
+    """Costs of pushes and lower bounds of the cost-to-go, in integer units of travel cost.
 
     Parameters
     ----------
@@ -40,15 +40,15 @@ class PushHeuristic:
     goal
         Grid coordinates of the goal [cells].
     costs
-        What a push costs.
+        Cost model of the pushes.
     active
-        Indices of the bodies that may be pushed; the others stay where they are.
+        Indices of the bodies that may be pushed; the others stay in place.
     left_out
-        Bodies that might be pushed, but are not: in no bound.
+        Pushable bodies that are not pushed: ignored in every bound.
     oblique
         Whether pushes may be oblique to a face.
     free
-        Another heuristic of the same domain and goal, with which parts that do not depend on the bodies are shared.
+        Another heuristic of the same domain and goal; parts that do not depend on the bodies are shared with it.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class PushHeuristic:
         self.units_per_s = UNITS * domain.robot.v_max_m_s / (domain.map.resolution_m * domain.block)
         still = [i for i in range(len(domain.bodies)) if i not in {*self.active, *left_out}]
         zeros = np.zeros((len(domain.bodies), 2))
-        #: bodies that may move left out
+        #: without the pushable bodies
         self.base: Float32[np.ndarray, "rows columns"] = (
             free.base if free else domain.lowered(domain.lattice, zeros, still, domain.block)
         )
@@ -81,16 +81,18 @@ class PushHeuristic:
         self.min_push = {i: self.shortest_push(i) for i in self.active}
         self.least = np.array([self.min_push.get(i, np.inf) for i in range(len(domain.bodies))])
         self.min_any_push = min(self.min_push.values(), default=float("inf"))
-        self.alone = dict(self.min_push)  #: lower bounds of crossing each body where the map has it [units]
+        self.alone = dict(self.min_push)  #: lower bounds of crossing each body at its mapped position [units]
         self.labels, self.passing = domain.labels(domain.block), domain.charges(domain.block)
         self.goal_cells, self.goal_costs = self.goal_seeds(self.base)
         self._fields: dict[bytes, Int32[np.ndarray, "n"]] = {}
         self._marked: dict[tuple[int, ...], Int16[np.ndarray, "r c"]] = {}
-        self._both: Int[np.ndarray, "r c"] | None = None  # from the start and to the goal, bodies charged
+        self._both: Int[np.ndarray, "r c"] | None = (
+            None  # sum of costs from the start and to the goal, with charges for bodies
+        )
         #: cost from the start, cached [units]
         self.begin: Int32[np.ndarray, "n"] | None = None
-        self.limit = self.far  #: cost of a plan that is known [units]: what costs more is not followed
-        #: cost-to-go when no body that may be pushed is in the way [units]
+        self.limit = self.far  #: cost of a known plan [units]: more expensive nodes are not expanded
+        #: cost-to-go when no pushable body is an obstacle [units]
         self.free_field: Int32[np.ndarray, "n"] = free.free_field if free else self._field(zeros, [])
 
     def contacts(self, body: int) -> tuple[PushContact, ...]:
@@ -99,18 +101,18 @@ class PushHeuristic:
         Parameters
         ----------
         body
-            Its index.
+            Index of the body.
         """
         found = self.domain.bodies[body]
         return found.with_oblique if self.oblique else found.contacts
 
     def stands(self, bodies: Collection[int]) -> tuple[Int[np.ndarray, "m 2"], Float[np.ndarray, "m 2"]]:
-        """Body and contact of every push, and where the robot stands before it from the body's centre [cells].
+        """Body and contact of every push, and the robot's approach position relative to the body's centre [cells].
 
         Parameters
         ----------
         bodies
-            Indices of those that are pushed.
+            Indices of the bodies to push.
         """
         pairs = [(i, number) for i in sorted(bodies) for number in range(len(self.contacts(i)))]
         pushes = [self.contacts(i)[number] for i, number in pairs]
@@ -118,12 +120,12 @@ class PushHeuristic:
         return np.array(pairs, dtype=np.int64).reshape(-1, 2), np.array(stands).reshape(-1, 2)
 
     def raise_bound(self, body: int, units: float) -> None:
-        """Charge more for crossing a body where the map has it.
+        """Increase the charge for crossing a body at its mapped position.
 
         Parameters
         ----------
         body
-            Its index.
+            Index of the body.
         units
             A lower bound of the crossing [units].
         """
@@ -132,16 +134,16 @@ class PushHeuristic:
         self._both = None
 
     def push_units(self, body: int, length: float, contact: int = -1) -> float:
-        """``t_mani`` of a push [units]; infinite beyond what is allowed.
+        """``t_mani`` of a push [units]; infinite beyond the allowed length.
 
         Parameters
         ----------
         body
-            Its index.
+            Index of the body.
         length
-            Of the push [cells].
+            Length of the push [cells].
         contact
-            Index of its contact, for the simulated risk of an oblique push; by default without, a lower bound.
+            Index of its contact, for the simulated risk of an oblique push; omitted by default, for a lower bound.
         """
         domain = self.domain
         oblique = contact >= len(domain.bodies[body].contacts)
@@ -169,17 +171,17 @@ class PushHeuristic:
         Parameters
         ----------
         body
-            Its index.
+            Index of the body.
         """
         return self.push_units(body, MIN_PUSH_M / self.domain.map.resolution_m)
 
     def longest(self, body: int) -> float:
-        """The longest push that a body's tag allows [cells].
+        """The maximum push length that a body's tag allows [cells].
 
         Parameters
         ----------
         body
-            Its index.
+            Index of the body.
         """
         return self.domain.bodies[body].allowed.max_length_m / self.domain.map.resolution_m
 
@@ -191,19 +193,19 @@ class PushHeuristic:
         Parameters
         ----------
         clearance
-            Of a configuration [cells].
+            Clearance of a configuration [cells].
         """
         return self.domain.seeds(clearance, self.goal)
 
     def separating(self, start: Int32[np.ndarray, "k"], bodies: Collection[int]) -> list[int]:
-        """Bodies that separate the robot from the goal by themselves at their mapped places.
+        """Bodies that, by themselves and at their mapped positions, separate the robot from the goal.
 
         Parameters
         ----------
         start
-            Nodes that the robot can be on at the start.
+            Start nodes of the robot.
         bodies
-            Indices of those in question.
+            Indices of the bodies to test.
         """
 
         domain = self.domain
@@ -216,14 +218,14 @@ class PushHeuristic:
         return found
 
     def crossing(self, body: int, shift: Float[np.ndarray, "2"]) -> float:
-        """Lower bound of crossing the place of a body [units].
+        """Lower bound of the cost of crossing the region covered by a body [units].
 
         Parameters
         ----------
         body
-            Its index.
+            Index of the body.
         shift
-            From where the map has it [cells].
+            Displacement from its mapped position [cells].
         """
         return self.min_push[body] if shift.any() else self.alone[body]
 
@@ -235,15 +237,15 @@ class PushHeuristic:
         Parameters
         ----------
         shifts
-            Of the bodies from where the map has them [cells].
+            Displacements of the bodies from their mapped positions [cells].
         robot
-            The search ends when its cost is known [cells]; farther nodes get the largest known cost.
+            The search ends when the cost there is known [cells]; farther nodes get the largest known cost.
         """
         key = shifts.tobytes()
         if key not in self._fields:
             if len(self._fields) * self.base.size > MAX_FIELD_NODES:
                 self._fields.clear()
-            # Cells that lead to no better plan keep an infinite cost.
+            # Cells that cannot lead to a better plan keep an infinite cost.
             known = self.begin if self.limit < self.far and not shifts.any() else None
             self._fields[key] = self._field(shifts, self.active, robot, rest=known)
         return self._fields[key]
@@ -264,13 +266,13 @@ class PushHeuristic:
         charges = [0.0 if i not in bodies else self.crossing(i, shifts[i]) for i in range(len(domain.bodies))]
         still = self._regions(tuple(index for index in bodies if index not in moved), shifts)
         region = self._regions(tuple(moved), shifts) if moved else still
-        if moved:  # where places overlap the cheaper push counts: a bound must not be too high
+        if moved:  # where regions overlap the cheaper push counts, so that the bound stays admissible
             region = np.where(region > 0, region, still)
         for index in bodies:
             if not np.isfinite(charges[index]):
                 clearance[region == index + 1] = 0.0
                 charges[index] = 0.0
-        if self.labels.size:  # passages, where no body is
+        if self.labels.size:  # passages, where there is no body
             region = np.where((region == 0) & (self.labels > 0), self.labels + len(charges), region)
             charges += self.passing[1:].tolist()
         charge = np.minimum([0.0, *charges], MAX_CROSSING_S * self.units_per_s).astype(np.int32)
@@ -286,14 +288,14 @@ class PushHeuristic:
         return cost
 
     def through(self, start: Int32[np.ndarray, "k"], body: int) -> float:
-        """Lower bound of a plan that pushes a body: it drives to the body, pushes, and drives to the goal [units].
+        """Lower bound of a plan that pushes a body: drive to the body, push it, and drive to the goal [units].
 
         Parameters
         ----------
         start
-            Nodes that the robot can be on at the start.
+            Start nodes of the robot.
         body
-            Its index.
+            Index of the body.
         """
         domain, both = self.domain, self._from_start_to_goal(start)
         outline = domain.bodies[body].outline
@@ -304,18 +306,18 @@ class PushHeuristic:
         if not near.size:
             return float("inf")
         through = near + self.shortest_push(body)
-        if body in self.active:  # a path that crosses its place is charged already
+        if body in self.active:  # a path that crosses its region already includes the charge
             place = self._regions(tuple(self.active), np.zeros((len(domain.bodies), 2)))
             through = np.where(place[r0:r1, c0:c1] > 0, near, through)
         return float(through.min())
 
     def crossed(self, start: Int32[np.ndarray, "k"]) -> list[int]:
-        """Bodies whose places the cheapest path of the bound crosses.
+        """Bodies whose regions are crossed by the cheapest path of the bound.
 
         Parameters
         ----------
         start
-            Nodes that the robot can be on at the start.
+            Start nodes of the robot.
         """
         if not self.active:
             return []
@@ -324,16 +326,16 @@ class PushHeuristic:
         cheapest = np.full(len(self.domain.bodies) + 1, np.inf)
         inside = region > 0
         np.minimum.at(cheapest, region[inside], both[inside])
-        # Both costs are whole units, and a diagonal step is rounded.
+        # Both costs are integers, and diagonal steps are rounded.
         return [k for k in self.active if cheapest[k + 1] <= 1.001 * both.min() + self.units]
 
     def _from_start_to_goal(self, start: Int32[np.ndarray, "k"]) -> Int[np.ndarray, "r c"]:
-        """Bound of a plan through each node."""
+        """Lower bound of a plan through each node."""
         if self._both is None:
             shifts = np.zeros((len(self.domain.bodies), 2))
             known = self.free_field if self.limit < self.far else None
             self.begin = self._field(shifts, self.active, seeds=(start, np.zeros_like(start)), rest=known)
-            # Both fields charge for a place where they leave it: inside it neither has yet.
+            # Both fields add the charge where they leave a region: inside it, neither includes it yet.
             charges = [self.crossing(k, shifts[k]) if k in self.active else 0.0 for k in range(len(shifts))]
             charge = np.minimum([0.0, *charges], MAX_CROSSING_S * self.units_per_s).astype(np.int64)
             both = (self.begin.astype(np.int64) + self.field(shifts)).reshape(self.base.shape)
@@ -343,7 +345,7 @@ class PushHeuristic:
     def _regions(
         self, bodies: tuple[int, ...], shifts: Float[np.ndarray, "bodies 2"]
     ) -> Int16[np.ndarray, "r c"]:
-        """Places of some bodies on the lattice: their index + 1, of the cheapest where places overlap."""
+        """Regions of some bodies on the lattice: index + 1, that of the cheapest body where regions overlap."""
 
         known = not shifts[list(bodies)].any()
         if known and bodies in self._marked:
@@ -358,7 +360,7 @@ class PushHeuristic:
         return region
 
     def to_go(self, field: Int32[np.ndarray, "n"], points: Float[np.ndarray, "m 2"]) -> Int[np.ndarray, "m"]:
-        """A field's value at points between the nodes [units].
+        """Values of a field at points between the nodes [units].
 
         Parameters
         ----------

@@ -1,10 +1,10 @@
 """Continuous refinement of push lengths, and the risk of inaccurate push ends (Alt 2016, Sec. 4.3.1).
 
 The search tries discrete lengths. They are refined by coordinate descent on the cost of the whole plan on the map;
-bodies, contacts and order of the pushes are not changed. Every candidate is checked: pushes must be free of collisions,
+bodies, contacts and order of the pushes are not changed. Every candidate is checked: pushes must be collision-free,
 and all drives must exist on the map. The quasi-static model, with sampled contact friction, centre of friction and pose
 of the object, predicts where a pushed object ends, and the probability that it then blocks a later drive. An object that
-blocks the whole approach is assumed to stay where it was.
+blocks the whole approach is assumed to have stayed in place.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ __all__ = [
     "stand_is_free",
 ]
 
-#: A push is followed in steps of this [cells].
+#: Step in which a push is checked for collisions [cells].
 SWEEP_STEP = 0.5
-#: A platform stops within 6 mm of where it should, half of which is a standard deviation [m].
+#: Standard deviation of the platform's final position [m]: it stops within 6 mm of the target, two standard deviations.
 TRACKING_M = 0.003
-#: Number of ends near a drive for which a detour is searched; the standard error of their fraction is 0.18.
+#: Number of final poses near a drive for which a detour is searched; the standard error of their fraction is 0.18.
 LOOKED_AT = 8
 #: Steps of the descent [m]: that of the search, doubled after each success, and the smallest that a robot can execute.
 STEPS_M = (0.05, 0.0125)
@@ -49,20 +49,20 @@ STEPS_M = (0.05, 0.0125)
 def refine_lengths(
     heuristic: PushHeuristic, start: Float[np.ndarray, "2"], plan: SearchResult, deadline: Deadline
 ) -> tuple[tuple[PushStep, ...], float]:
-    """Pushes of a plan with the lengths of least expected cost, and the cost with drives [cells at full speed].
+    """Pushes of a plan with the lengths of minimum expected cost, and the cost with drives [cells at full speed].
 
     The expected cost includes pushes that are repeated because an object blocks a later drive.
 
     Parameters
     ----------
     heuristic
-        Of the search, for its domain, goal and costs of pushes.
+        Heuristic of the search, with its domain, goal and push costs.
     start
-        Where the robot begins [cells].
+        Start position of the robot [cells].
     plan
         Plan of the search.
     deadline
-        When to stop.
+        Time limit.
     """
     domain, goal, scale = heuristic.domain, heuristic.goal, heuristic.domain.block / heuristic.units
     steps, cost = plan.steps, plan.cost
@@ -97,16 +97,16 @@ def refine_lengths(
 def replayed(
     heuristic: PushHeuristic, steps: tuple[PushStep, ...], changed: int, length: float
 ) -> tuple[PushStep, ...]:
-    """The same pushes, one of them of another length; none where that or a later one is not free.
+    """The same pushes with one length changed; empty if that push or a later one is not collision-free.
 
     Parameters
     ----------
     heuristic
-        Of the search.
+        Heuristic of the search.
     steps
         Pushes in order.
     changed, length
-        Index of the push of another length, and that [cells].
+        Index of the push to change, and its new length [cells].
     """
     done = list(steps[:changed])
     shifts = steps[changed].shifts_before
@@ -127,18 +127,18 @@ def replayed(
 def push_step(
     heuristic: PushHeuristic, shifts: Float[np.ndarray, "bodies 2"], body: int, contact: int, length: float
 ) -> PushStep:
-    """A push of some length from a configuration.
+    """A push of a given length from a configuration.
 
     Parameters
     ----------
     heuristic
-        Of the search.
+        Heuristic of the search.
     shifts
-        Of the bodies from where the map has them [cells].
+        Displacements of the bodies from their mapped positions [cells].
     body, contact
-        Index of the body, and of its contact.
+        Indices of the body and of its contact.
     length
-        Of the push [cells].
+        Length of the push [cells].
     """
     push = heuristic.domain.bodies[body].push(contact)
     after = shifts.copy()
@@ -149,12 +149,12 @@ def push_step(
 
 
 def stand_is_free(heuristic: PushHeuristic, step: PushStep) -> bool:
-    """Whether the robot gets from where it stands off the body to the contact, beside everything else.
+    """Whether the drive from the approach position to the contact is free of collisions with other obstacles.
 
     Parameters
     ----------
     heuristic
-        Of the search.
+        Heuristic of the search.
     step
         The push.
     """
@@ -170,12 +170,12 @@ def free_length(
     limit: float,
     among: Bool[np.ndarray, "bodies"] | None = None,
 ) -> float:
-    """How far a push is free of collisions [cells].
+    """Maximum collision-free length of a push [cells].
 
     Parameters
     ----------
     heuristic
-        Of the search.
+        Heuristic of the search.
     step
         The push, of any length.
     limit
@@ -207,24 +207,24 @@ def opening_at(
     ends: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]],
     among: Bool[np.ndarray, "bodies"],
 ) -> Float[np.ndarray, "k"]:
-    """Lengths [cells] at which a push joins the robot's side of a body with other free space beside it.
+    """Push lengths [cells] at which the robot's side of a body is connected with other free space around the body.
 
     Parameters
     ----------
     domain
         Static map and bodies.
     shifts
-        Of the bodies from where the map has them [cells].
+        Displacements of the bodies from their mapped positions [cells].
     index
-        Of the body that is pushed.
+        Index of the pushed body.
     direction
-        Of the push.
+        Direction of the push.
     limit
-        As far as it is free of collisions [cells].
+        Collision-free push distance [cells].
     ends
-        Where the robot stands, and its goal [cells].
+        Positions of the robot and of its goal [cells].
     among
-        Which bodies are in the way.
+        Mask of the bodies that count as obstacles.
     """
 
     block, shift = domain.block, shifts[index]
@@ -241,7 +241,7 @@ def opening_at(
 
 
 def end_covariance(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "3 3"]:
-    """Covariance of x, y [m] and turn [rad] about the planned end, map frame, whose 90 % ellipsoid holds 90 % of the ends.
+    """Covariance of x, y [m] and rotation [rad] about the planned pose, map frame; its 90 % ellipsoid holds 90 % of the samples.
 
     Parameters
     ----------
@@ -259,18 +259,18 @@ def end_covariance(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "3
 def replanning_units(
     heuristic: PushHeuristic, steps: tuple[PushStep, ...], start: Float[np.ndarray, "2"]
 ) -> float:
-    """Expected cost of the pushes that a plan needs where one of its own ends so that it closes a later drive [units].
+    """Expected cost of additional pushes where an object of the plan ends in a pose that blocks a later drive [units].
 
-    Such an object is pushed once more, by its shortest push at least.
+    Such an object is pushed once more, at least by its shortest push.
 
     Parameters
     ----------
     heuristic
-        Of the search, for its domain, goal and costs of pushes.
+        Heuristic of the search, with its domain, goal and push costs.
     steps
-        Pushes in order, whose drives are known.
+        Pushes in order, with known drives.
     start
-        Where the robot begins [cells].
+        Start position of the robot [cells].
     """
     import shapely
 
@@ -311,7 +311,7 @@ def _closed(
     outlines: Float[np.ndarray, "n p 2"],
     drive: Float[np.ndarray, "k 2"],
 ) -> Bool[np.ndarray, "n"]:
-    """Whether a body at each outline [cells] cuts a drive, within a window of the lattice around all of them."""
+    """Whether a body at each outline [cells] blocks a drive, within a window of the lattice around all outlines."""
 
     block, radius = domain.block, domain.radius
     grow = 4.0 * radius + 4.0 * block

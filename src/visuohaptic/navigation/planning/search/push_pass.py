@@ -1,9 +1,9 @@
-"""One pass of weighted A* over pushes: expands states, works out contacts and lengths when they are the best.
+"""One pass of weighted A* over pushes: expands states, with lazy evaluation of contacts and push lengths.
 
-A contact waits in the queue with a lower bound and is worked out only when it is taken: how far the push is free of
-collisions, and at which lengths it joins pieces of free space. A length waits with the bound of its parent, and is
-put back with that of the configuration that it leads to. The risk of an oblique push is simulated, hence expensive:
-the push waits without it, and is put back with it when it would be executed next.
+A contact enters the queue with a lower bound and is evaluated only when it is taken: its collision-free push distance,
+and the lengths at which it connects components of free space. A push of some length enters with the bound of its
+parent and is re-queued with that of the configuration it leads to. The risk of an oblique push is simulated, hence
+expensive: the push enters without it, and is re-queued with it when it would be expanded next.
 """
 
 from __future__ import annotations
@@ -25,32 +25,32 @@ from .search_domain import CLEAR_SLACK_M
 
 __all__ = ["LENGTH_STEP_M", "PushPass"]
 
-#: Pushes are tried in multiples of this [m], where the free space allows it.
+#: Push lengths are multiples of this [m], where the free space allows it.
 LENGTH_STEP_M = 0.05
-#: Lengths tried of every push, and beyond one that joins pieces of free space [steps].
+#: Lengths tried for every push, and beyond one that connects components of free space [steps].
 LADDER, BEYOND = (2, 4, 6, 9, 13, 19, 28, 40), (0, 1, 2, 4, 8, 16)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Contact:
-    """A push that can be reached, of no length yet."""
+    """A reachable push, before its length is chosen."""
 
     parent: SearchState
     body: int
     number: int
-    spent: float  #: with the drive to the contact [units]
-    reached: bool  #: whether the goal could be reached without it
+    spent: float  #: including the drive to the contact [units]
+    reached: bool  #: whether the goal can be reached without it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Push:
-    """A push that waits in the queue; its state is generated only when it is taken, as most never are."""
+    """A queued push; its state is generated only when it is taken, because most pushes never are."""
 
     contact: _Contact
     length: float
     spent: float
     opens: bool
-    priced: bool  #: whether ``spent`` has the risk of the object turning away
+    priced: bool  #: whether ``spent`` includes the risk of the object rotating away
     refined: bool = False
 
 
@@ -58,9 +58,9 @@ class _Push:
 class _Queue:
     """Open entries by estimated cost; entries that cannot improve on the best known plan are rejected."""
 
-    best: float  #: cost of the best plan known [units]
+    best: float  #: cost of the best known plan [units]
     entries: list[tuple[float, int, SearchState | _Contact | _Push]] = field(default_factory=list)
-    goal: SearchState | None = None  #: from where the best plan of this pass drives to the goal
+    goal: SearchState | None = None  #: last state of this pass's best plan, before the drive to the goal
     pushed: int = 0  #: breaks ties: first in, first out
 
     def push(self, estimate: float, entry: SearchState | _Contact | _Push) -> None:
@@ -70,22 +70,22 @@ class _Queue:
 
 
 class PushPass:
-    """One pass over the queue, with a heuristic weight.
+    """One pass over the queue with a given heuristic weight.
 
     Parameters
     ----------
     heuristic
         Costs of pushes and lower bounds of the cost-to-go.
     weight
-        Of the heuristic; with 1 the bound is one of all plans of the model.
+        Weight of the heuristic; with 1 the result bounds all plans of the model.
     limits
-        Memory and pushes.
+        Memory limit and maximum number of pushes.
     deadline
-        When to stop.
+        Time limit.
     bodies
-        Indices of those that are pushed; by default all that the heuristic knows.
+        Indices of the bodies that are pushed; by default all bodies of the heuristic.
     on_map
-        Whether every drive has to exist on the map. On the lattice alone the bound is lower, and found sooner.
+        Whether every drive has to exist on the map. On the lattice alone the bound is lower and found faster.
     """
 
     def __init__(
@@ -112,18 +112,18 @@ class PushPass:
     def run(
         self, first: SearchState, expansions: int, known: float = float("inf"), gap: float = 0.0
     ) -> SearchResult:
-        """Search until the best plan is within the gap, the queue runs empty, or the budget is spent.
+        """Search until the best plan is within the gap, the queue is empty, or the budget is spent.
 
         Parameters
         ----------
         first
-            Where everything is at the start.
+            Initial state.
         expansions
             Maximum number of expanded configurations.
         known
             Cost of the best known plan [units]; only cheaper plans are searched.
         gap
-            How far the plan may be from the bound, as a fraction of it.
+            Allowed difference between plan and bound, as a fraction of the bound.
         """
         units = self.heuristic.units / self.domain.block
         self.start = first.robot
@@ -157,7 +157,7 @@ class PushPass:
         return SearchResult(False, bound=bound / units, expanded=expanded, exhausted=exhausted)
 
     def _exists(self, state: SearchState) -> bool:
-        """Whether the map has the drive to the last push, too."""
+        """Whether the drive to the last push also exists on the map."""
         step, parent = state.step, state.parent
         return (
             not self.on_map
@@ -167,7 +167,7 @@ class PushPass:
         )
 
     def _expand(self, state: SearchState) -> None:
-        """The drive to the goal, and the contacts that the robot can reach."""
+        """Generate the drive to the goal and the contacts that the robot can reach."""
 
         domain, heuristic, queue = self.domain, self.heuristic, self.queue
         clearance = domain.lattice_with(state.shifts)
@@ -182,7 +182,7 @@ class PushPass:
                 heuristic.free_field if bounded else none, int(queue.best - state.spent) if bounded else 0, none,
             )  # fmt: skip
             if not bounded and not state.depth:
-                state.travel = cost  # every pass begins here
+                state.travel = cost  # every pass starts here
         self.seen.add(state, cost)
         goal_cells, goal_costs = heuristic.goal_seeds(clearance)
         reached = False
@@ -196,10 +196,10 @@ class PushPass:
         points = heuristic.centres[bodies] + state.shifts[bodies] + self.stands
         approach = reach_costs(clearance, cost, points, domain.radius, domain.slow, domain.block)
         usable = approach < heuristic.far
-        # Interpolated clearance is never too low: a point with less than the radius is certainly too near.
+        # Interpolated clearance is never too low: a point with less than the radius is certainly in collision.
         usable &= clearances_at(domain.clearance, points) >= self.radius
         if (last := state.step) is not None and last.length < heuristic.longest(last.body) - 0.5:
-            usable &= (bodies != last.body) | (numbers != last.contact)  # a longer push is the same
+            usable &= (bodies != last.body) | (numbers != last.contact)  # same as a longer push
         usable = np.flatnonzero(usable)
         if not len(usable):
             return
@@ -213,7 +213,7 @@ class PushPass:
     def _arrive(
         self, cost: float, state: SearchState, field: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "n"]]
     ) -> None:
-        """A plan that ends by driving from a state to the goal; taken where it is better, and exists on the map."""
+        """A plan that ends with the drive from a state to the goal; accepted if it is better and exists on the map."""
         if cost >= self.queue.best:
             return
         heuristic, steps = self.heuristic, push_sequence(state)
@@ -227,9 +227,9 @@ class PushPass:
     def _left(
         self, state: SearchState, bodies: Int32[np.ndarray, "n"], ends: Float[np.ndarray, "n 2"]
     ) -> Float[np.ndarray, "n"]:
-        """Lower bounds of the cost-to-go after pushes that leave the robot at some points [units]."""
+        """Lower bounds of the cost-to-go after pushes that leave the robot at given points [units]."""
         heuristic = self.heuristic
-        # The field of the new configuration is computed for those successors only that are taken.
+        # The field of the new configuration is computed only for successors that are taken.
         charges = np.zeros(len(state.shifts))
         for body in set(bodies.tolist()):
             charges[body] = heuristic.crossing(body, state.shifts[body])
@@ -239,7 +239,7 @@ class PushPass:
         return np.where(free >= heuristic.far, np.inf, np.maximum(field - relief, free))
 
     def _lengths(self, contact: _Contact) -> None:
-        """Pushes by one contact, as far as they are free of collisions."""
+        """Pushes with one contact, of collision-free lengths."""
         domain, heuristic, state = self.domain, self.heuristic, contact.parent
         shift = state.shifts[contact.body]
         push = heuristic.contacts(contact.body)[contact.number]
@@ -262,7 +262,7 @@ class PushPass:
         for length, to_go, driven in zip(lengths.tolist(), left.tolist(), free_left.tolist(), strict=True):
             opens = length >= opens_at
             spent = contact.spent + heuristic.push_units(contact.body, length)
-            if not opens and self.weight > 1.0:  # another push has to follow, most likely
+            if not opens and self.weight > 1.0:  # most likely, another push is needed
                 to_go = max(to_go, driven + heuristic.min_any_push)
                 to_go += heuristic.crossing(contact.body, shift)
             entry = _Push(contact, length, spent, opens, not push.oblique)
@@ -270,7 +270,7 @@ class PushPass:
                 self.queue.push(spent + to_go * self.weight, entry)
 
     def _tried(self, free: float, opening: Float[np.ndarray, "k"]) -> list[float]:
-        """Lengths that are tried of a push [cells], ascending."""
+        """Lengths to try for a push [cells], ascending."""
         step = self.step
         lengths = {n * step for n in LADDER if n * step <= free}
         lengths.add(free if free < step else np.floor(free / step + 1e-6) * step)
@@ -282,13 +282,13 @@ class PushPass:
         return sorted(lengths)
 
     def _price(self, entry: _Push, estimate: float) -> None:
-        """Put an oblique push back with its simulated risk."""
+        """Re-queue an oblique push with its simulated risk."""
         contact, units = entry.contact, self.heuristic.push_units
         risk = units(contact.body, entry.length, contact.number) - units(contact.body, entry.length)
         self.queue.push(estimate + risk, replace(entry, spent=entry.spent + risk, priced=True))
 
     def _refine(self, entry: _Push) -> None:
-        """Put a push back with the estimate of the configuration that it leads to."""
+        """Re-queue a push with the estimate of the configuration it leads to."""
         heuristic = self.heuristic
         state = _state(heuristic, entry)
         to_go = float(heuristic.to_go(heuristic.field(state.shifts, state.robot), state.robot[None])[0])

@@ -1,14 +1,14 @@
-"""Navigation among movable obstacles (NAMO) by anytime A* over pushes: which object, from where, how far, in which order.
+"""Navigation among movable obstacles (NAMO) by anytime A* over pushes: which objects, contacts, lengths, in which order.
 
-A state is where every body stands and where the robot is. A successor drives to a stable contact and pushes
-straight; the last step drives to the goal. What it costs to drive is computed once per state on the lattice of the
-domain, whose size does not depend on the cells of the map. A contact waits in the queue with a lower bound and is
-worked out only when it is the best: how far the push is free of collisions, and at which lengths it joins pieces of
-free space. The lengths tried are those, a few longer ones, and a ladder in metres.
+A state consists of the positions of all bodies and of the robot. A successor drives to a stable contact and pushes
+straight; the last step drives to the goal. Travel costs are computed once per state on the lattice of the
+domain, whose size does not depend on the resolution of the map. A contact enters the queue with a lower bound and is
+evaluated only when it is taken: its collision-free push distance, and the lengths at which it connects components of
+free space. The lengths tried are these, a few longer ones, and a fixed sequence in metres.
 
 A pass of weighted A* finds a first plan, without the bodies that touch no bottleneck; a pass with the admissible
 heuristic of :mod:`~visuohaptic.navigation.planning.search.push_heuristic` and all bodies improves it until it is
-proved cheapest or the budget ends, and gives the bound. That there is no plan is proved by
+proved optimal or the budget ends, and provides the bound. That no plan exists is proved by
 :mod:`~visuohaptic.navigation.planning.search.infeasibility`.
 """
 
@@ -36,16 +36,16 @@ from .search_domain import SearchDomain, grid_from_world
 
 __all__ = ["load_kernels", "search_pushes"]
 
-#: Heuristic weights of the passes for a first plan, and of a last one where nothing was found.
+#: Heuristic weights of the passes for a first plan, and of a last pass if nothing was found.
 WEIGHTS, LAST_WEIGHT = (1.2, 3.0), 10.0
 #: Fraction of the time for a first plan that is spent on perpendicular pushes only; the rest is for oblique ones.
 STRAIGHT = 0.5
 #: Maximum number of expanded configurations with the first weight, and for the bound of a single body.
 FIRST_EXPANSIONS, ALONE_EXPANSIONS = 150, 60
-#: How far a bound of one body alone may be below its cheapest plan.
+#: Allowed gap between the bound of one body alone and its cheapest plan, as a fraction.
 ALONE_GAP = 0.02
-#: Fractions of the budget after which ends: one body at a time; a first plan with the bodies on the cheapest path of
-#: the bound, with those at bottlenecks, by weight; a proof that there is none; a first plan with all bodies.
+#: Fractions of the budget at which these phases end: bounds of single bodies; a first plan with the bodies on the cheapest
+#: path of the bound; with those at bottlenecks, by weight; the infeasibility proof; a first plan with all bodies.
 ALONE, CROSSED, SOON, PROOF, LATE = 0.3, 0.35, (0.4, 0.55), 0.75, (0.8, 0.9, 1.0)
 
 
@@ -68,17 +68,17 @@ def search_pushes(
     start, goal
         Grid coordinates [cells].
     costs
-        What a push costs.
+        Cost model of the pushes.
     limits
-        How long to search.
+        Limits of the search.
     active
         Indices of the bodies that may be pushed; all of them by default.
     oblique
-        Whether pushes may be oblique to a face, which friction has to hold.
+        Whether pushes may be oblique to a face, which relies on contact friction.
 
     Returns
     -------
-    The pushes, or the reason why there are none and whether that is proved (``exhausted``).
+    The pushes, or the reason why there are none and whether this is proved (``exhausted``).
     """
     load_kernels()
     chosen = frozenset(range(len(domain.bodies)) if active is None else active)
@@ -87,7 +87,7 @@ def search_pushes(
 
 @lru_cache(maxsize=1)
 def load_kernels() -> None:
-    """Search a small floor once, so that no budget is spent on loading compiled code."""
+    """Solve a small problem once, so that no budget is spent on loading compiled code."""
     cells = np.zeros((12, 24), np.int8)
     cells[[0, -1]] = cells[:, [0, -1]] = cells[:, 12] = OCCUPIED
     cells[4:8, 12] = FREE
@@ -101,7 +101,7 @@ def load_kernels() -> None:
 
 @dataclass(slots=True, eq=False)
 class _Search:
-    """One search with its budget: a first plan or a proof that there is none, then better plans and bounds."""
+    """One search with its budget: a first plan or an infeasibility proof, then better plans and bounds."""
 
     domain: SearchDomain
     start: Float[np.ndarray, "2"]
@@ -113,9 +113,9 @@ class _Search:
     expanded: int = 0
     deadline: Deadline = field(init=False)
     first: SearchState = field(init=False)
-    #: the push with which each body that separates start and goal is passed, where the others are not there
+    #: for each body that separates start and goal, the push that passes it when the other bodies are absent
     lone: list[PushStep] = field(default_factory=list)
-    cells: Int32[np.ndarray, "k"] = field(init=False)  #: nodes that the robot can be on at the start
+    cells: Int32[np.ndarray, "k"] = field(init=False)  #: start nodes of the robot
 
     def __post_init__(self) -> None:
         self.deadline = Deadline.after(self.limits.budget_s)
@@ -137,8 +137,8 @@ class _Search:
         seconds, lowest = self.domain.block / free.units, float(free.free_field[self.cells].min())
         pushing = lowest + min((free.shortest_push(k) for k in self.active), default=float("inf"))
         enough = (1.0 + self.limits.gap) * (pushing if self.active else lowest)
-        # A path that is hardly longer than without the objects crosses a small part of a large map; beside one that is
-        # just good enough there must be room for any angle.
+        # A path that is hardly longer than without the objects crosses a small part of a large map; the limit leaves a
+        # tolerance above an acceptable cost for any-angle paths.
         for most in ((1.0 + self.limits.gap) * enough, float("inf")):
             plan = PushPass(free, 1.0, self.limits, self._until(1.0)).run(self.first, 1, most)
             if plan.found and (not self.active or plan.cost <= enough * seconds):
@@ -148,7 +148,7 @@ class _Search:
         return self._with_pushes(free, plan)
 
     def _with_pushes(self, free: PushHeuristic, plan: SearchResult) -> SearchResult:
-        """A plan with pushes, if one that is cheaper than the plan without is found within the budget."""
+        """A plan with pushes, if a cheaper one than the plan without pushes is found within the budget."""
         if plan.found:
             plan = replace(
                 plan, bound=float(free.free_field[self.cells].min()) * self.domain.block / free.units
@@ -170,7 +170,7 @@ class _Search:
         through: dict[int, float] = {}
         worth = self.active
         if plan.found:
-            # A plan that pushes one of the others costs more than it could save.
+            # A plan that pushes one of the others cannot improve on this one.
             seconds = self.domain.block / heuristic.units
             rest = self.active - {step.body for step in plan.steps}
             through = {k: heuristic.through(self.cells, k) * seconds for k in rest}
@@ -222,11 +222,11 @@ class _Search:
     ) -> SearchResult:
         """A plan by weighted A*, by weight and fraction of the budget, with pushes of some bodies only.
 
-        The one known where none is better.
+        Returns the known plan if none is better.
         """
         units = heuristic.units / self.domain.block
         for weight, fraction in passes:
-            # The smallest weight is for a plan that is found straight away.
+            # The smallest weight serves only for plans that are found immediately.
             most = FIRST_EXPANSIONS if weight == WEIGHTS[0] else self.limits.expansions
             most = max(min(most, self.limits.expansions - self.expanded), 1)
             until = self._until(fraction * (1.0 if self.oblique else STRAIGHT))
@@ -242,13 +242,13 @@ class _Search:
         return known
 
     def _joined(self, known: SearchResult, heuristic: PushHeuristic) -> SearchResult:
-        """The pushes past each body alone, in the order of a drive without bodies, if such a plan is near the bound."""
+        """The pushes past each single body, in the order of a drive without bodies, if such a plan is near the bound."""
         units, shifts = heuristic.units / self.domain.block, self.first.shifts
         left = heuristic.to_go(heuristic.free_field, np.array([step.approach for step in self.lone]))
         lone = [self.lone[k] for k in np.argsort(-left, kind="stable")]
         bound = float(heuristic.field(shifts)[self.cells].min()) / units
         most = (1.0 + ALONE_GAP) * bound
-        # Alone, a passage has to be free on the lattice only: on the map it may take a little longer push.
+        # With one body, a passage was checked on the lattice only: on the map it may need a slightly longer push.
         for longer in (0.0, LENGTH_STEP_M / self.domain.map.resolution_m):
             alone = [push_step(heuristic, shifts, s.body, s.contact, s.length + longer) for s in lone]
             steps = replayed(heuristic, tuple(alone), 0, alone[0].length)
@@ -281,7 +281,7 @@ class _Search:
         return replace(plan, bound=min(plan.bound, plan.cost))
 
     def _bound_crossings(self, heuristic: PushHeuristic) -> str:
-        """Raise the bounds of bodies that alone separate start and goal; why one of them can't be passed, if so."""
+        """Raise the bounds of bodies that alone separate start and goal; the reason if one of them cannot be passed."""
         domain, limits, deadline = self.domain, self.limits, self._until(ALONE)
         # A path without pushes, or one that crosses few bodies, needs no other bounds.
         for index in heuristic.separating(self.cells, heuristic.crossed(self.cells)):
@@ -307,7 +307,7 @@ class _Search:
         return ""
 
     def _impossible(self, heuristic: PushHeuristic) -> str:
-        """Why no sequence of pushes can solve the problem; empty where one may."""
+        """The reason why no sequence of pushes can solve the problem; empty if one may exist."""
         domain, goal = self.domain, self.goal
         still = np.array([k not in self.active for k in range(len(domain.bodies))], dtype=bool)
         fits = domain.clear_straight(self.first.shifts, goal, goal[None], still)[0]
@@ -323,7 +323,7 @@ class _Search:
 def _bottlenecks(
     domain: SearchDomain, goal: Float[np.ndarray, "2"], active: Collection[int], deadline: Deadline
 ) -> frozenset[int]:
-    """Bodies beside which the free space falls into pieces, or that cover the goal; all that there was no time for."""
+    """Bodies that divide the free space around them or cover the goal; also those not tested before the deadline."""
     everything = np.ones(len(domain.bodies), dtype=bool)
     still = np.array([k not in active for k in range(len(domain.bodies))], dtype=bool)
     shifts = np.zeros((len(domain.bodies), 2))
@@ -333,9 +333,9 @@ def _bottlenecks(
             found.add(index)
             continue
         body = domain.bodies[index]
-        # At this distance along an axis the body is clear of every block around it, which shows all components.
+        # At this distance along an axis the body is clear of every block around it, so all components are visible.
         far = 2.0 * (float(np.ptp(body.outline, axis=0).max()) + 2.0 * domain.radius + 4.0 * domain.block)
-        # Among the others, which may close a passage with it, and alone, as they may fill the room behind it.
+        # Among the other bodies, with which it may close a passage, and alone, as they may fill the room behind it.
         for others in (everything, still):
             among = others.copy()
             among[index] = False

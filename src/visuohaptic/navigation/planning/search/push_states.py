@@ -1,4 +1,4 @@
-"""States of the search over pushes, its limits and results, and what it has expanded already."""
+"""States of the search over pushes, its limits and results, and the expanded configurations."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ __all__ = [
     "push_sequence",
 ]
 
-#: Limit of the elapsed time, as a multiple of the budget: a search may share its processor.
+#: Limit of the wall time, as a multiple of the budget: a search may share its processor.
 WALL_PER_CPU = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class Deadline:
-    """The end of a budget, on two clocks: on a busy machine the processor's time is what an answer depends on.
+    """The end of a budget, in CPU time and wall time: on a busy machine, results depend on the CPU time only.
 
-    The compilation of kernels, in the first run on a machine, is not counted: the first answer is that of later runs.
+    The compilation of kernels, in the first run on a machine, is not counted: the first run gives the same result as later ones.
     """
 
-    cpu_s: float  #: time of this thread without compilation
+    cpu_s: float  #: CPU time of this thread without compilation
     wall_s: float  #: monotonic clock without compilation
 
     @classmethod
@@ -43,18 +43,18 @@ class Deadline:
         Parameters
         ----------
         budget_s
-            Time of the processor [s].
+            CPU time [s].
         """
         cpu_s, wall_s = _clocks_s()
         return cls(cpu_s + budget_s, wall_s + WALL_PER_CPU * budget_s)
 
     def earlier(self, seconds: float) -> Deadline:
-        """The deadline of a part of the budget.
+        """The deadline for a part of the budget.
 
         Parameters
         ----------
         seconds
-            Of the budget that are left after it [s].
+            Budget that remains after it [s].
         """
         return Deadline(self.cpu_s - seconds, self.wall_s - WALL_PER_CPU * seconds)
 
@@ -71,7 +71,7 @@ class Deadline:
 
 
 def _clocks_s() -> tuple[float, float]:
-    """Time of this thread and the monotonic clock, both without the compilation of kernels [s]."""
+    """CPU time of this thread and monotonic clock, both without the compilation of kernels [s]."""
     cpu_s, wall_s = compiled_s()
     return time.thread_time() - cpu_s, time.monotonic() - wall_s
 
@@ -82,11 +82,11 @@ class SearchLimits:
 
     budget_s: float = field(
         default=2.0, metadata=POSITIVE
-    )  #: time of the processor for one search; on the wall at most three times as long
-    gap: float = field(default=0.05, metadata=NON_NEGATIVE)  #: end when the plan is within this of the bound
-    memory_bytes: int = field(default=500_000_000, metadata=POSITIVE)  #: for what was expanded
-    expansions: int = field(default=100_000, metadata=POSITIVE)  #: configurations looked at
-    pushes: int = field(default=12, metadata=NON_NEGATIVE)  #: in one plan, at most
+    )  #: CPU time of one search; the wall time is limited to three times as much
+    gap: float = field(default=0.05, metadata=NON_NEGATIVE)  #: end within this fraction of the bound
+    memory_bytes: int = field(default=500_000_000, metadata=POSITIVE)  #: for expanded configurations
+    expansions: int = field(default=100_000, metadata=POSITIVE)  #: maximum number of expanded configurations
+    pushes: int = field(default=12, metadata=NON_NEGATIVE)  #: maximum number in one plan
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -97,7 +97,7 @@ class PushStep:
     """One push, in grid coordinates."""
 
     body: int
-    contact: int  #: index into the body's contacts, the oblique ones after the others
+    contact: int  #: index into the body's contacts, the oblique ones last
     length: float  #: [cells]
     shifts_before: Float[np.ndarray, "bodies 2"]
     shifts_after: Float[np.ndarray, "bodies 2"]
@@ -108,29 +108,29 @@ class PushStep:
 
 @dataclass(frozen=True, slots=True)
 class SearchResult:
-    """Pushes in order, or why there are none."""
+    """Pushes in order, or the reason why there are none."""
 
     found: bool
     steps: tuple[PushStep, ...] = ()
-    cost: float = float("inf")  #: estimate by the lattice [cells at full speed]
-    bound: float = 0.0  #: no plan of the model costs less [cells at full speed]
+    cost: float = float("inf")  #: lattice estimate [cells at full speed]
+    bound: float = 0.0  #: lower bound of all plans of the model [cells at full speed]
     expanded: int = 0
-    exhausted: bool = False  #: that there is no plan is proved
+    exhausted: bool = False  #: whether it is proved that there is no plan
     reason: str = ""
-    left_out: tuple[int, ...] = ()  #: bodies whose places touch no bottleneck between start and goal
+    left_out: tuple[int, ...] = ()  #: bodies that touch no bottleneck between start and goal
 
 
 @dataclass(slots=True, eq=False)
 class SearchState:
-    """A node of the search: where every body and the robot are, and how they got there."""
+    """A node of the search: positions of all bodies and of the robot, and the preceding pushes."""
 
     spent: float  #: cost from the start [units]
     robot: Float[np.ndarray, "2"]  #: centre [cells]
-    shifts: Float[np.ndarray, "bodies 2"]  #: of the bodies from where the map has them [cells]
+    shifts: Float[np.ndarray, "bodies 2"]  #: displacements of the bodies from their mapped positions [cells]
     parent: SearchState | None = None
     step: PushStep | None = None
     depth: int = 0
-    #: of drives from its robot to each node, where several passes ask for it [units]
+    #: costs of driving from its robot position to each node, where several passes need them [units]
     travel: Int32[np.ndarray, "n"] | None = None
 
 
@@ -142,27 +142,27 @@ class SeenFields:
     fields: dict[bytes, list[tuple[float, Int32[np.ndarray, "n"]]]] = field(default_factory=dict)
 
     def dominated(self, state: SearchState, cells: Int32[np.ndarray, "k"]) -> bool:
-        """Whether another state of the same configuration reaches one of some cells at no higher cost.
+        """Whether another state of the same configuration reaches one of the cells at no higher cost.
 
         Parameters
         ----------
         state
-            The state in question.
+            State to test.
         cells
-            Flat indices of the cells beside its robot.
+            Flat indices of the cells next to its robot.
         """
         known = self.fields.get(_key(state.shifts), ())
         return any(spent + int(cost[cells].min()) <= state.spent + 1 for spent, cost in known)
 
     def add(self, state: SearchState, cost: Int32[np.ndarray, "n"]) -> None:
-        """Keep the field of an expanded state while memory lasts.
+        """Store the field of an expanded state until the memory limit is reached.
 
         Parameters
         ----------
         state
-            The state.
+            The expanded state.
         cost
-            Of driving from its robot to each cell [units].
+            Costs of driving from its robot to each cell [units].
         """
         if self.cells_left >= cost.size:
             self.cells_left -= cost.size
@@ -179,7 +179,7 @@ def push_sequence(state: SearchState) -> tuple[PushStep, ...]:
     Parameters
     ----------
     state
-        Where the sequence ends.
+        Last state of the sequence.
     """
     steps: list[PushStep] = []
     at: SearchState | None = state
@@ -190,18 +190,18 @@ def push_sequence(state: SearchState) -> tuple[PushStep, ...]:
 
 
 def needed_clearance(radius: float, spacing: float | None = None) -> float:
-    """Clearance, interpolated at samples of a segment, from which on all of it is clear by the radius [cells].
+    """Clearance, interpolated at the samples of a segment, that guarantees the radius everywhere on the segment [cells].
 
-    The distance from an obstacle bends by at most 1 / distance: interpolated between the centres of cells it is too
+    The curvature of the distance from an obstacle is at most 1 / distance: interpolated between cell centres it is too
     high by at most 1 / (8 distance), and between samples it may fall below both by spacing^2 / (8 distance). The
-    last factor is of the next order.
+    last factor accounts for the next order.
 
     Parameters
     ----------
     radius
-        Of the robot [cells].
+        Radius of the robot [cells].
     spacing
-        Of the samples [cells]; by default those of a drive.
+        Spacing of the samples [cells]; by default that of a drive.
     """
     spacing = max(0.5, radius / 7.0) if spacing is None else spacing
     return radius + (1.0 + spacing**2) / (8.0 * radius) * (1.0 + 1.0 / (8.0 * radius))

@@ -1,4 +1,4 @@
-"""The domain of the search over pushes: static obstacles with their clearance, and where each object is.
+"""The domain of the search over pushes: static obstacles with their clearance, and the pushable objects.
 
 Everything here is in grid coordinates: cells, x along the columns and y along the rows of the map.
 """
@@ -29,36 +29,36 @@ __all__ = [
     "world_from_grid",
 ]
 
-#: Rounding of coordinates may bring the robot nearer to something by so much [m].
+#: Tolerance of a clearance for rounding errors of coordinates [m].
 CLEAR_SLACK_M = 1e-6
-#: Distance patches that are kept.
+#: Maximum number of cached distance patches.
 MAX_PATCHES = 5000
-#: Nodes of lattices that are kept.
+#: Maximum number of nodes of cached lattices.
 MAX_STILL_NODES = 20_000_000
-#: Cells along a path, the clearance around, the cell (x, y) that both begin at, and what the path costs [cells].
+#: Cells along a path, the clearance around it, the cell (x, y) at which both start, and the cost of the path [cells].
 Corridor = tuple[Float[np.ndarray, "k 2"], Float32[np.ndarray, "r c"], Float[np.ndarray, "2"], float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchDomain:
-    """Static map and pushable bodies, with the lattice that drives between pushes are searched on.
+    """Static map and pushable bodies, with the lattice on which drives between pushes are searched.
 
-    A node of the lattice is a block of cells; it is as clear as its clearest cell, so that what is cut off on the
-    lattice is cut off on the map. The drives of a plan are made on the map itself.
+    A node of the lattice is a block of cells with the clearance of its clearest cell, so that whatever is disconnected on
+    the lattice is also disconnected on the map. The drives of a plan are computed on the map itself.
     """
 
     map: OccupancyMap
     robot: RobotModel
-    radius: float  #: clearance that the robot needs: its radius and what interpolation may hide [cells]
+    radius: float  #: clearance that the robot needs: its radius and the interpolation error [cells]
     slow: float  #: v_max / v_min
-    occupied: Bool[np.ndarray, "rows columns"]  #: what never moves and is no object
-    #: of a cell's centre from the border of such cells, and from the outline of objects that never move [cells]
+    occupied: Bool[np.ndarray, "rows columns"]  #: static obstacles that are not objects
+    #: of a cell's centre from the border of such cells, and from the outlines of immovable objects [cells]
     clearance: Float32[np.ndarray, "rows columns"]
     bodies: tuple[Body, ...]
-    immovable: tuple[MovableObject | Passage, ...]  #: fixed, falling, too heavy or locked
+    immovable: tuple[MovableObject | Passage, ...]  #: fixed, tipping, too heavy or locked
     why_immovable: dict[str, str]  #: reasons by id
-    block: int  #: edge of a node of the lattice [cells]
-    lattice: Float32[np.ndarray, "blocks_down blocks_across"]  #: largest clearance in each block [cells]
+    block: int  #: edge length of a node of the lattice [cells]
+    lattice: Float32[np.ndarray, "blocks_down blocks_across"]  #: maximum clearance in each block [cells]
     immovable_outlines: tuple[Float[np.ndarray, "p 2"], ...]
     passages: tuple[tuple[Passage, Float[np.ndarray, "p 2"], float], ...] = ()  #: outline, seconds
     #: distances around bodies, cached because most bodies do not move
@@ -66,15 +66,15 @@ class SearchDomain:
         default_factory=dict, repr=False
     )
 
-    #: lattice with the bodies that do not move, by the moved ones
+    #: cached lattices with the unmoved bodies, by the set of moved ones
     still: dict[tuple[int, ...], Float32[np.ndarray, "r c"]] = field(default_factory=dict, repr=False)
 
-    #: cached drives, by shifts, start and goal: edge of a block, blocks, cost, cells
+    #: cached drives, by displacements, start and goal: block size, blocks, cost, cells
     drives: dict[tuple[bytes, ...], tuple[int, Float[np.ndarray, "k 2"], float, Float[np.ndarray, "n 2"]]] = (
         field(default_factory=dict, repr=False)
     )
 
-    #: their last pieces on the map: cells, clearance around, where both begin, cost
+    #: their last pieces on the map: cells, clearance around them, common corner, cost
     pieces: dict[tuple[bytes, ...], Corridor | None] = field(default_factory=dict, repr=False)
 
     #: the same over the lattice: blocks, cost
@@ -82,29 +82,29 @@ class SearchDomain:
         default_factory=dict, repr=False
     )
 
-    #: poses of a body along simulated pushes, by body and contact: model, how far they go [m], pushes by rows by x, y,
-    #: turn
+    #: poses of a body along simulated pushes, by body and contact: model, maximum length [m], pushes by rows by x, y,
+    #: rotation
     ends: dict[tuple[int, int], tuple[PushModel, float, Float[np.ndarray, "n k 3"]]] = field(
         default_factory=dict, repr=False
     )
 
-    #: least and greatest corner of the bodies, cached
+    #: minimum and maximum corners of the bodies, cached
     boxes: list[Float[np.ndarray, "bodies 2"]] = field(default_factory=list, repr=False)
 
     @property
     def reach(self) -> float:
-        """Clearance from which on the robot drives at full speed [cells]."""
+        """Clearance above which the robot drives at full speed [cells]."""
         return full_speed_clearance(self.radius)
 
     def clearance_with(
         self, shifts: Float[np.ndarray, "bodies 2"], without: int = -1
     ) -> Float32[np.ndarray, "rows columns"]:
-        """Distance to the nearest obstacle [cells] with every body shifted, one of them left out.
+        """Distance to the nearest obstacle [cells] with displaced bodies, optionally without one of them.
 
         Parameters
         ----------
         shifts
-            Of the bodies from where the map has them [cells].
+            Displacements of the bodies from their mapped positions [cells].
         without
             Index of the body left out; -1 for none.
         """
@@ -118,7 +118,7 @@ class SearchDomain:
         Parameters
         ----------
         shifts
-            As there.
+            See :meth:`clearance_with`.
         """
         # Most bodies do not move: the lattice with them is cached by the set of moved bodies.
         moved = tuple(np.flatnonzero(shifts.any(axis=1)).tolist())
@@ -137,18 +137,18 @@ class SearchDomain:
         reach: int = 1,
         block: int | None = None,
     ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
-        """Free nodes of a layer around a point (flat), and what it costs to get there [units].
+        """Free nodes of a layer around a point (flat indices), and the costs from the point to them [units].
 
         Parameters
         ----------
         layer
             Clearance [cells].
         point
-            From the layer's corner [cells].
+            Point from the layer's corner [cells].
         reach
             Half width of the window around the point's node [nodes].
         block
-            Edge of a node [cells]; that of the lattice by default.
+            Edge length of a node [cells]; that of the lattice by default.
         """
 
         found: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]] = nodes_around(
@@ -163,18 +163,18 @@ class SearchDomain:
         chosen: Sequence[int],
         block: int,
     ) -> Float32[np.ndarray, "r c"]:
-        """A copy of a clearance layer with some bodies in it, by cells (block 1) or by blocks.
+        """A copy of a clearance layer with some bodies added, by cells (block 1) or by blocks.
 
         Parameters
         ----------
         layer
             Clearance [cells].
         shifts
-            Of the bodies from where the map has them [cells].
+            Displacements of the bodies from their mapped positions [cells].
         chosen
             Indices of the bodies.
         block
-            Edge of an element of the layer [cells].
+            Edge length of an element of the layer [cells].
         """
         layer = layer.copy()
         for index in chosen:
@@ -190,16 +190,16 @@ class SearchDomain:
         block: int,
         among: Bool[np.ndarray, "bodies"] | None = None,
     ) -> Float32[np.ndarray, "h w"]:
-        """A copy of a window of a layer, ``low`` <= (x, y) < ``high``, with the bodies in it.
+        """A copy of a window of a layer, ``low`` <= (x, y) < ``high``, with the bodies added.
 
         Parameters
         ----------
         layer, shifts, block
-            As of :meth:`lowered`.
+            See :meth:`lowered`.
         low, high
             Corners of the window [elements of the layer].
         among
-            Which bodies; all by default.
+            Mask of the bodies; all by default.
         """
         part = layer[low[1] : high[1], low[0] : high[0]].copy()
         lows, highs = self.extents
@@ -217,15 +217,15 @@ class SearchDomain:
         shift: Float[np.ndarray, "2"],
         block: int,
     ) -> None:
-        """Bring a body into a window of a layer that begins at ``low`` (x, y), in place."""
-        # A patch of cells can be moved by whole cells; a patch of blocks depends on the cells in each block.
+        """Add a body to a window of a layer that starts at ``low`` (x, y), in place."""
+        # A patch of cells can be shifted by whole cells; a patch of blocks depends on the cells in each block.
         whole = np.floor(shift + 1e-9) if block == 1 else np.zeros(2)
         patch, row, column = self.patch(index, shift - whole, block)
         lower_window(part, patch, row + int(whole[1] - low[1]), column + int(whole[0] - low[0]))
 
     @property
     def extents(self) -> tuple[Float[np.ndarray, "bodies 2"], Float[np.ndarray, "bodies 2"]]:
-        """Least and greatest x, y of every body where the map has it [cells]."""
+        """Minimum and maximum x, y of every body at its mapped position [cells]."""
         if not self.boxes:
             outlines = [body.outline for body in self.bodies]
             self.boxes.append(np.array([o.min(axis=0) for o in outlines]).reshape(-1, 2))
@@ -235,14 +235,14 @@ class SearchDomain:
     def patch(
         self, index: int, shift: Float[np.ndarray, "2"], block: int
     ) -> tuple[Float32[np.ndarray, "r c"], int, int]:
-        """Largest distance from a body in the blocks around it, and the first row and column.
+        """Maximum distance from a body in the blocks around it, and the first row and column.
 
         Parameters
         ----------
         index, shift
-            As of :meth:`lattice_of`.
+            Index of the body, and its displacement [cells].
         block
-            Edge of a block [cells].
+            Edge length of a block [cells].
         """
 
         key = (block, index, round(float(shift[0]), 9), round(float(shift[1]), 9))
@@ -264,24 +264,24 @@ class SearchDomain:
         high: Float[np.ndarray, "2"],
         among: Bool[np.ndarray, "bodies"] | None = None,
     ) -> tuple[Float[np.ndarray, "v 2"], Int32[np.ndarray, "o"]]:
-        """Outlines of every object in a box but one, one after the other, and where each begins.
+        """Concatenated outlines of all objects in a box except one, and the start index of each.
 
         Parameters
         ----------
         shifts
-            Of the bodies from where the map has them [cells].
+            Displacements of the bodies from their mapped positions [cells].
         without
             Index of the body left out.
         low, high
             Corners of the box; static obstacles are included everywhere [cells].
         among
-            Which bodies; all by default.
+            Mask of the bodies; all by default.
         """
         lows, highs = self.extents
         near = (lows + shifts <= high).all(axis=1) & (highs + shifts >= low).all(axis=1)
         near = near if among is None else near & among
         outlines = [self.bodies[k].outline + shifts[k] for k in np.flatnonzero(near).tolist() if k != without]
-        # Objects must not be pushed into doors.
+        # Doors are obstacles for pushed objects.
         outlines += [*self.immovable_outlines, *(outline for _, outline, _ in self.passages)]
         return joined_outlines(outlines)
 
@@ -292,18 +292,18 @@ class SearchDomain:
         ends: Float[np.ndarray, "n 2"],
         among: Bool[np.ndarray, "bodies"] | None = None,
     ) -> Bool[np.ndarray, "n"]:
-        """Whether the robot gets straight from a point to each end without coming too near to anything.
+        """Whether the straight drives from a point to each of the ends have sufficient clearance.
 
-        Exact, to the squares of occupied cells and the outlines of objects, where :attr:`clearance` is interpolated.
+        Exact with respect to the squares of occupied cells and the outlines of objects, unlike the interpolated :attr:`clearance`.
 
         Parameters
         ----------
         shifts
-            Of the bodies from where the map has them [cells].
+            Displacements of the bodies from their mapped positions [cells].
         begin, ends
             Grid coordinates [cells].
         among
-            Which bodies are in the way; all by default.
+            Mask of the bodies that count as obstacles; all by default.
         """
 
         radius = (self.robot.radius_m - CLEAR_SLACK_M) / self.map.resolution_m
@@ -323,7 +323,7 @@ class SearchDomain:
         Parameters
         ----------
         block
-            Edge of a block [cells].
+            Edge length of a block [cells].
         """
         from .object_cells import fill_cells
 
@@ -338,19 +338,19 @@ class SearchDomain:
         return found
 
     def charges(self, block: int) -> Int32[np.ndarray, "labels"]:
-        """What it costs to get through the passage of each label [units of the travel field].
+        """Costs of the passage of each label [units of the travel field].
 
         Parameters
         ----------
         block
-            As of :meth:`labels`.
+            See :meth:`labels`.
         """
 
         scale = UNITS * self.robot.v_max_m_s / (self.map.resolution_m * block)
         return np.array([0.0, *(seconds * scale for *_, seconds in self.passages)]).astype(np.int32)
 
     def seconds(self, cells_at_full_speed: float) -> float:
-        """Cost [s] of a cost in cells at full speed.
+        """Cost in seconds of a cost in cells at full speed.
 
         Parameters
         ----------
@@ -363,23 +363,23 @@ class SearchDomain:
 def joined_outlines(
     outlines: Sequence[Float[np.ndarray, "p 2"]],
 ) -> tuple[Float[np.ndarray, "v 2"], Int32[np.ndarray, "o"]]:
-    """Outlines one after the other, and where each begins, with the end of the last.
+    """Concatenated outlines, and the start index of each, followed by the end of the last.
 
     Parameters
     ----------
     outlines
-        Corners of each.
+        Corners of each outline.
     """
     starts = np.cumsum([0, *(len(outline) for outline in outlines)]).astype(np.int32)
     return np.concatenate(outlines) if outlines else np.zeros((0, 2)), starts
 
 
 def full_speed_clearance(radius: float) -> float:
-    """Clearance from which on the robot drives at full speed, with a margin of one cell [cells].
+    """Clearance above which the robot drives at full speed, with a margin of one cell [cells].
 
     Parameters
     ----------
     radius
-        Of the robot [cells].
+        Radius of the robot [cells].
     """
     return 3.0 * radius + 1.0
