@@ -84,7 +84,16 @@ PROSE = {phrase: instead for phrase, instead in PHRASES.items() if phrase != r"\
     r"\btrusted\b": "valid, reliable, used",
 }
 #: Packages whose docstrings and comments are in the terms of the field.
-PLAIN = ("cli", "reconstruction", "sensing/push", "tasks")
+PLAIN = (
+    "cli",
+    "deformation",
+    "grasping",
+    "navigation",
+    "recognition",
+    "reconstruction",
+    "sensing/push",
+    "tasks",
+)
 
 #: Pages whose text comes from the code of a package.
 GENERATED = {"gallery.md", "reliability.md"}

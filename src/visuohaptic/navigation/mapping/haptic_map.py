@@ -129,7 +129,7 @@ class HapticMap:
     >>> points = np.column_stack([np.zeros(9), np.linspace(-0.1, 0.1, 9)])
     >>> haptic = HapticMap.empty((0.0, 0.0), (4.0, 4.0), 0.05)
     >>> haptic.add(HapticContact(wall, points, (2.0, 2.0, 0.0)))
-    >>> haptic.value_at(np.array([[2.02, 2.0], [1.98, 2.0]])).round(1).tolist()
+    >>> haptic.value_at(np.array([[2.02, 2.0], [1.98, 2.0]])).astype(float).round(1).tolist()
     [0.4, -0.4]
     """
 
