@@ -108,7 +108,7 @@ class FoamContour:
     unclean_m: Float[np.ndarray, "K"] | None = None
     #: Fully correlated error of all points, of equal or opposite signs, e.g. due to the camera's encoding.
     shared_m: Float[np.ndarray, "K"] | None = None
-    zero_sigma_m: float = field(default=0.0, metadata=NON_NEGATIVE)  #: error of the zero, common to all points
+    zero_sigma_m: float = field(default=0.0, metadata=NON_NEGATIVE)  #: of the zero, common to all points
     #: Whether each deflection is the mean over the spacing of the points, as a tracker measures it, or the value at the point.
     averaged: bool = False
     #: Correlation of the noise of neighbouring points; ``tracking.SHARED_NOISE`` for contours of the tracker.
