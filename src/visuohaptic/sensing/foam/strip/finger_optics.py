@@ -85,9 +85,7 @@ class FingerOptics(StripOptics):
         super().__init__(setup.geometry, setup.config.tracking, plane, stripe=StripeView.of(setup))
 
     def _lost(self) -> None:
-        self._known: tuple[float, float] | None = (
-            None  # time and position from which the next frame is predicted
-        )
+        self._known: tuple[float, float] | None = None  # time and position at the start of the prediction
         self._forget_speed()
         self._until_check = self._finger.tag_every
         self._bump_px = 0.0
