@@ -50,7 +50,7 @@ PERSISTENCE_S = 0.3
 _ENTER = np.log([0.05, 0.01, 0.01, 0.01])
 #: Prior probability of the onset of a contact per frame, at most.
 _ONSET = 0.01
-#: Standard deviation of the front under the edge of a shadow [px]: the foam ends between two pixels.
+#: Standard deviation of the front under the edge of a shadow [px], due to the pixel resolution.
 REST_PX = 0.5
 #: Names of the kinds of evidence, in the order of :attr:`EdgeStates.against`.
 _CHANNELS = ("texture", "shadow", "speed", "steepness", "no edge", "blur")

@@ -29,8 +29,8 @@ __all__ = ["Tension", "shear_modulus", "softening"]
 
 #: Lower limit of the strain in the quotient m / eps, as both vanish at zero.
 SMALL_STRAIN = 2e-3
-#: Slightly compressed columns have not yet relieved their shear: the increment of kappa relative to kappa at zero strain, and
-#: its decay strain. The force errors of four foams under four bodies at strains of 0.02 to 0.375 are 0.21 % (rms) with one
+#: Slightly compressed columns have not yet relieved their shear: relative increment of kappa at zero strain, and the strain over
+#: which it decays. The force errors of four foams under four bodies at strains of 0.02 to 0.375 are 0.21 % (rms) with one
 #: kappa and lambda for each foam; 0.22 to 0.25 % with factors of 2 and 3 and strains of 0.022 and 0.033; 0.42 % with 1
 #: and 0.05.
 _UNRELIEVED, _RELIEVED_STRAIN = 2.5, 0.027
