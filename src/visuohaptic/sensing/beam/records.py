@@ -69,7 +69,7 @@ def read_loads(path: Path | str, *, angles: Literal["deg", "rad"] | None = None)
     Raises
     ------
     CalibrationError
-        A column is missing or a row cannot be read; the message has the line.
+        A column is missing or a row cannot be read; the message states the line.
     """
     names, rows = _table(path, CalibrationError)
     names = [_SHORT.get(name, {"x": "x_m", "y": "y_m", "z": "z_m"}.get(name, name)) for name in names]

@@ -1,4 +1,4 @@
-"""Force, pressure and shape from a strip of foam that a camera watches (Alt 2016, Sec. 3.2 and 3.3)."""
+"""Force, pressure and shape from camera images of a foam strip (Alt 2016, Sec. 3.2 and 3.3)."""
 
 from ...core.front_door import attach
 

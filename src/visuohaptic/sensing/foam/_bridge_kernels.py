@@ -1,4 +1,4 @@
-"""Compiled bridging of single points by the shape of their neighbours; used by ``deflection.py``."""
+"""Compiled interpolation of single points from the shape of their neighbours; used by ``deflection.py``."""
 
 # mypy: disable-error-code="no-untyped-def"
 from __future__ import annotations
@@ -7,15 +7,15 @@ import math
 
 from ...core.kernels import kernel
 
-#: A flank is free foam where the next point beyond its upper end rises on by this part of its rise ...
+#: A flank is free foam where the next point beyond its upper end rises further by this fraction of its rise ...
 _RISES_ON = 0.3
-#: ... and where it does not fall by more than this factor: steeper than any foam, an edge lies between.
+#: ... and where it does not fall by more than this factor: no foam is steeper, there must be an edge in between.
 _STEEPEST = 8.0
 
 
 @kernel(nogil=True)
 def bridge(s, value, sigma, seen, first, stop, filled, error):
-    """One or two points between their neighbours, and what that may be wrong by.
+    """Interpolate one or two points between their neighbours, with the error of the interpolation.
 
     Parameters
     ----------
@@ -24,9 +24,9 @@ def bridge(s, value, sigma, seen, first, stop, filled, error):
     value, sigma
         Deflection and its standard deviation [m], (K,).
     seen
-        Points that are known, among them those beside the gap, (K,).
+        Points with known deflection, including those beside the gap, (K,).
     first, stop
-        The gap: its first point, and the one after it.
+        First point of the gap, and first point after it.
     filled, error
         Set within the gap [m], (K,).
     """
@@ -46,11 +46,11 @@ def bridge(s, value, sigma, seen, first, stop, filled, error):
         part = (s[k] - s[a]) / (s[b] - s[a])
         line = value[a] + part * (value[b] - value[a])
         if decays:
-            # Free foam beside a contact falls off exponentially; a straight line is far above it.
+            # The deflection of free foam beside a contact decays exponentially; a straight line is far above it.
             filled[k] = value[a] ** (1.0 - part) * value[b] ** part
             error[k] = math.hypot(noise, 0.5 * (line - filled[k]))
             continue
-        # Where both flanks rise towards each other the front lies between the straight line and the tip in which
+        # Where both flanks rise towards each other, the front lies between the straight line and the tip where
         # they meet: half way for a circle, at the tip for an edge.
         bulge = 0.0
         if left > across > right:
@@ -62,12 +62,12 @@ def bridge(s, value, sigma, seen, first, stop, filled, error):
 
 @kernel(nogil=True)
 def drop_bridged(s, value, sigma, seen, filled, error, kept):
-    """Points that are known, but for those between two better ones that say more about them than they do themselves.
+    """Known points, except those that are interpolated from two better neighbours more accurately than measured.
 
     Parameters
     ----------
     s, value, sigma, seen
-        As of :func:`bridge`.
+        See :func:`bridge`.
     filled, error
         Overwritten [m], (K,).
     kept

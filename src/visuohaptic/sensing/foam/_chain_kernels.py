@@ -1,4 +1,4 @@
-"""Compiled chain of the edges' states along the strip; the model is in ``posterior.py``."""
+"""Compiled hidden Markov chain of the edge states along the strip; the model is in ``posterior.py``."""
 
 # mypy: disable-error-code="no-untyped-def, assignment"
 from __future__ import annotations
@@ -14,12 +14,12 @@ from ...tracking.contours.contour import PIXEL_PX
 FOAM, SHADOW, OCCLUDER, NOTHING = range(4)
 #: Columns of the evidence against foam: speed and blur.
 SPEED, BLUR = 2, 5
-#: Error of the place of any edge by the width of the strip.
+#: Position error of any edge, relative to the width of the strip.
 OPTICS = 0.0025
-#: Scale of the logarithm of a foam edge's blur by the lens's (Laplace: 0.08 at 16 and 84 %, 0.3 at 99 %, over 2,000
-#: edges in focus and out of it, moving and not), and range of that of any edge.
+#: Scale of the log ratio of the blur of a foam edge to that of the lens (Laplace: 0.08 at 16 and 84 %, 0.3 at 99 %, over
+#: 2,000 edges in and out of focus, moving and at rest), and range of the log ratio of any edge.
 _SAME_BLUR, _ANY_BLUR = 0.08, math.log(30.0)
-#: Neighbours share their surfaces: five are as good as one.
+#: Neighbours share their surfaces: the evidence of five points counts as that of one.
 ALIKE = 0.2
 
 
@@ -37,7 +37,7 @@ def log_sum(a, b):
 
 @kernel(nogil=True, error_model="numpy")
 def place_odds(t, delta, sigma, trusted, since, blur, lens, pixel, width, speed, bulge, against, unary):
-    """Log-likelihood of place and blur of each edge as foam, by that of an edge anywhere on the strip, with any blur.
+    """Log-likelihood ratio of position and blur of each edge: foam against an edge anywhere on the strip with any blur.
 
     Parameters
     ----------
@@ -46,20 +46,20 @@ def place_odds(t, delta, sigma, trusted, since, blur, lens, pixel, width, speed,
     delta, sigma
         Deflection and its standard deviation [m], (K,).
     trusted, since
-        Deflection of foam that was seen last [m], and when [s], NaN where it never was, (K,).
+        Last observed deflection of the foam [m], and its time [s], NaN where foam was never observed, (K,).
     blur, lens, pixel
         Blur of each edge [px], (K,), that of the lens [px], and length of a pixel [m], (K,).
     width, speed, bulge
         Width of the strip [m], largest speed of a contact [m/s], and how far foam bulges beside contacts [m].
     against
-        Columns ``SPEED`` and ``BLUR`` are set, (K, 6).
+        Columns ``SPEED`` and ``BLUR`` are filled, (K, 6).
     unary
-        The column of foam is raised, (K, 4).
+        The log-likelihood is added to the column of foam, (K, 4).
     """
     n, lens = len(delta), math.hypot(lens, PIXEL_PX)
     for k in range(n):
         rest = width / (math.sqrt(2.0 * math.pi) * sigma[k]) * math.exp(-0.5 * (delta[k] / sigma[k]) ** 2)
-        # A contact may also come from the side: what a neighbour had is no surprise.
+        # A contact may also move in from the side: the last deflection of a neighbour is likely, too.
         before = -math.inf
         for j in range(max(k - 1, 0), min(k + 2, n)):
             if trusted[j] > before:
@@ -73,10 +73,10 @@ def place_odds(t, delta, sigma, trusted, since, blur, lens, pixel, width, speed,
         anywhere = near = width / min(max(reach, blunt), width)
         moved = abs(delta[k] - trusted[k])
         if known:
-            # Anywhere that the largest speed reaches meanwhile, and no farther than the strip is wide.
+            # Uniform over the distance covered at the largest speed since then, at most the width of the strip.
             step = 2.0 * (speed * waited + blunt)
             near = width / min(step, width) if moved < 0.5 * step else 0.0
-        # A shutter that is open from frame to frame, at the most, sees the edge move by a box.
+        # Upper limit of motion blur: a shutter open for the whole frame interval (box filter).
         smear = moved / pixel[k] / math.sqrt(12.0) if moved < math.inf else 0.0
         excess = math.log(math.hypot(blur[k], PIXEL_PX) / math.hypot(lens, smear))
         sharp = -(excess if excess > 0.0 else 0.0) / _SAME_BLUR - math.log(2.0 * _SAME_BLUR)
@@ -88,13 +88,13 @@ def place_odds(t, delta, sigma, trusted, since, blur, lens, pixel, width, speed,
 
 @kernel(nogil=True, error_model="numpy")
 def edge_crossing(delta, sigma, s, width):
-    """Log-likelihood of the step where an occluder's edge crosses the foam's, against that of one edge going on.
+    """Log-likelihood ratio of the step between two points: an occluder's edge crossing that of the foam, against one edge.
 
-    Of each point beside the one before, (K, 2); with the foam before it, and with the foam at it.
+    Shape (K, 2): each point compared with the previous one, with foam at the previous point and with foam at this point.
 
-    The step r is that from the straight line on through the foam. An occluder crosses at any angle alike, so that r
-    has a Cauchy distribution with the distance of the points; that of one edge has no scale between its error
-    and the width of the strip. A step that says less than nothing is a kink.
+    The step r is the distance from the straight line that extrapolates the foam. All crossing angles of an occluder are
+    equally likely, so that r is Cauchy-distributed with the point spacing as its scale; for a single edge r is
+    scale-free between its error and the width of the strip. The ratio is at most 1: a larger one is due to a kink.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def edge_crossing(delta, sigma, s, width):
         apart = s[k] - s[k - 1]
         error = min(2.0 * math.hypot(sigma[k], sigma[k - 1]), 0.3 * width)
         for side in range(2):
-            i = k - 1 if side == 0 else k + 1  # the line goes through this point and the one before it
+            i = k - 1 if side == 0 else k + 1  # the line passes through this point and the previous one
             slope = (delta[i] - delta[i - 1]) / (s[i] - s[i - 1]) if 0 < i < n else 0.0
             r = abs(delta[k] - delta[k - 1] - slope * apart)
             same = 0.5 / ((r + error) * math.log(width / error))
@@ -122,7 +122,7 @@ def edge_crossing(delta, sigma, s, width):
 
 @kernel(nogil=True)
 def _step(delta_a, delta_b, sigma, distance, decay, chord, margin):
-    """Log-likelihood of a foam that falls from one point to the other."""
+    """Log-likelihood of the difference in deflection of two points of free foam."""
     high, low = max(delta_a, delta_b), max(min(delta_a, delta_b), 0.0)
     excess = max(high, 0.0) * math.exp(-distance / decay) * (1.0 - chord) - low - margin
     return -0.5 * (max(excess, 0.0) / sigma) ** 2
@@ -141,7 +141,7 @@ def _join_runs(unary, pair, ahead, behind, posterior, runs):
     weight = np.zeros(4)
     moved = np.zeros(4)
     for first in range(n):
-        # p(states | all) = exp(ahead + behind) / evidence; the posterior of the first point has the evidence.
+        # p(states | all) = exp(ahead + behind) / evidence; the evidence follows from the posterior of the first point.
         z = taken[first]
         evidence = ahead[first, z] + behind[first, z] - math.log(posterior[first, z])
         for a in range(4):
@@ -182,27 +182,27 @@ def join(unary, crossing, delta, sigma, rest_sigma, s, enter, decay, chord, marg
     unary
         Log-likelihood of each state, (K, 4).
     crossing
-        Log-likelihood of a point's place beside the one before where foam and occluder meet, against one body;
-        with the foam first, and with the occluder first, (K, 2).
+        Log-likelihood ratio of a point's position relative to the previous one where foam and occluder meet, against
+        a single body; with the foam first, and with the occluder first, (K, 2).
     delta, sigma
         Deflection and its standard deviation [m], (K,).
     rest_sigma
-        Standard deviation of foam that a shadow's edge shows to be at rest [m], (K,).
+        Standard deviation of foam at rest under the edge of a shadow [m], (K,).
     s
         Position along the strip [m], (K,).
     enter
-        Log-probability of another state at the next point, for each of the four.
+        Log-probability of entering each of the four states from another one at the next point.
     decay
         Shortest decay length of free foam [m].
     chord, margin
-        What its law forgives: a fraction of the higher point, and a length [m].
+        Tolerance of the decay law: a fraction of the higher deflection, and a length [m].
     posterior
         Filled, (K, 4).
     runs
-        Filled, (K, K): probability that all points from one to the other are something else than most likely.
-        One or two alone are bridged, so that only runs of three count, and fewer at the ends of the strip.
+        Filled, (K, K): probability that none of the points from one to the other has its most likely state.
+        Single points and pairs are interpolated: only runs of at least three count, and shorter ones at the ends of the strip.
     fall
-        Filled, (K,): what speaks against a step of foam down to a neighbour [nats].
+        Filled, (K,): negative log-likelihood of the drop in deflection to a neighbour, if both are foam [nats].
     """
     n = len(s)
     pair = np.zeros((n, 4, 4))

@@ -15,14 +15,14 @@ BESIDE = 4
 
 @kernel(nogil=True)
 def mean_between(image, place, result):
-    """Mean grey levels between neighbouring places of each line.
+    """Mean grey levels between consecutive positions on each line.
 
     Parameters
     ----------
     image
         Grey levels along the lines, (K, parallels, samples).
     place
-        Places in rising order [samples]; clipped to the line, NaN where there is none, (K, n).
+        Positions in ascending order [samples]; clipped to the line, NaN where there is none, (K, n).
     result
         Filled, (K, n - 1); NaN where there is no sample.
     """
@@ -43,7 +43,7 @@ def mean_between(image, place, result):
 
 @kernel(nogil=True)
 def _median(ordered, count):
-    """Median of the first values of an array, which are sorted in place."""
+    """Median of the first ``count`` values of an array, which are sorted in place."""
     for i in range(1, count):
         value, j = ordered[i], i
         while j > 0 and ordered[j - 1] > value:
@@ -55,14 +55,14 @@ def _median(ordered, count):
 
 @kernel(nogil=True)
 def local_medians(values, result):
-    """Median of each point and its neighbours, its standard error by their scatter, and their range.
+    """Median over each point and its neighbours, its standard error from their scatter, and their range.
 
     Parameters
     ----------
     values
-        One for each point, NaN where it is not known, (K,).
+        One value for each point, NaN where unknown, (K,).
     result
-        Filled, (3, K); zero where nothing is known.
+        Filled, (3, K); zero where all values are unknown.
     """
     near = np.empty(2 * BESIDE + 1)
     for k in range(len(values)):

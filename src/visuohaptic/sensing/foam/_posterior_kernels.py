@@ -1,4 +1,4 @@
-"""Compiled evidence of the pixels beyond the edges: a shadow's edge on foam, or a body; the model is in ``posterior.py``."""
+"""Compiled evidence of the pixels beyond the edges: edge of a shadow on foam, or a body; the model is in ``posterior.py``."""
 
 # mypy: disable-error-code="no-untyped-def, assignment"
 from __future__ import annotations
@@ -9,13 +9,13 @@ import numpy as np
 
 from ...core.kernels import kernel
 
-#: Samples behind the edge in which the foam is compared with the zero, and beyond the resting front.
+#: Number of samples behind the edge that are compared with the zero image, and beyond the front at rest.
 BAND, AHEAD = 12, 4
-#: Residuals are correlated over less than so many samples.
+#: Correlation length limit of the residuals [samples].
 LAGS = 10
-#: An edge is left out up to this many blurs from it.
+#: Samples closer to an edge than this many blurs are excluded.
 EDGE = 2.0
-#: A shadow's edge is as sharp as the lens, or softer by this factor or its square.
+#: The edge of a shadow is as sharp as the lens, or softer by this factor or its square.
 SOFTNESS, SOFT = 3.0, 3
 
 
@@ -42,10 +42,10 @@ def _solve(normal, right):
 
 @kernel(nogil=True)
 def _fit(now, template, over, out, first, last, mean, transfer, shaded, normal, solution):
-    """Least squares of light on the template and of what is beyond; the sum of squared residuals.
+    """Least-squares fit of the illumination of the template and of the surface beyond; returns the sum of squared residuals.
 
-    ``shaded``: the template in one light up to the edge, in another beyond it up to the resting front, with a
-    linear change, then a floor with one. Else the template up to the edge, then a surface, both with a linear change.
+    With ``shaded``: the template in one light up to the edge, in another, linearly varying light from there to the front
+    at rest, then a floor that varies linearly. Else the template up to the edge, then a surface, both varying linearly.
     """
     n00, n10, n11, n20, n21, n22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     n30, n31, n32, n33, n40, n41, n42, n43, n44 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -57,7 +57,7 @@ def _fit(now, template, over, out, first, last, mean, transfer, shaded, normal, 
             p1, p0, tau = over[lane, j], out[lane, j], (j - first) / 20.0
             if shaded:
                 square += value * value
-                # Away from both edges only one of the lights is there.
+                # Far from both edges only one of the terms is not zero.
                 if p1 == 0.0 and p0 == 0.0:
                     n00 += foam * foam
                     r0 += foam * value
@@ -101,7 +101,7 @@ def _fit(now, template, over, out, first, last, mean, transfer, shaded, normal, 
     solution[0], solution[1], solution[2], solution[3], solution[4] = r0, r1, r2, r3, r4
     _solve(normal, solution)
     a, b, c, d, e = solution[0], solution[1], solution[2], solution[3], solution[4]
-    # The ridge is no part of the residuals.
+    # The ridge does not contribute to the residuals.
     square -= 2.0 * (a * r0 + b * r1 + c * r2 + d * r3 + e * r4)
     square += a * a * n00 + b * b * n11 + c * c * n22 + d * d * n33 + e * e * n44
     square += 2.0 * (a * (b * n10 + c * n20 + d * n30 + e * n40) + b * (c * n21 + d * n31 + e * n41))
@@ -112,7 +112,7 @@ def _fit(now, template, over, out, first, last, mean, transfer, shaded, normal, 
 def _residuals(now, template, over, out, first, last, mean, transfer, solution, residual, texture):
     """Sum of squared residuals of a shaded :func:`_fit` beyond the edge.
 
-    The residuals and the template's texture as fitted are filled in, zero elsewhere.
+    Fills the residuals and the fitted texture of the template, zero elsewhere.
     """
     squares = 0.0
     for lane in range(now.shape[0]):
@@ -130,14 +130,14 @@ def _residuals(now, template, over, out, first, last, mean, transfer, solution, 
     return squares
 
 
-#: Complementary error function from -5 to 5, straight between: within 3e-6, a two-thousandth of a grey level.
+#: Table of the complementary error function from -5 to 5, interpolated linearly: exact to 3e-6, 1/2000 of a grey level.
 _OVER, _STEPS = 5.0, 200.0
 _ERFC = np.array([math.erfc(i / _STEPS - _OVER) for i in range(int(2.0 * _OVER * _STEPS) + 2)])
 
 
 @kernel(nogil=True)
 def _beyond(away):
-    """Twice the part of a Gaussian edge that lies beyond a place, in units of its width times the root of two."""
+    """Twice the fraction of a Gaussian edge that lies beyond a position, given in units of its width times sqrt(2)."""
     place = min(max((away + _OVER) * _STEPS, 0.0), 2.0 * _OVER * _STEPS)
     at = int(place)
     return _ERFC[at] + (place - at) * (_ERFC[at + 1] - _ERFC[at])
@@ -145,8 +145,8 @@ def _beyond(away):
 
 @kernel(nogil=True)
 def _sampling(line, taps, first, last):
-    """Fill what each sample is made of: the place of a pixel and the part of the next one along the steeper axis of the
-    line, and the variance by those along the other [samples^2]. Between pixels an edge looks softer than on one."""
+    """Fill the interpolation weights of each sample: position of a pixel and weight of the next one along the steeper axis
+    of the line, and the variance due to interpolation along the other axis [samples^2], which softens edges."""
     lanes = taps.shape[1]
     axis = 0 if abs(line[2]) > abs(line[3]) else 1
     for lane in range(lanes):
@@ -163,7 +163,7 @@ def _sampling(line, taps, first, last):
 
 @kernel(nogil=True)
 def _ramp(over, at, slope, width, taps, apart, first, last):
-    """Fill the part of the samples that lies beyond an edge of a width, as pixels ``apart`` show it."""
+    """Fill the fraction of each sample that lies beyond a blurred edge, interpolated between pixels ``apart``."""
     lanes = over.shape[0]
     for lane in range(lanes):
         x1 = at + (lane - 0.5 * (lanes - 1)) * slope
@@ -181,9 +181,9 @@ def _ramp(over, at, slope, width, taps, apart, first, last):
 
 @kernel(nogil=True)
 def _dependence(residual, texture, first, last):
-    """By what their correlation raises the variance of the sum of residual by texture over that of white noise.
+    """Factor by which correlation raises the variance of the sum of residual times texture over that of white noise.
 
-    The sum of the products of both autocorrelations over all lags (Bartlett), along the lines and across them.
+    Sum of the products of both autocorrelations over all lags (Bartlett), along the lines and across them.
     """
     lanes = residual.shape[0]
     result = 1.0
@@ -213,26 +213,25 @@ def _dependence(residual, texture, first, last):
 
 @kernel(nogil=True)
 def shadow_odds(now, rest, lines, front, resting, slope, blur, transfer, variance, tested, result):
-    """Does the zero go on beyond each edge, in another light? Three answers for each tested point.
+    """Test whether the zero image continues beyond each edge, in another light.
 
     Parameters
     ----------
     now, rest, front, resting, slope, blur
-        As of :func:`~visuohaptic.sensing.foam._texture_kernels.foam_bands`.
+        See :func:`~visuohaptic.sensing.foam._texture_kernels.foam_bands`.
     lines
-        Origin (x, y) [px] and unit direction of each line, distance of its samples and of its parallels [px], (K, 6).
+        Origin (x, y) [px] and unit direction of each line, spacing of its samples and of its parallels [px], (K, 6).
     transfer
-        Part of the zero's texture that this image shows.
+        Fraction of the texture of the zero image that is visible in this image.
     variance
-        Variance of the foam's grey about its prediction [grey levels^2].
+        Variance of the foam's grey levels about their prediction [grey levels^2].
     tested
         Points to test, (K,).
     result
-        Filled, (K, 7): log-likelihood of the zero's texture beyond the edge against none, as if all pixels were
-        independent; that of a second edge at
-        the resting front against one edge, where both are too close to be told apart; grey level between edge and
-        resting front, beyond it, and beyond it at rest; mean squared residual by the variance; number
-        of pixels that are as good as one independent one.
+        Filled, (K, 7): log-likelihood ratio of the texture of the zero image beyond the edge against none, for
+        independent pixels; log-likelihood ratio of a second edge at the front at rest against a single edge, where
+        both are too close to be resolved; grey level between edge and front at rest, beyond it, and beyond it at rest;
+        mean squared residual relative to the variance; number of pixels equivalent to one independent pixel.
     """
     parallels, samples = now.shape[1], now.shape[2]
     over = np.zeros((parallels, samples))
@@ -295,7 +294,7 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, transfer, varianc
             for i in range(SOFT):
                 width = SOFTNESS**i * blur
                 for m in range(3):
-                    # A hard edge is seen apart from the front where it lies before it, a soft one anywhere.
+                    # A sharp edge is resolved only where it lies before the front, a soft one anywhere.
                     away = 1.5 + 1.5 * m if i == 0 else 1.5 * (m - 1)
                     _ramp(over, x0 - away * width, 0.0, width, taps, apart, first, last)
                     fit = _fit(

@@ -1,4 +1,4 @@
-"""Compiled sums over a contour; plain arrays in and out. Everything else is in ``profile.py``."""
+"""Compiled integration over a contour; plain arrays in and out. Everything else is in ``profile.py``."""
 
 # mypy: disable-error-code="no-untyped-def"
 from __future__ import annotations
@@ -13,41 +13,41 @@ from .material.stress_curve import curve_values
 
 #: Columns of the region table, named in ``profile.py``.
 COLUMNS = 16
-#: Flanks of simulated foams bend as if their tension were this many times that of the force law.
+#: Effective tension of the flanks of simulated foams in bending, relative to that of the force law.
 FLANK = 2.5
-#: A point bears load when the pressure left by the tension exceeds this fraction of m(eps).
+#: A point bears load when the pressure minus the tension exceeds this fraction of m(eps).
 TOUCH = 0.5
 
 
-#: Foam beside a free end relieves its shear by moving with it: of what sheared foam loses, 1 - exp(-(x / d)^2) is left at
-#: a distance x from the end, with d this part of the width. Forces of plates 2 to 45 mm from the ends of four simulated
-#: foams are right to 0.6 % with it, to 1.0 % without, and not worse than by a fiftieth of it from 0.7 to 0.9.
+#: Foam near a free end relieves its shear by moving with the end: at a distance x from the end, a fraction
+#: 1 - exp(-(x / d)^2) of the shear loss remains, with d this fraction of the width. The force errors of plates 2 to 45 mm from
+#: the ends of four simulated foams are 0.6 % with it and 1.0 % without, and at most a fiftieth larger for 0.7 to 0.9.
 END_PER_WIDTH = 0.8
 
-#: A region ends one point beyond the last one that is deflected by more than this, in the mean of three neighbours.
+#: A region ends one point beyond the last one whose deflection, averaged over three neighbours, exceeds this.
 EDGE_SIGMAS = 1.0
 OF_THREE = EDGE_SIGMAS / math.sqrt(3.0)
 
 
 @kernel
 def _total(sigma, uncertainty, zero_sigma, i):
-    """Standard deviation of one deflection, noise and systematic."""
+    """Standard deviation of one deflection, noise and systematic error."""
     return np.sqrt(sigma[i] ** 2 + uncertainty[i] ** 2 + zero_sigma**2)
 
 
 @kernel
 def shared_variance(alone, noise, first, last):
-    """What neighbours add to the variance of a force [N^2].
+    """Contribution of the covariance of neighbouring points to the variance of a force [N^2].
 
-    The tracker fits the levels on both sides of the edge over neighbouring points together; their error is common to
-    these points.
+    The tracker fits the levels on both sides of the edge jointly over neighbouring points, which therefore share
+    the error of the levels.
 
     Parameters
     ----------
     alone, noise
-        Derivative of the force by each deflection [N/m], and the part of its noise that is common to these points [m], (n,).
+        Derivative of the force by each deflection [N/m], and the part of its noise that neighbours share [m], (n,).
     first, last
-        Points of the force.
+        First and last point of the force.
     """
     total = 0.0
     for j in range(first, last + 1):
@@ -58,7 +58,7 @@ def shared_variance(alone, noise, first, last):
 
 @kernel
 def _run_variance(alone, error, first, last):
-    """What neighbours add to the variance [N^2] where runs of them have the same error."""
+    """Contribution of the covariance to the variance [N^2] where runs of neighbours have a common error."""
     total, run = 0.0, 0.0
     for j in range(first, last + 1):
         own = alone[j] * error[j]
@@ -71,7 +71,7 @@ def _run_variance(alone, error, first, last):
 def _share(
     s, delta, stress, factor, weight, pressure, first, last, lo, hi, width, height, kappa, mode, force
 ):
-    """Distribute the force of a region over its points by the Pasternak law; find where it touches."""
+    """Distribute the force of a region over its points by the Pasternak law; find the touched part."""
     highest = 0.0
     for j in range(first, last + 1):
         highest = max(highest, delta[j])
@@ -88,7 +88,7 @@ def _share(
     touch_first, touch_last = -1, -1
     total = 0.0
     for j in range(first, last + 1):
-        # Two neighbours must agree: in the shallow tail noise bends the contour at single points.
+        # Two neighbours are required: in the shallow tail noise bends the contour at single points.
         here = pressure[j] > TOUCH * factor[j] * stress[j]
         after = j < last and pressure[j + 1] > TOUCH * factor[j + 1] * stress[j + 1]
         before = j > first and pressure[j - 1] > TOUCH * factor[j - 1] * stress[j - 1]
@@ -120,22 +120,22 @@ def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, width,
                       seed_pair, seed_single, max_gap, averaged, knots, pieces, basis_pieces, soft, soft_end):  # fmt: skip
     """Find contact regions and integrate stress, noise and derivatives over each.
 
-    All points given are valid. Returns the number of regions, pressure, pressure sigma, the region
+    All points are valid. Returns the number of regions, pressure, pressure sigma, the region
     table, and the sums of basis functions per region.
 
     Parameters
     ----------
     s, delta
-        Position along the strip and deflection of the seen points [m], (n,).
+        Position along the strip and deflection of the observed points [m], (n,).
     errors
         Of each deflection [m], (5, n): noise, systematic error, error that all points share, the part of the noise that
         neighbours share, and the part of the systematic error that runs of points share.
     index
-        Number of each point on the strip, (n,); a jump in it is a gap.
+        Index of each point on the strip, (n,); a jump in it is a gap.
     history
-        Stress by the loading stress (hysteresis), its standard deviation, and 1 where a point is unloading, (3, n).
+        Ratio of stress to loading stress (hysteresis), its standard deviation, and 1 where a point is unloading, (3, n).
     ends
-        Length of foam beyond the first and the last point that was seen, and positions of the strip's free ends
+        Length of foam beyond the first and the last observed point, and positions of the strip's free ends
         [m], (2, 2).
     zero_sigma
         Error that is common to all points [m].
@@ -146,15 +146,15 @@ def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, width,
     mode
         Index of the boundary law in ``BOUNDARIES``.
     seed_pair, seed_single
-        Sigmas of two neighbours, and of one point, from which a region grows.
+        Threshold in sigmas of two neighbours, and of one point, from which a region grows.
     max_gap
-        Points that a gap within a region may lack.
+        Maximum number of missing points in a gap within a region.
     averaged
-        Whether each deflection is the mean over the spacing of the points, or that at the point.
+        Whether each deflection is the mean over the spacing of the points, or the value at the point.
     knots, pieces, basis_pieces
-        Loading curve, as of :class:`~visuohaptic.sensing.foam.material.stress_curve.StressCurve`.
+        Loading curve, see :class:`~visuohaptic.sensing.foam.material.stress_curve.StressCurve`.
     soft, soft_end
-        Softening at even strains from 0 [Pa], and the last of these strains.
+        Softening at equidistant strains from 0 [Pa], and the last of these strains.
     """
     n = len(s)
     sigma, uncertainty, shared, factor = errors[0], errors[1], errors[2], history[0]
@@ -173,7 +173,7 @@ def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, width,
     for i in range(n):
         while piece_of[i] < last_piece and strain[i] >= knots[piece_of[i] + 1]:
             piece_of[i] += 1
-        # A point that noise has beyond the resting front takes from the force what it gives elsewhere.
+        # Negative strains due to noise count as negative stress, so that noise at rest averages to zero.
         stress[i] += slope[i] * min(strain[i], 0.0)
         pressure_sigma[i] = (
             factor[i]
@@ -181,13 +181,13 @@ def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, width,
             / width
             * np.sqrt(sigma[i] ** 2 + uncertainty[i] ** 2 + shared[i] ** 2 + zero_sigma**2)
         )
-    # Every point may be a region of its own, when all have long gaps between them.
+    # At most n regions: long gaps may separate all points.
     table = np.zeros((n, COLUMNS))
     sums = np.zeros((n, terms))
     count = 0
     step = soft_end / (len(soft) - 1)
     gradient, alone = np.zeros(n), np.zeros(n)
-    # Noise must not cut off the shallow end of a contact: three neighbours say where it is.
+    # The mean over three neighbours keeps noise from cutting off the shallow end of a contact.
     mean = np.zeros(n)
     for i in range(n):
         total = 0.0
@@ -218,13 +218,13 @@ def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, width,
         last = i - 1
         if not seeded:
             continue
-        # Free foam that is off by its own error is no part of the contact.
+        # Free foam whose deflection is within its own error does not belong to the contact.
         while first < last and mean[first + 1] <= OF_THREE * _total(sigma, uncertainty, 0.0, first + 1):
             first += 1
         while last > first and mean[last - 1] <= OF_THREE * _total(sigma, uncertainty, 0.0, last - 1):
             last -= 1
         cut = 0.0
-        # The trapezoid goes on to the neighbour outside, where the stress is zero.
+        # The trapezoid extends to the neighbour outside, where the stress is zero.
         if first > 0:
             if index[first] - index[first - 1] > max_gap + 1:
                 cut = 1.0
@@ -259,8 +259,8 @@ def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, width,
             m_right = factor[j + 1] * stress[j + 1]
             g = (right - left) / ds
             if abs(g) > 0.7 or index[j + 1] - index[j] > 1:
-                # A jump somewhere between two points, uniformly distributed. The mean over the spacing has the right
-                # area, and is wrong by the bow of the stress over the jump, which falls on two segments.
+                # A jump at a uniformly distributed position between two points. The mean over the spacing has the right
+                # area; its error is due to the curvature of the stress over the jump, spread over two segments.
                 bow = 0.125 * (slope[j] - slope[j + 1]) * (right - left) / width
                 single = not averaged or index[j + 1] - index[j] > 1
                 jump = (m_right - m_left) / math.sqrt(12.0) if single else bow * math.sqrt(4.0 / 3.0)
@@ -300,7 +300,7 @@ def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, width,
                 s, delta, stress, factor, weight, pressure, first, last, lo, hi, width, height, kappa, mode, force
             )  # fmt: skip
         image = shared_variance(alone, errors[3], first, last)
-        # One hysteresis law for all points: its error is common to them.
+        # All points share one hysteresis law, and therefore its error.
         systematic = branch * branch + _run_variance(alone, errors[4], first, last)
         zero = 0.0
         common = 0.0

@@ -12,41 +12,41 @@ from ...tracking._solve_kernels import median
 from ._chain_kernels import ALIKE, FOAM, OCCLUDER, SHADOW, log_sum
 from ._posterior_kernels import BAND, EDGE
 
-#: Columns of the bands: samples, mean grey now, gain against the zero where it was and as if the foam was
-#: compressed; variance now, and covariance and variance of both predictions.
+#: Columns of the bands: number of samples, current mean grey level, gain relative to the zero image at its old position and
+#: compressed with the foam; current variance, and covariance and variance of both predictions.
 COUNT, MEAN, GAIN_REST, GAIN_PRESSED, OWN, COV_REST, VAR_REST, COV_PRESSED, VAR_PRESSED = range(9)
-#: Texture that goes with the foam, stays, or is not that of the zero.
+#: Log prior of texture that moves with the foam, stays in place, or differs from the zero image.
 _MOVED, _FIXED, _OTHER = math.log(0.6), math.log(0.3), math.log(0.1)
-#: Pixels of a band are not independent: lens, interpolation and JPEG leave half of them.
+#: Fraction of the pixels of a band that are independent, after lens, interpolation and JPEG.
 _INDEPENDENT = 0.5
-#: An edge of a body is within a pixel of a given place: two edges on some forty pixels.
+#: Probability that an edge of a body lies within a pixel of a given position: two edges on some forty pixels.
 _BY_CHANCE = 0.05
-#: Mean squared residual of the zero in another light, in variances of the foam, at the most.
+#: Largest mean squared residual of the zero image in another light, relative to the variance of the foam.
 _MISFIT = 3.0
-#: Largest log-odds of one point by its pixels: a speck must not decide alone.
+#: Largest log-odds of one point from its pixels, so that a single speck cannot decide.
 MAX_ODDS = 12.0
-#: Two surfaces have the same grey within this part of it.
+#: Relative difference within which two surfaces have the same grey level.
 _SAME_GREY = 0.03
 
 
 @kernel(nogil=True)
 def foam_bands(now, rest, front, resting, slope, blur, seen, bands):
-    """Compare the foam just behind each edge with the zero, both without their linear trend.
+    """Compare the foam just behind each edge with the zero image, both without their linear trend.
 
     Parameters
     ----------
     now, rest
         Strip in this image and at rest, (K, parallels, samples).
     front, resting
-        Place of the edge now and at rest [samples], (K,).
+        Position of the edge now and at rest [samples], (K,).
     slope
         Shift of the edge from one parallel to the next [samples], (K,).
     blur
-        Standard deviation of the edges' blur [samples].
+        Blur of the edges, as a standard deviation [samples].
     seen
         Points with an edge, (K,).
     bands
-        Filled, (K, 9), columns as above; zero where nothing can be compared.
+        Filled, (K, 9), columns as above; zero where no comparison is possible.
     """
     for k in range(len(front)):
         for i in range(9):
@@ -96,20 +96,20 @@ def foam_bands(now, rest, front, resting, slope, blur, seen, bands):
 
 @kernel(nogil=True)
 def texture_odds(bands, unary, against, gain):
-    """Log-likelihoods of the bands' texture, and the part of it that this image shows with the foam's variance.
+    """Log-likelihoods of the texture of the bands, the fraction of it that is visible in this image, and the foam's variance.
 
-    Returns that part and the variance [grey levels^2]; both are 0 where fewer than six bands can be compared.
+    Returns that fraction and the variance [grey levels^2]; both are 0 where fewer than six bands can be compared.
 
     Parameters
     ----------
     bands
         From :func:`foam_bands`.
     unary
-        Log-likelihood of foam, shadow, occluder and nothing; set where there is a band, (K, 4).
+        Log-likelihood of foam, shadow, occluder and nothing; filled where there is a band, (K, 4).
     against
-        Log-odds against foam by kind of evidence; the first, texture, is set where there is a band, (K, 6).
+        Log-odds against foam by kind of evidence; the first, texture, is filled where there is a band, (K, 6).
     gain
-        Filled with the light against that at rest; NaN where nothing is known, (K,).
+        Filled with the illumination relative to that at rest; NaN where unknown, (K,).
     """
     n, count = len(bands), 0
     cov, var, work = np.empty(n), np.empty(n), np.empty(n)
@@ -141,7 +141,7 @@ def texture_odds(bands, unary, against, gain):
             stays = min(max(half * (own - fixed[k] / variance), -MAX_ODDS), MAX_ODDS)
             foam = log_sum(log_sum(_MOVED + goes, _FIXED + stays), _OTHER)
             other = log_sum(_FIXED + stays, math.log(1.0 - math.exp(_FIXED)))
-            # Why a texture is another one is the same for a run of points: where foam also turns, where it is worn.
+            # A run of points has a common cause for a different texture, such as rotated or worn foam.
             if foam < other:
                 foam = other + ALIKE * (foam - other)
             unary[k, FOAM], unary[k, OCCLUDER] = foam, other
@@ -153,25 +153,25 @@ def texture_odds(bands, unary, against, gain):
 
 @kernel(nogil=True)
 def level_odds(found, dependence, gain, change, foam, variance, against):
-    """Log-odds of a shadow's edge against a body's, by what lies between the edge and where it was at rest.
+    """Log-odds of the edge of a shadow against that of a body, from the pixels between the edge and its position at rest.
 
     Parameters
     ----------
     found
         From :func:`~visuohaptic.sensing.foam._posterior_kernels.shadow_odds`.
     dependence
-        Its last column, of each point and its neighbours: a point whose texture agrees by chance leaves residuals that
-        look independent, (K,).
+        Median of its last column over each point and its neighbours, because a point whose texture agrees by chance
+        leaves residuals that seem independent, (K,).
     gain
-        Light against that at rest behind each edge, NaN where it is not known, (K,).
+        Illumination behind each edge relative to that at rest, NaN where unknown, (K,).
     change
         Range of its logarithm over neighbours, (K,).
     foam
         Mean grey level of the foam at rest, (K,).
     variance
-        Variance of the foam's grey about its prediction [grey levels^2].
+        Variance of the foam's grey levels about their prediction [grey levels^2].
     against
-        The second column, shadow, is set, (K, 6).
+        The second column, shadow, is filled, (K, 6).
     """
     n, count = len(found), 0
     known, work = np.empty(n), np.empty(n)
@@ -190,13 +190,13 @@ def level_odds(found, dependence, gain, change, foam, variance, against):
         )
         odds = 0.0
         if math.isfinite(near):
-            # A shadow's edge that crosses the strip changes the light from one point to some other beside it.
+            # The edge of a shadow that crosses the strip changes the illumination between neighbouring points.
             odds += (
                 ALIKE * min(max(0.5 * (change[k] / _SAME_GREY) ** 2 - 3.0, -3.0), 3.0) + _INDEPENDENT * near
             )
         if math.isfinite(texture):
-            # What is not the zero in another light cannot show that its texture goes on, and a body's own edge lies just
-            # where the front was at rest by chance alone.
+            # A misfit cannot support the hypothesis that the texture continues. Without a misfit, an edge of a body
+            # would have to coincide with the front at rest by chance.
             clean = found[k, 5] < _MISFIT
             texture /= dependence[k]
             odds += texture if clean else min(texture, 0.0)

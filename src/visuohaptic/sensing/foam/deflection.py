@@ -1,4 +1,4 @@
-"""From the edges of one frame to the deflection of the foam: which points, with what error, and what is hidden."""
+"""Deflection of the foam from the edges of one frame: valid points, their errors, and bounds for hidden points."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ __all__ = [
     "with_states",
 ]
 
-#: What a point at a kink, and a bridge, scatters by from frame to frame, by its systematic error: over rendered
-#: plates of 1 to 10 mm depth. The rest is the same in all frames.
+#: Frame-to-frame scatter of a point at a kink, and of an interpolated point, relative to its systematic error, from rendered
+#: plates of 1 to 10 mm depth. The remaining error is the same in all frames.
 _KINK_NOISE, _BRIDGE_NOISE = 0.08, 0.33
-#: Mean squared residual of a clean step, in noise variances, at the most: some hundred pixels scatter by a seventh.
+#: Largest mean squared residual of a clean step, in noise variances: over some hundred pixels it scatters by a seventh.
 _MISFIT = 2.0
-#: Gaps of up to this many points are bridged by the shape of their neighbours.
+#: Gaps of up to this many points are interpolated from the shape of their neighbours.
 _BRIDGED_POINTS = 2
-#: Error of the shift by an encoding that is there: exponents of cameras of 2.07 and 2.33 make so much of it.
+#: Relative error of the shift due to encoding: cameras with exponents from 2.07 to 2.33.
 _SHIFT_ERROR = 0.1
-#: Error that a frame may have beside its standard deviations [N].
+#: Force error of a frame that is negligible beside its standard deviations [N].
 NEGLIGIBLE_N = 0.05
 
 
@@ -44,27 +44,27 @@ NEGLIGIBLE_N = 0.05
 class Deflection:
     """Deflection of K points in one frame, normalised with the zero reference."""
 
-    delta_m: Float[np.ndarray, "K"]  #: towards the base, gaps filled as far as foam allows; NaN elsewhere
-    sigma_m: Float[np.ndarray, "K"]  #: its standard deviation, all errors but those common to all points
-    noise_m: Float[np.ndarray, "K"]  #: the part that changes from frame to frame
-    own_noise_m: Float[np.ndarray, "K"]  #: the part that changes and that neighbours do not share
-    seen: Bool[np.ndarray, "K"]  #: measured, not filled in
+    delta_m: Float[np.ndarray, "K"]  #: towards the base, gaps interpolated; NaN where that is impossible
+    sigma_m: Float[np.ndarray, "K"]  #: its standard deviation, all errors except those common to all points
+    noise_m: Float[np.ndarray, "K"]  #: the part that varies from frame to frame
+    own_noise_m: Float[np.ndarray, "K"]  #: the part that varies and that neighbours do not share
+    seen: Bool[np.ndarray, "K"]  #: measured, not interpolated
     hidden_m: Float[
         np.ndarray, "K"
-    ]  #: what a hidden point may be deflected by; infinite where nothing bounds it
-    raw_m: Float[np.ndarray, "K"]  #: deflection as if every edge were the foam's
-    states: EdgeStates  #: what the edges are
-    light_m: Float[np.ndarray, "K"]  #: standard deviation by uneven light, which neighbours share
-    unclean_m: Float[np.ndarray, "K"]  #: error of edges that are no clean steps, which neighbours share
-    encoding_m: Float[np.ndarray, "K"]  #: error by the camera's encoding, which all points have at once
+    ]  #: upper bound of the deflection of a hidden point; infinite where there is none
+    raw_m: Float[np.ndarray, "K"]  #: deflection if every edge belonged to the foam
+    states: EdgeStates  #: states of the edges
+    light_m: Float[np.ndarray, "K"]  #: standard deviation due to uneven light, shared by neighbours
+    unclean_m: Float[np.ndarray, "K"]  #: error of edges that are not clean steps, shared by neighbours
+    encoding_m: Float[np.ndarray, "K"]  #: error due to the camera's encoding, shared by all points
 
     @property
     def covered(self) -> Bool[np.ndarray, "K"]:
-        """Hidden points, more than can be bridged."""
+        """Hidden points in gaps that are too long for interpolation."""
         return ~self.seen & (self.hidden_m > 0.0)
 
     def contour(self, geometry: StripGeometry, zero_sigma_m: float) -> FoamContour:
-        """The same as input of :func:`~visuohaptic.sensing.foam.profile.read_profile`.
+        """Convert to the input of :func:`~visuohaptic.sensing.foam.profile.read_profile`.
 
         Parameters
         ----------
@@ -94,7 +94,7 @@ class Deflection:
 def pressed_force_N(
     delta_m: Float[np.ndarray, "K"], material: FoamMaterial, cell_m: Float[np.ndarray, "K"]
 ) -> float:
-    """Force of foam that is pressed evenly along each cell [N].
+    """Force of foam whose deflection is constant along each cell [N].
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def pressed_force_N(
     material
         Calibrated foam.
     cell_m
-        Length of foam that each point stands for [m].
+        Length of foam that each point represents [m].
     """
     if not delta_m.any():
         return 0.0
@@ -118,23 +118,23 @@ def measure_deflection(
     rest_px: Float[np.ndarray, "K"],
     edges: EdgePosterior,
 ) -> Deflection:
-    """Deflection of each point whose edge is the foam's, and what the others may hide.
+    """Deflection of each point whose edge belongs to the foam, and bounds for the hidden points.
 
     Parameters
     ----------
     strip, zero
-        What one image shows, and the strip at rest.
+        Observation of the strip in one image, and the strip at rest.
     geometry
         Points of the strip.
     rest_px
-        Place of the resting front along each line [px].
+        Position of the front at rest along each line [px].
     edges
-        What the edges were so far; takes this frame in.
+        Posterior of the edge states up to the previous frame; updated with this frame.
     """
-    # Without its width at rest a point says nothing of its deflection.
+    # The deflection of a point is unknown without its width at rest.
     strip = replace(strip, usable=strip.usable & zero.known, low_confidence=strip.low_confidence & zero.known)
     part = zero.encoding
-    # A zero that does not say how much of it is encoding was made in a light like today's.
+    # A zero reference without the shift due to encoding is assumed to have been taken in the present light.
     encoded = np.where(np.isfinite(zero.encoded_m), zero.encoded_m, strip.encoded_m)
     rest = zero.width_m - part * encoded
     scale = geometry.width_m / rest
@@ -144,7 +144,7 @@ def measure_deflection(
     raw = raw + scale * strip.pixel_m * gap
     noise = scale * strip.width_noise_m
     kink = scale * np.hypot(edge_uncertainty_m(strip), strip.pixel_m * gap_sigma)
-    # Derivative of the deflection by the part of the encoding's shift that is there.
+    # Derivative of the deflection by the fraction of the encoding's shift that is present.
     shift = scale * (strip.encoded_m - encoded * (1.0 - raw / geometry.width_m))
     encoding = math.hypot(math.sqrt(part * (1.0 - part)), _SHIFT_ERROR * part) * np.where(
         np.isfinite(shift), shift, 0.0
@@ -152,10 +152,10 @@ def measure_deflection(
     clean = strip.usable & (kink == 0.0)
     sigma = with_cancelled_texture(raw, scale * strip.width_sigma_m, noise, clean, strip.pixel_m)
     light = strip.pixel_m * light_shift_px(strip, zero, rest_px, np.where(gap == 0.0, excess, np.nan))
-    # The error of the zero is the same in every frame: no noise of this image.
+    # The error of the zero reference is the same in every frame; it is not noise of this image.
     systematic = np.hypot(kink, scale * zero.width_sigma_m)
     states = edges.infer(strip, zero, rest_px, raw, np.hypot(np.hypot(sigma, systematic), encoding))
-    # Under a shadow's edge the foam is the zero in another light: at rest, as far as pixels can tell.
+    # Under the edge of a shadow the foam looks like the zero image in another light: at rest within the pixel resolution.
     delta = np.where(states.shadow, 0.0, raw)
     sigma = np.where(states.shadow, REST_PX * strip.pixel_m, sigma)
     seen = states.foam | states.shadow
@@ -166,16 +166,16 @@ def measure_deflection(
 
 
 def edge_uncertainty_m(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
-    """Error of a width where the edge is no clean step [m], at kinks or beside a narrow gap; 0 where it is one.
+    """Error of a width where the edge is not a clean step [m], at kinks or beside a narrow gap; 0 at clean steps.
 
-    Its pixels err together, so that the error by noise grows with the residual itself instead of its root: a power of 1.9
-    fits the squared errors of 1,800 such points of 18 pressed continuum foams best, with a factor of 1.2. What texture adds
-    to the residual is in the width's error already.
+    The errors of its pixels are correlated, so that the error due to noise grows with the residual itself instead of its
+    root: a power of 1.9 fits the squared errors of 1,800 such points of 18 pressed continuum foams best, with a factor of 1.2.
+    The contribution of texture to the residual is already part of the error of the width.
 
     Parameters
     ----------
     strip
-        What one image shows.
+        Observation of the strip in one image.
     """
     misfit = np.maximum(strip.front.chi2, 1.0)
     unclean = strip.low_confidence | (strip.usable & (misfit > _MISFIT))
@@ -189,16 +189,16 @@ def with_cancelled_texture(
     clean: Bool[np.ndarray, "K"],
     pixel_m: Float[np.ndarray, "K"],
 ) -> Float[np.ndarray, "K"]:
-    """Standard deviation of each deflection [m], where what texture shifts is in the zero, too.
+    """Standard deviation of each deflection [m], without the shift due to texture that cancels with the zero reference.
 
-    An edge in its old place is shifted by the same texture as at rest, unless light, focus or floor have changed: as
-    much as the scatter of such edges shows in this very frame. An edge that has moved by some pixels is shifted by
-    another one.
+    The texture shifts an edge at its old position as it did at rest, unless light, focus or floor have changed; the
+    scatter of such edges in the same frame shows how much of the shift remains. An edge that has moved by some pixels
+    is shifted by other texture.
 
     Parameters
     ----------
     delta_m, sigma_m, noise_m
-        Deflection, its standard deviation, and the part of it by noise alone [m].
+        Deflection, its standard deviation, and the part of it due to noise alone [m].
     clean
         Edges that are clean steps.
     pixel_m
@@ -226,12 +226,12 @@ def fill_gaps(
     uncertainty_m: Float[np.ndarray, "K"],
     seen: Bool[np.ndarray, "K"],
 ) -> tuple[Float[np.ndarray, "K"], ...]:
-    """Deflection with its gaps filled, its standard deviation, the part of it by noise, that by noise of each point
-    alone, and what hidden points may be deflected by, see :class:`Deflection`.
+    """Deflection with interpolated gaps, its standard deviation, the parts due to noise and due to the own noise of each
+    point, and the bound for hidden points, see :class:`Deflection`.
 
-    One or two points are bridged by the shape of their neighbours. What lies in a wider gap would draw the foam
-    along beside it: a point at a distance x from the last one seen, which is deflected by d +- sigma, is pressed by no more
-    than (d + sigma) exp(x / l) with the shortest decay length l of free foam.
+    One or two points are interpolated from the shape of their neighbours. A load in a wider gap would also deflect the
+    adjacent foam: a point at a distance x from the last observed one, whose deflection is d +- sigma, is deflected by at most
+    (d + sigma) exp(x / l) with the shortest decay length l of free foam.
 
     Parameters
     ----------
@@ -275,11 +275,11 @@ def fill_gaps(
 def with_states(
     reading: FoamReading, found: Deflection, material: FoamMaterial, cell_m: Float[np.ndarray, "K"]
 ) -> tuple[FoamReading, float]:
-    """The reading with what the states leave open in its budget, and the probability that it is wrong nevertheless.
+    """The reading with the uncertainty of the edge states in its budget, and the probability that it is wrong nevertheless.
 
-    A run of points that is something else than it is taken for has all their force wrong: with the force f_k of each
-    and the probability P_ij that all from i to j are, the variance is the sum of f_i P_ij f_j. Wrong is a run whose force
-    is beyond three standard deviations, those without this, and ``NEGLIGIBLE_N``.
+    A run of points with a wrong state has an error of its whole force: with the force f_k of each point and the probability
+    P_ij that all states from i to j are wrong, the variance is the sum of f_i P_ij f_j. A run makes the reading wrong if its
+    force exceeds three standard deviations of the other errors plus ``NEGLIGIBLE_N``.
 
     Parameters
     ----------
@@ -290,7 +290,7 @@ def with_states(
     material
         Calibrated foam.
     cell_m
-        Length of foam that each point stands for [m].
+        Length of foam that each point represents [m].
     """
     inside = np.zeros(len(cell_m), dtype=bool)
     runs, states = found.states.runs, found.states
@@ -305,14 +305,14 @@ def with_states(
         model = math.sqrt(contact.budget.model_N**2 + open_var)
         contacts.append(replace(contact, budget=replace(contact.budget, model_N=model)))
     delta, sigma = found.delta_m, found.sigma_m
-    # Too small against the error of the zero to count as a contact, it may be one.
+    # Deflections that are too small, compared with the error of the zero, to count as a contact may still be one.
     with np.errstate(invalid="ignore"):
         unexplained = np.where(found.seen & (delta > 2.0 * sigma), delta, 0.0)
     unexplained = np.where(
         inside, 0.0, unexplained + np.where(np.isfinite(found.hidden_m), found.hidden_m, 0.0)
     )
     loose = pressed_force_N(unexplained, material, cell_m)
-    # Light that is not even shifts neighbours alike.
+    # Uneven light shifts neighbouring points by a common error.
     light = found.light_m if not reading.contacts else np.where(inside, found.light_m, 0.0)
     if light.any():
         slope = material.slope(np.where(np.isfinite(delta), delta, 0.0) / material.width_m) / material.width_m
@@ -324,7 +324,7 @@ def with_states(
 
 
 def _wrong(each_N: Float[np.ndarray, "K"], runs: Float[np.ndarray, "K K"], tolerance_N: float) -> float:
-    """Largest probability of a run whose force is beyond a tolerance."""
+    """Largest probability of a run whose force exceeds the tolerance."""
     force = np.concatenate([[0.0], np.cumsum(each_N)])
     first = np.arange(len(each_N))
     last = np.searchsorted(force, force[:-1] + tolerance_N) - 1

@@ -1,4 +1,4 @@
-"""The gripper variant: the strip rides on a finger, the reference contour shows where the finger is.
+"""Gripper variant of the foam sensor: the strip is mounted on a finger, whose position follows from the reference contour.
 
 Alt 2016, Sec. 3.3 and 3.6.4.
 """
@@ -22,7 +22,7 @@ from .strip.zero import ZeroReference
 
 __all__ = ["FingerReading", "FingerSensor", "load_foam_sensor"]
 
-#: A finger that moves by more than this while it is zeroed does not stand still [m].
+#: Largest motion of a finger at standstill during zeroing [m].
 _STILL_M = 2e-4
 
 
@@ -32,7 +32,7 @@ class FingerReading:
 
     profile: ForceProfile
     finger: FingerPosition
-    #: Front contour in the fixed frame (frame F at position 0), NaN where it was not seen.
+    #: Front contour in the fixed frame (frame F at position 0), NaN where it was not observed.
     contour_m: Float[np.ndarray, "K 2"]
 
     @property
@@ -42,34 +42,34 @@ class FingerReading:
 
     @property
     def valid(self) -> bool:
-        """Whether force and position can be trusted."""
+        """Whether force and position are valid."""
         return self.profile.valid and self.finger.valid
 
     @property
     def reason(self) -> Reason:
-        """Why not; that of the force first."""
+        """Why the reading is not valid; the reason of the force has priority."""
         return self.profile.reason if not self.profile.valid or self.finger.valid else Reason.LOST
 
 
 class FingerSensor(FoamSensor):
     """A foam sensor on a finger that moves along a line in front of a fixed camera.
 
-    The initial position comes from an AprilTag on the finger (or is that of
-    ``T_camera_foam`` without a tag); from then on the reference contour is followed
-    from frame to frame. The tag is searched again when the contour is lost, and compared
-    with it once in a while. A camera that turns or shifts across the axis makes frames invalid
+    The initial position is that of an AprilTag on the finger (without a tag, that of
+    ``T_camera_foam``); from then on the reference contour is tracked
+    from frame to frame. The tag is detected again when the contour is lost, and periodically
+    compared with it. A camera that rotates or shifts across the axis makes frames invalid
     (``moved``); a shift along the axis cannot be distinguished from a motion of the finger.
 
     Parameters
     ----------
     setup
-        Configuration with a section ``finger``, and all that it names.
+        Configuration with a section ``finger``, and all files that it names.
     zero
-        The strip at rest; without it every frame is ``not_zeroed``.
+        The strip at rest; without it the reason of every frame is ``not_zeroed``.
 
     Examples
     --------
-    With a gripper and ``sensor.yaml`` it is ``FingerSensor.load("sensor.yaml")``; here both are simulated:
+    With a real gripper and ``sensor.yaml``, use ``FingerSensor.load("sensor.yaml")``; here both are simulated:
 
     >>> from visuohaptic.rigs import GripperSensor
     >>> virtual, rng = GripperSensor(stripe=False), np.random.default_rng(0)
@@ -93,16 +93,16 @@ class FingerSensor(FoamSensor):
 
     @property
     def finger(self) -> FingerPosition:
-        """Where the finger was in the last frame."""
+        """Position of the finger in the last frame."""
         return self.optics.position
 
     def zero(self, frames: Iterable[Frame], *, limit: int = 60) -> ZeroReference:
-        """Take the zero reference while nothing touches the strip and the finger stands still.
+        """Take the zero reference while nothing touches the strip and the finger is at rest.
 
         Raises
         ------
         CalibrationError
-            The contours were not found, or finger or strip moved meanwhile.
+            The contours were not found, or finger or strip moved during zeroing.
         """
         seen: list[float] = []
 
@@ -111,7 +111,7 @@ class FingerSensor(FoamSensor):
                 yield frame
                 if self.finger.valid:
                     seen.append(self.finger.position_m)
-                    # A finger that stands still has its lines in one place: where the first frame has it.
+                    # While the finger is at rest, the lines stay where the first frame placed them.
                     self.optics.hold()
 
         try:
@@ -134,7 +134,7 @@ class FingerSensor(FoamSensor):
         Parameters
         ----------
         frame
-            The next frame in order of time.
+            The next frame in chronological order.
         """
         profile = self.read(frame)
         geometry = self.setup.geometry
@@ -143,12 +143,12 @@ class FingerSensor(FoamSensor):
 
 
 def load_foam_sensor(path: Path | str) -> FoamSensor:
-    """The foam sensor that ``sensor.yaml`` describes, with its zero reference if there is one.
+    """Load the foam sensor that ``sensor.yaml`` describes, with its zero reference if there is one.
 
     Parameters
     ----------
     path
-        The file; those that it names are relative to its folder.
+        The file; file names in it are relative to its folder.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What the pixels on both sides of an edge say: the zero's texture behind it, a shadow or a body before it."""
+"""Evidence of the pixels on both sides of an edge: texture of the zero image behind it, shadow or body in front of it."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ def image_evidence(
     Parameters
     ----------
     strip, zero
-        What this image shows, and the strip at rest.
+        Observation of the strip in this image, and the strip at rest.
     rest_px
-        Place of the resting front along each line [px].
+        Position of the front at rest along each line [px].
     seen, deflected
         Points with an edge, and those of them whose edge has moved.
     unary
-        Log-likelihood of foam, shadow, occluder and nothing; set.
+        Log-likelihood of foam, shadow, occluder and nothing; filled.
     against
-        Log-odds against foam by kind of evidence; the first two, texture and shadow, are set.
+        Log-odds against foam by kind of evidence; the first two, texture and shadow, are filled.
     """
     step = strip.step_px * (strip.image.shape[2] - 1) / (zero.image.shape[2] - 1)
     front = np.where(seen, strip.front.position_px, rest_px) / step

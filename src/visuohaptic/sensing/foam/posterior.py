@@ -1,21 +1,22 @@
-"""What each edge of the contour is: foam, a shadow on it, something before it, or nothing.
+"""States of the edges of the contour: foam, a shadow on it, an occluder in front of it, or no edge.
 
-The point k of the contour has one of the states z_k = F (the foam's own front), S (a shadow's edge on foam at
-rest), O (an occluder) and N (no edge). With the image I along its line, the zero image Z, the place x of the edge
-now and x0 at rest, the likelihoods of a frame are, each against the same for O,
+Point k of the contour has one of the states z_k = F (front of the foam), S (edge of a shadow on foam at
+rest), O (occluder) and N (no edge). With the image I along its line, the zero image Z, the position x of the edge
+now and x0 at rest, the likelihoods of a frame, each relative to that of O, are
 
     foam      p(I before x | F) = 0.6 p(I | g Z(t x0/x)) + 0.3 p(I | g Z(t)) + 0.1 p(I | any)
     shadow    p(I | S) : I = light(t) Z(t) up to x0, then a floor;   p(I | F) : g Z up to x, then another surface
-    place     p(x | F) : at rest, or anywhere that max_contact_speed reaches from where it was;  p(x | O) : anywhere
-    blur      p(b | F, pressed) : the lens's, and that of its own motion;  p(b | O) : any, a shadow's edge has no lens
-    steepness p(x_k, x_k+1 | F, F) : free foam falls off over DECAY_PER_WIDTH w or more (a free end has no slope)
-    crossing  p(x_k, x_k+1 | F, O) : an occluder crosses the foam's edge at any angle;  p(... | F, F) : one edge goes on
+    position  p(x | F) : at rest, or within reach of the last position at max_contact_speed;  p(x | O) : anywhere
+    blur      p(b | F, pressed) : that of the lens and of its own motion;  p(b | O) : any, the edge of a shadow may be soft
+    steepness p(x_k, x_k+1 | F, F) : free foam decays over DECAY_PER_WIDTH w or more (a free end has no slope)
+    crossing  p(x_k, x_k+1 | F, O) : an occluder crosses the edge of the foam at any angle;  p(... | F, F) : a single edge
     edge      p(no edge | F) = 0
 
-The variance about g Z and the part of Z's texture that an image shows (blur, JPEG) are those of the foam behind the
-edges of this very frame; pixels beyond the edge count by the correlation of their own residuals. F is joined to F along the strip, states persist in time for ``PERSISTENCE_S``; forward and
-backward over the points give p(z_k | all). So do the probabilities P_ij that all points from i to j are
-something else than they are taken for, of which force and variance follow in ``deflection.py``.
+The variance about g Z and the visible fraction of the texture of Z (blur, JPEG) are measured on the foam behind the
+edges of the same frame; pixels beyond the edge are weighted by the correlation of their own residuals. Steepness and
+crossing couple the states along the strip, and states persist in time for ``PERSISTENCE_S``; the forward-backward
+algorithm over the points gives p(z_k | all). It also gives the probabilities P_ij that the states of all points from i to
+j are wrong, from which force and variance follow in ``deflection.py``.
 """
 
 from __future__ import annotations
@@ -34,24 +35,24 @@ from .strip.zero import ZeroReference
 
 __all__ = ["BULGE", "DECAY_PER_WIDTH", "FALSE_ALARM", "EdgePosterior", "EdgeStates"]
 
-#: Shortest decay length of free foam by the width of the strip: continuum simulations of five foams under plates,
-#: wedges and cylinders stay above it with 3 % of the higher point and a four-hundredth (``OPTICS``) of the width.
+#: Shortest decay length of free foam, relative to the width of the strip: continuum simulations of five foams under plates,
+#: wedges and cylinders stay above it with a tolerance of 3 % of the higher point and 1/400 (``OPTICS``) of the width.
 DECAY_PER_WIDTH = 0.15
 _CHORD = 0.03
-#: Foam bulges beside a contact by this part of its depth, at the most.
+#: Largest bulge of the foam beside a contact, as a fraction of the depth of the contact.
 BULGE = 0.067
-#: Probability that a run of points is none of the foam, and a frame that is read wrong by its force: one in a thousand.
+#: Accepted probability that a run of points has wrong states and its force makes the reading of the frame wrong.
 FALSE_ALARM = 1e-3
-#: States of an edge persist for so long [s].
+#: Time constant of the persistence of edge states [s].
 PERSISTENCE_S = 0.3
-#: Log-probability to enter F, S, O and N from another state at the next point: one strip in a hundred has an
-#: occluder or a shadow's edge, one point in a hundred is not seen, and any of them is some twenty points long.
+#: Log-probability of entering F, S, O and N from another state at the next point: one strip in a hundred has an
+#: occluder or the edge of a shadow, one point in a hundred has no edge, and each of them is some twenty points long.
 _ENTER = np.log([0.05, 0.01, 0.01, 0.01])
-#: A contact begins in one frame of a hundred, at the most.
+#: Prior probability of the onset of a contact per frame, at most.
 _ONSET = 0.01
-#: Standard deviation of the front under a shadow's edge [px]: where the pixels of foam end.
+#: Standard deviation of the front under the edge of a shadow [px], due to the pixel resolution.
 REST_PX = 0.5
-#: Names of what may speak, in the order of :attr:`EdgeStates.against`.
+#: Names of the kinds of evidence, in the order of :attr:`EdgeStates.against`.
 _CHANNELS = ("texture", "shadow", "speed", "steepness", "no edge", "blur")
 
 
@@ -60,33 +61,33 @@ class EdgeStates:
     """States of K edges in one frame."""
 
     probability: Float[np.ndarray, "K 4"]  #: of foam, shadow, occluder, nothing
-    #: Probability that all points from one to another are something else than they are taken for; one or two alone
-    #: are bridged, and not counted.
+    #: Probability that the states of all points from one to another are wrong; single points and pairs
+    #: are interpolated and do not count.
     runs: Float[np.ndarray, "K K"]
-    against: Float[np.ndarray, "K 6"]  #: log-odds against foam of each kind of evidence
+    against: Float[np.ndarray, "K 6"]  #: log-odds against foam from each kind of evidence
 
     @property
     def foam(self) -> Bool[np.ndarray, "K"]:
-        """Edges that most likely are the foam's front."""
+        """Edges that are most likely the front of the foam."""
         return self.probability.argmax(axis=1) == FOAM
 
     @property
     def undecided(self) -> Float[np.ndarray, "K"]:
-        """Probability that a point lies in a run of something else than it is taken for."""
+        """Probability that a point belongs to a run of points with wrong states."""
         return self.runs.diagonal()
 
     @property
     def shadow(self) -> Bool[np.ndarray, "K"]:
-        """Edges that most likely are a shadow's on foam at rest."""
+        """Edges that are most likely those of a shadow on foam at rest."""
         return self.probability.argmax(axis=1) == SHADOW
 
     def evidence(self, points: Bool[np.ndarray, "K"]) -> str:
-        """What spoke most against the foam at some points; empty where nothing did.
+        """Strongest evidence against foam over some points; empty if there is none.
 
         Parameters
         ----------
         points
-            Points that are asked for.
+            Points to include.
         """
         if not points.any():
             return ""
@@ -95,7 +96,7 @@ class EdgeStates:
 
 
 class EdgePosterior:
-    """States of the edges from frame to frame.
+    """Recursive estimation of the edge states from frame to frame.
 
     Parameters
     ----------
@@ -109,13 +110,13 @@ class EdgePosterior:
 
     def __init__(self, s_m: Float[np.ndarray, "K"], width_m: float, speed_m_s: float) -> None:
         self._s, self._width, self._speed = np.ascontiguousarray(s_m, dtype=np.float64), width_m, speed_m_s
-        self._trusted_m = np.full(len(s_m), np.nan)  # deflection of foam that was seen, and when
+        self._trusted_m = np.full(len(s_m), np.nan)  # last observed deflection of the foam, and its time
         self._since_s = np.full(len(s_m), np.nan)
         self._pressed = np.zeros(len(s_m), dtype=bool)  # points of contacts that are established
         self._last: tuple[float, Float[np.ndarray, "K 4"]] | None = None
 
     def start(self, t_s: float) -> None:
-        """The foam was free at this time.
+        """Initialise with foam at rest at this time.
 
         Parameters
         ----------
@@ -132,14 +133,14 @@ class EdgePosterior:
         delta_m: Float[np.ndarray, "K"],
         sigma_m: Float[np.ndarray, "K"],
     ) -> EdgeStates:
-        """States of one frame; what is foam is what the next frame is compared with.
+        """Infer the states of one frame; the positions of foam become the reference for the next frame.
 
         Parameters
         ----------
         strip, zero, rest_px
-            As of :func:`~visuohaptic.sensing.foam.pixel_evidence.image_evidence`.
+            See :func:`~visuohaptic.sensing.foam.pixel_evidence.image_evidence`.
         delta_m, sigma_m
-            Deflection of each edge and its standard deviation, that of the zero included [m].
+            Deflection of each edge and its standard deviation, including that of the zero reference [m].
         """
         seen = (strip.usable | strip.low_confidence) & np.isfinite(delta_m) & np.isfinite(sigma_m)
         delta, sigma = np.where(seen, delta_m, 0.0), np.where(seen, sigma_m, self._width)
@@ -161,7 +162,7 @@ class EdgePosterior:
         unary[seen, NOTHING] = -MAX_ODDS
         if self._last is not None:
             stay = math.exp(-max(strip.t_s - self._last[0], 0.0) / PERSISTENCE_S)
-            # Neighbours share what they were: a run of ten counts once.
+            # The previous states of neighbours are not independent: a run of ten counts once.
             unary += 0.1 * np.log(stay * self._last[1] + (1.0 - stay) * 0.25)
         probability, runs = np.empty_like(unary), np.empty((len(seen), len(seen)))
         rules = DECAY_PER_WIDTH * self._width, _CHORD, OPTICS * self._width
@@ -176,7 +177,7 @@ class EdgePosterior:
         return states
 
     def moved_m(self, delta_m: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
-        """How far edges are from where the foam was last seen [m]; zero where it was not.
+        """Distance of the edges from the last observed position of the foam [m]; zero where there is none.
 
         Parameters
         ----------
@@ -189,7 +190,7 @@ class EdgePosterior:
     def _confirm(
         self, foam: Float[np.ndarray, "K"], deflected: Bool[np.ndarray, "K"], runs: Float[np.ndarray, "K K"]
     ) -> None:
-        """Odds against contacts that begin: an edge that comes is as rare as a contact; changes ``runs``."""
+        """Apply the prior odds of new contacts, which are as rare as other new edges; changes ``runs``."""
         grown = np.convolve(self._pressed, np.ones(3), mode="same") > 0.0
         fresh = deflected & ~grown
         runs[np.ix_(fresh, fresh)] = np.minimum(runs[np.ix_(fresh, fresh)] / _ONSET, 1.0)

@@ -1,15 +1,15 @@
-"""From one contour to pressures, contact regions and forces with their error budgets.
+"""Pressures, contact regions and forces with their error budgets from one contour.
 
 Symbols: K points along the strip, s position, delta deflection towards the base,
 eps = delta / w strain. Equations (3.1), (3.9), (3.10) of the dissertation, with
-the trapezoid rule on the real spacing in place of a constant s_d. Where foam goes
-on beyond the first or the last point and that point is pressed, the rest of its
-cell counts with its pressure (``end_cells_m``).
+the trapezoid rule on the actual spacing instead of a constant s_d. Where foam extends
+beyond the first or the last point and that point is pressed, the rest of its
+cell is included with its pressure (``end_cells_m``).
 
 False alarms: a region needs one point above 5.5 sigma or two neighbours above
-3.5 sigma. With Gaussian noise this happens by chance in less than 1e-5 of the
-frames of 85 points. What noise does not explain but foam cannot do, a shallow dent narrower
-than its own decay (texture, dirt, a fold), is no region either.
+3.5 sigma. With Gaussian noise the false-alarm rate is less than 1e-5 per
+frame of 85 points. A shallow dent that is narrower than the decay length of the foam (texture, dirt, a fold) is
+physically impossible and does not count as a region either.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from .material.hysteresis import RELEASE_STRAIN, HysteresisState
 __all__ = ["ContactRegion", "FoamContour", "FoamReading", "read_profile"]
 
 SEED_PAIR_SIGMAS, SEED_SINGLE_SIGMAS = 3.5, 5.5
-#: Gaps of invalid points up to this many are bridged by a straight line.
+#: Gaps of up to this many invalid points are interpolated linearly.
 MAX_GAP_POINTS = 3
-#: Free foam falls off beside a body over a good part of its width: what is deflected over less than this
-#: part of it, ends included, and by less than foam that counts as released, is no contact.
+#: The deflection of free foam beside a body decays over a considerable fraction of its width: a region shorter than this
+#: fraction of the width, including its ends, and shallower than the release strain is not a contact.
 NARROW_PER_WIDTH = 0.5
 #: Model error of each boundary law over simulated foams and bodies: fraction of the force.
 MODEL_FLOOR = {"tension": BODIES, "enlarged": BODIES, "local": 0.10}
-#: What sheared foam loses is known to the first part of it, what a free end takes of that to the second: the errors of 9
-#: bodies on four foams, calibrated by one plate, are then 0.92 standard deviations (rms; 1.5 with BODIES alone, 6 under two
+#: Relative standard deviations of the loss by shear, and of its relief at a free end: with these, the errors of 9 bodies on
+#: four foams, calibrated with one plate, are 0.92 standard deviations (rms; 1.5 with BODIES alone, 6 under two
 #: cylinders side by side), those of 14 plates near an end 1.0.
 SHEAR_SIGMA, END_SIGMA = 0.1, 0.7
-#: Part of the force that does not count: of hidden foam, or of points that seem to have turned round.
+#: Fraction of the force that is negligible: of hidden foam, or of points that seem to be unloading.
 NEGLIGIBLE_PART = 0.02
 #: Columns of the kernel's table of regions.
 _FIRST, _LAST, _FORCE, _IMAGE_VAR, _ZERO_SLOPE, _RELIEF, _SAMPLING_VAR, _MAX_STRAIN, _CUT = range(9)
@@ -56,10 +56,10 @@ class ContactRegion:
     last: int  #: index of the last one, inclusive
     s_start_m: float
     s_end_m: float
-    touch_start_m: float  #: start of the part that bears load by the tension law
+    touch_start_m: float  #: start of the part that bears load according to the tension law
     touch_end_m: float
     force_N: float
-    enlarged_force_N: float  #: of the published law, for comparison
+    enlarged_force_N: float  #: force of the published law, for comparison
     budget: ErrorBudget
     max_strain: float
     valid: bool
@@ -68,7 +68,7 @@ class ContactRegion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoamReading:
-    """What one contour says."""
+    """Force, pressure and contacts from one contour."""
 
     force_N: float  #: sum over the contacts
     budget: ErrorBudget  #: of ``force_N``; zero and calibration are common to all contacts
@@ -86,8 +86,8 @@ class FoamReading:
 class FoamContour:
     """Deflection of the front contour in one frame, with its errors; K points along the strip.
 
-    A point is used where it is valid and its numbers are finite; short gaps are bridged, and a contact that ends
-    at a long one is not valid.
+    A point is used if it is valid and its values are finite; short gaps are interpolated, and a contact that ends
+    at a long gap is not valid.
 
     Raises
     ------
@@ -98,24 +98,24 @@ class FoamContour:
     s_m: Float[np.ndarray, "K"]  #: position along the strip, increasing
     delta_m: Float[np.ndarray, "K"]  #: deflection towards the base
     noise_m: Float[np.ndarray, "K"]  #: its standard deviation from frame to frame, which neighbours may share
-    valid: Bool[np.ndarray, "K"]  #: False where the contour was not seen
-    #: Noise of each deflection beside ``noise_m`` that neighbours do not share, e.g. of a fit at a kink.
+    valid: Bool[np.ndarray, "K"]  #: False where the contour was not observed
+    #: Additional noise of each deflection that neighbours do not share, e.g. of a fit at a kink.
     own_noise_m: Float[np.ndarray, "K"] | None = None
-    #: Systematic error of each deflection, independent between points: the same in every frame, so that it goes to
-    #: the model's part of the budget.
+    #: Systematic error of each deflection, independent between points: the same in every frame, and therefore part of
+    #: the model error of the budget.
     uncertainty_m: Float[np.ndarray, "K"] | None = None
-    #: Part of it that neighbours share where they have it, e.g. of edges beside which a shadow or another body runs.
+    #: Part of it that neighbours share where it is not zero, e.g. for edges beside a shadow or another body.
     unclean_m: Float[np.ndarray, "K"] | None = None
-    #: Error that all points have at once, of the same sign or of opposite ones, e.g. by the camera's encoding.
+    #: Fully correlated error of all points, of equal or opposite signs, e.g. due to the camera's encoding.
     shared_m: Float[np.ndarray, "K"] | None = None
     zero_sigma_m: float = field(default=0.0, metadata=NON_NEGATIVE)  #: of the zero, common to all points
-    #: Whether each deflection is the mean over the spacing of the points, as a tracker sees it, or that at the point.
+    #: Whether each deflection is the mean over the spacing of the points, as a tracker measures it, or the value at the point.
     averaged: bool = False
-    #: Correlation of the noise of neighbouring points, ``tracking.SHARED_NOISE`` for its contours.
+    #: Correlation of the noise of neighbouring points; ``tracking.SHARED_NOISE`` for contours of the tracker.
     shared_noise: float = field(default=0.0, metadata=NON_NEGATIVE)
-    #: Points whose strain the foam's memory takes in, None: all; what is filled in has not been seen to move.
+    #: Points whose strain updates the hysteresis state, None: all; interpolated points do not.
     measured: Bool[np.ndarray, "K"] | None = None
-    #: Length of foam before the first and after the last point, as of
+    #: Length of foam before the first and after the last point, see
     #: :attr:`~visuohaptic.sensing.foam.strip.geometry.StripGeometry.end_cells_m`.
     end_cells_m: tuple[float, float] = field(default=(0.0, 0.0), metadata=NON_NEGATIVE)
     seen: Bool[np.ndarray, "K"] = field(init=False)  #: points that are used
@@ -162,7 +162,7 @@ def read_profile(
     Returns
     -------
     FoamReading
-        Not valid, with the reason ``lost``, when fewer than two points were seen.
+        Not valid, with the reason ``lost``, if fewer than two points were observed.
 
     Raises
     ------
@@ -207,21 +207,21 @@ def read_profile(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SeenPoints:
-    """The n points of a contour that were seen."""
+    """The n observed points of a contour."""
 
-    index: Int[np.ndarray, "n"]  #: number on the strip
+    index: Int[np.ndarray, "n"]  #: index on the strip
     s: Float[np.ndarray, "n"]
     delta: Float[np.ndarray, "n"]
-    #: Of each deflection [m]: all noise, systematic error, error that all points have at once, noise that neighbours may
-    #: share, and the part of the systematic error that neighbours share where they have it.
+    #: Of each deflection [m]: all noise, systematic error, error common to all points, noise that neighbours may
+    #: share, and the part of the systematic error that neighbours share where it is not zero.
     errors: Float[np.ndarray, "5 n"]
-    #: Stress by the loading stress (hysteresis), its standard deviation, and 1 where a point is unloading.
+    #: Ratio of stress to loading stress (hysteresis), its standard deviation, and 1 where a point is unloading.
     history: Float[np.ndarray, "3 n"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Regions:
-    """What the kernel integrates over R regions of n seen points."""
+    """Integrals of the kernel over R regions of n observed points."""
 
     pressure_Pa: Float[np.ndarray, "n"]
     pressure_sigma_Pa: Float[np.ndarray, "n"]
@@ -232,7 +232,7 @@ class _Regions:
 def _seen_points(
     contour: FoamContour, material: FoamMaterial, memory: HysteresisState | None
 ) -> tuple[_SeenPoints, Bool[np.ndarray, "K"]]:
-    """Seen points with their place on the hysteresis, and which points of the strip are unloading."""
+    """Observed points with their hysteresis factors, and a mask of the unloading points of the strip."""
     shown = contour.seen
     index = np.flatnonzero(shown)
     delta, errors = contour.delta_m[index].astype(np.float64), np.zeros((5, len(index)))
@@ -264,11 +264,11 @@ def _seen_points(
 def _integrated(
     contour: FoamContour, seen: _SeenPoints, material: FoamMaterial, boundary: Boundary
 ) -> _Regions:
-    """Contact regions without those that no foam could show."""
+    """Contact regions without physically impossible ones."""
     from ._profile_kernels import integrate_regions
 
     curve = material.narrow
-    # Beyond a point that was not seen nothing is known: the cell of a seen end point alone is filled.
+    # Only the cell of an observed end point is extended to the end of the strip.
     seen_ends = seen.index[0] == 0, seen.index[-1] == len(contour.s_m) - 1
     cells_m = np.array(contour.end_cells_m)
     free_m = contour.s_m[[0, -1]] + np.where(cells_m > 0.0, cells_m, np.inf) * [-1.0, 1.0]
@@ -281,7 +281,7 @@ def _integrated(
         material.softening_end,
     )  # fmt: skip
     table, sums = table[:count], sums[:count]
-    table[:, _RELIEF] *= boundary == "tension"  # no other law takes it away
+    table[:, _RELIEF] *= boundary == "tension"  # no other law subtracts it
     first, last = table[:, _FIRST].astype(np.int64), table[:, _LAST].astype(np.int64)
     narrow = seen.s[last] - seen.s[first] < NARROW_PER_WIDTH * material.width_m
     spurious = (table[:, _MAX_STRAIN] < RELEASE_STRAIN) & narrow
@@ -298,7 +298,7 @@ def _contact(
     material: FoamMaterial,
     boundary: Boundary,
 ) -> ContactRegion:
-    """One region with its budget, and the first reason not to trust it."""
+    """One region with its budget, and the first reason why it is not valid."""
     row = regions.table[k]
     first, last = int(row[_FIRST]), int(row[_LAST])
     force = float(row[_FORCE])
@@ -307,7 +307,7 @@ def _contact(
         sheared = SHEAR_SIGMA * float(row[_RELIEF]), END_SIGMA * float(row[_FREED])
         model2 += (material.tension.ratio * math.hypot(*sheared)) ** 2
     elif boundary == "enlarged":
-        # What unit kappa would take away: the published law declares it as its model error.
+        # The relief at the ratio kappa, which the published law neglects, is its model error.
         inside = slice(first, last + 1)
         relief = contour_force(seen.s[inside], seen.delta[inside], material)[1] if last > first else 0.0
         model2 += (relief * material.tension.ratio) ** 2
@@ -335,7 +335,7 @@ def _contact(
 def _total_budget(
     contacts: tuple[ContactRegion, ...], regions: _Regions, contour: FoamContour, material: FoamMaterial
 ) -> ErrorBudget:
-    """Image and model errors of contacts are independent; calibration and zero are common to all."""
+    """Budget of all contacts: image and model errors are independent, calibration and zero are common."""
     total = regions.table.sum(axis=0)
     return ErrorBudget(
         image_N=math.hypot(*(contact.budget.image_N for contact in contacts)),
@@ -346,7 +346,7 @@ def _total_budget(
 
 
 def _budget_at_rest(seen: _SeenPoints, contour: FoamContour, material: FoamMaterial) -> ErrorBudget:
-    """Nothing stands out of the noise: the force is zero within the noise of the whole strip."""
+    """Budget without contacts: the force is zero within the noise of the whole strip."""
     from ._profile_kernels import shared_variance
 
     each = material.height_m * np.gradient(seen.s) * float(material.slope(np.zeros(1))[0]) / material.width_m

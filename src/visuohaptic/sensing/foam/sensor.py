@@ -1,4 +1,4 @@
-"""The foam sensor: from a camera frame to deflection, pressure and force."""
+"""The foam sensor: deflection, pressure and force from a camera frame."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ __all__ = ["FoamSensor"]
 
 log = logging.getLogger(__name__)
 
-#: So many images are remembered: mixed-up buffers of a camera show one of the last again.
+#: Number of recent images that are compared with a new one, because a camera with mixed-up buffers may repeat one of them.
 _REMEMBERED_IMAGES = 8
 
-#: Foam gives back less than it took: where points were out of sight for ``_BRANCH_S`` or longer, their
-#: force is uncertain by this fraction until they are released.
+#: Hysteresis: the force of points that were hidden for ``_BRANCH_S`` or longer
+#: is uncertain by this fraction until they are released.
 _UNKNOWN_BRANCH, _BRANCH_S = 0.3, 0.1
 
 
@@ -55,13 +55,13 @@ class FoamSensor:
     Parameters
     ----------
     setup
-        Configuration with all that it names, see :meth:`FoamSensorConfig.load`.
+        Configuration with all files that it names, see :meth:`FoamSensorConfig.load`.
     zero
-        The strip at rest; without it every frame is ``not_zeroed``.
+        The strip at rest; without it the reason of every frame is ``not_zeroed``.
 
     Examples
     --------
-    With a camera and ``sensor.yaml`` it is ``FoamSensor.load("sensor.yaml")``; here both are simulated:
+    With a real camera and ``sensor.yaml``, use ``FoamSensor.load("sensor.yaml")``; here both are simulated:
 
     >>> from dataclasses import replace
     >>> from visuohaptic.rigs import VirtualSensor
@@ -91,12 +91,12 @@ class FoamSensor:
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
-        """A sensor as described by ``sensor.yaml``, with its zero reference if there is one.
+        """Load the sensor that ``sensor.yaml`` describes, with its zero reference if there is one.
 
         Parameters
         ----------
         path
-            The file; those that it names are relative to its folder.
+            The file; file names in it are relative to its folder.
 
         Raises
         ------
@@ -107,7 +107,7 @@ class FoamSensor:
 
     @classmethod
     def of_setup(cls, setup: FoamSetup) -> Self:
-        """A sensor whose files are read, with its zero reference if there is one.
+        """Create a sensor from a loaded configuration, with its zero reference if there is one.
 
         Parameters
         ----------
@@ -121,33 +121,33 @@ class FoamSensor:
 
     @property
     def camera(self) -> Camera:
-        """Model of the camera whose frames it reads."""
+        """Model of the camera that delivers the frames."""
         return self.setup.camera
 
     @property
     def zeroed(self) -> bool:
-        """Whether it has a zero reference."""
+        """Whether the sensor has a zero reference."""
         return self._watch is not None
 
     @property
     def zero_reference(self) -> ZeroReference | None:
-        """The present zero reference; ``None`` before :meth:`zero`."""
+        """The current zero reference; ``None`` before :meth:`zero`."""
         return self._watch.zero if self._watch is not None else None
 
     def zero(self, frames: Iterable[Frame], *, limit: int = 60) -> ZeroReference:
-        """Take the zero reference from frames of a strip that nothing touches.
+        """Take the zero reference from frames of the untouched strip.
 
         Parameters
         ----------
         frames
-            Frames of a strip that nothing touches.
+            Frames of the untouched strip.
         limit
-            No more than this many frames are read.
+            Maximum number of frames to read.
 
         Raises
         ------
         CalibrationError
-            The contours were not found, or the strip moved meanwhile.
+            The contours were not found, or the strip moved during zeroing.
         """
         self._watch = None
         self.optics.reset()
@@ -190,15 +190,15 @@ class FoamSensor:
         self._watch = self._watching(zero)
         self._forget()
         self.optics.forget_motion()
-        # Nothing touched it then: what is pressed in the next frame has come since.
+        # The strip is untouched at this time: any contact in the next frame is new.
         self._edges.start(zero.t_s)
         return zero
 
     def _check_known(self, zero: ZeroReference, strip: ObservedStrip) -> None:
-        """Refuse a zero with which no frame could be valid, see :meth:`_reason`.
+        """Reject a zero reference with which no frame could be valid, see :meth:`_reason`.
 
-        Even of a free strip the points without a width at rest could hide more force than may be wrong of the largest
-        that the others can measure.
+        Points of unknown width at rest hide force even on a free strip. The zero reference is rejected if this force exceeds
+        the accepted error of the largest force that the other points can measure.
         """
         geometry, material = self.setup.geometry, self.setup.material
         noise = np.where(zero.known, strip.width_sigma_m, 0.0)
@@ -214,7 +214,7 @@ class FoamSensor:
             )
 
     def _watching(self, zero: ZeroReference) -> ZeroWatch:
-        """The zero, with what the camera's file says of its encoding in place of what the zero showed."""
+        """Watch the zero reference; the transfer function in the camera file overrides the estimated encoding."""
         known = ENCODINGS.get(self.setup.camera.transfer_function, zero.encoding)
         return ZeroWatch(replace(zero, encoding=known))
 
@@ -224,13 +224,13 @@ class FoamSensor:
         check_width(measured_m, geometry.width_m, where, stripe_m=stripe_m)
 
     def reset(self) -> None:
-        """Forget the last frames and the foam's history; the zero reference stays."""
+        """Discard the last frames and the history of the foam; the zero reference remains."""
         self.optics.reset()
         self._images.clear()
         self._forget()
 
     def close(self) -> None:
-        """Nothing is held: a foam sensor has no threads."""
+        """Do nothing: a foam sensor holds no resources."""
 
     def _forget(self) -> None:
         """Start a new history of the foam."""
@@ -239,21 +239,21 @@ class FoamSensor:
         geometry = self.setup.geometry
         speed = self.setup.config.max_contact_speed_m_s
         self._edges = EdgePosterior(geometry.s_m, geometry.width_m, speed)
-        self._seen_t_s = np.full(points, np.nan)  # when each point was seen last
+        self._seen_t_s = np.full(points, np.nan)  # time of the last observation of each point
         self._frame_s = np.inf  # shortest time between two frames
-        self._unseen_s = np.zeros(points)  # for how long it was out of sight since its last release
+        self._unseen_s = np.zeros(points)  # total time for which a point was hidden since its last release
         self._last_t_s: float | None = None
 
     def read(self, frame: Frame) -> ForceProfile:
         """Deflection, pressure and force of one frame, with uncertainty, validity and reason.
 
-        Frames are given in the order in which the camera delivers them. A frame that is
-        older than the one before, or the very same image again, is reported as stale.
+        Frames are passed in the order in which the camera delivers them. A frame that is
+        older than the previous one, or a repeated image, is reported as stale.
 
         Parameters
         ----------
         frame
-            The next frame in order of time.
+            The next frame in chronological order.
         """
         self._check_size(frame)
         if self._stale(frame):
@@ -290,12 +290,12 @@ class FoamSensor:
             )
 
     def _stale(self, frame: Frame) -> bool:
-        """A frame out of order, or a repetition: real images never repeat to the last bit of noise."""
+        """Whether a frame is out of order or a repetition: the noise of real images never repeats exactly."""
         image = hash(frame.image[:: max(1, frame.image.shape[0] // 64), ::7].tobytes())
         late = self._last_t_s is not None and not frame.t_s > self._last_t_s
         known = image in self._images
         if not known:
-            self._images.append(image)  # also of a late frame, which may come again with a new time stamp
+            self._images.append(image)  # also of a late frame, which may be repeated with a new time stamp
         if late or known:
             return True
         if self._last_t_s is not None and frame.t_s - self._last_t_s > self.setup.config.max_gap_s:
@@ -306,9 +306,9 @@ class FoamSensor:
         return False
 
     def _with_unknown_branch(self, reading: FoamReading, t_s: float, found: Deflection) -> FoamReading:
-        """Uncertainty of the hysteresis of points that were out of sight and may have turned round meanwhile."""
+        """Add the uncertainty of the hysteresis of points that were hidden and may have changed direction meanwhile."""
         material, seen = self.setup.material, ~found.covered
-        # Whether it was touched before or not: a contact may have begun and turned meanwhile.
+        # Points without a contact before are included: a contact may have begun and changed direction meanwhile.
         away = t_s - self._seen_t_s
         late = seen & (away > 1.5 * self._frame_s)
         self._unseen_s[late] += away[late] - self._frame_s
@@ -326,11 +326,11 @@ class FoamSensor:
         return replace(reading, budget=replace(reading.budget, model_N=model))
 
     def _contact(self, region: ContactRegion, found: Deflection) -> Contact:
-        """One region with its contour in frame F, free of points that were not seen."""
+        """One region with its contour in frame F, without points of unknown deflection."""
         inside = np.arange(region.first, region.last + 1)
         inside = inside[np.isfinite(found.delta_m[inside])]
         geometry = self.setup.geometry
-        # From deflections rather than cast pixels: normalised with the zero reference like the force.
+        # From deflections rather than projected pixels: normalised with the zero reference like the force.
         front = geometry.front_m[inside] - found.delta_m[inside, None] * geometry.outward[inside]
         return Contact(
             region.s_start_m, region.s_end_m, region.force_N, region.budget, region.valid, region.reason,
@@ -338,7 +338,7 @@ class FoamSensor:
         )  # fmt: skip
 
     def _reason(self, reading: FoamReading, found: Deflection, strip: ObservedStrip, wrong: float) -> Reason:
-        """The first reason not to trust the frame, the gravest first."""
+        """The most severe reason why the frame is not valid."""
         assert self._watch is not None
         if strip.moved_px > self.setup.config.tracking.bump_px:
             return Reason.MOVED
@@ -353,14 +353,14 @@ class FoamSensor:
         return Reason.OCCLUDED if wrong > FALSE_ALARM else reading.reason
 
     def blank(self, t_s: float, reason: Reason) -> ForceProfile:
-        """A profile without force, that says only why there is none.
+        """A profile without force, only with the reason why there is none.
 
         Parameters
         ----------
         t_s
             Time of the frame [s].
         reason
-            Why nothing was read.
+            Why the frame was not read.
         """
         unknown = np.full(len(self.setup.geometry.s_m), np.nan)
         return ForceProfile(

@@ -124,7 +124,7 @@ class EgoMotionFilter:
     def _measure(
         self, value: np.ndarray, design: np.ndarray, noise: np.ndarray, *, trusted: bool = False
     ) -> bool:
-        """One update; a trusted source that disagrees resets the state, others are ignored."""
+        """One update; if a source with priority disagrees, the state is reset; others are ignored."""
         innovation = value - design @ self.velocity
         spread = design @ self.covariance @ design.T + noise
         if float(innovation @ np.linalg.solve(spread, innovation)) > len(value) * self.settings.gate**2:

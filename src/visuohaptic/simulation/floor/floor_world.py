@@ -47,7 +47,7 @@ class FloorWorld:
     Parameters
     ----------
     map
-        Its occupied cells are walls; objects must not be among them.
+        Its occupied cells are walls; the objects are not part of it.
     items
         Objects, each on feet at its corners or, round ones, on a ring of feet. They slide and rotate, but do not tip.
     start_m

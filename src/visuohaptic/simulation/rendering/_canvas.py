@@ -69,7 +69,7 @@ def coverage(
         return None
     sharp = blur_px < SHARP_PX
     radius = 1 if sharp else _filter_table(blur_px)[0]
-    # One more pixel on each side: rounding along an edge must not leave the window.
+    # One more pixel on each side keeps rounding errors along an edge inside the window.
     low = np.floor(polygon_px.min(axis=0) + 0.5).astype(int) - radius - 1
     high = np.floor(polygon_px.max(axis=0) + 0.5).astype(int) + radius + 2
     # The window includes all columns to the left, since the cumulative sum starts there.

@@ -94,7 +94,7 @@ class GraspObject:
     """An object between the fingers: an outline on a spring that both fingers load."""
 
     outline: Outline  #: cross section, frame R
-    #: Force by the displacement of its surface at one finger; infinite for a rigid object.
+    #: Force per displacement of its surface at one finger; infinite for a rigid object.
     stiffness_N_per_m: float = math.inf
     top_m: float = 0.05  #: height of its top above the foam's top
     surface: Surface = _BLUE

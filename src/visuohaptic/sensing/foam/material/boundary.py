@@ -4,20 +4,20 @@ Symbols: eps = delta / w strain, theta slope angle of the front contour
 (tan theta = d delta / d s), m(eps) calibrated stress, h height, w width, F force.
 
 ``local``
-    Only the points that touch count. Reads too little: the flanks pull as well.
+    Only the touched points are included. Underestimates the force, because the flanks pull as well.
 ``enlarged``
-    Published baseline: every deflected point counts, ``F = h * integral m ds``.
+    Published baseline: every deflected point is included, ``F = h * integral m ds``.
 ``tension``
     A Pasternak foundation whose tension depends on the strain,
 
         p h = h m - (T delta')' + T' delta'^2 / 2,    T(eps) = kappa h w G(eps) / 3.
 
     With a constant T the tension cancels in the integral over a whole impression
-    and the law gives the same force as ``enlarged``. Foam softens, and what stays is
+    and the law gives the same force as ``enlarged``. Because foam softens, the remaining force is
 
         F = h * integral [ m(eps) + kappa / 6 * dG/deps * sin(theta)^2 ] ds,
 
-    with sin(theta) in place of delta' because steep flanks rotate more than they
+    with sin(theta) instead of delta' because steep flanks rotate more than they
     shear. G follows from m, see :mod:`~visuohaptic.sensing.foam.material.tension`.
 """
 
@@ -38,7 +38,7 @@ from .tension import Tension, softening
 __all__ = ["BOUNDARIES", "Boundary", "calibrate_tension", "contour_force"]
 
 Boundary = Literal["tension", "enlarged", "local"]
-#: Scatter of the force over bodies of one simulated foam, whose kappa and lambda are known, by the force: after a plate
+#: Relative scatter of the force over bodies on one simulated foam with known kappa and lambda: after calibration with a plate,
 #: the errors under three other bodies are 0.7 standard deviations (rms over eight foams).
 BODIES = 0.002
 BOUNDARIES: tuple[Boundary, ...] = ("local", "enlarged", "tension")  #: index = number used by the kernel
@@ -47,10 +47,10 @@ BOUNDARIES: tuple[Boundary, ...] = ("local", "enlarged", "tension")  #: index = 
 def contour_force(
     s_m: Float[np.ndarray, "k"], delta_m: Float[np.ndarray, "k"], material: FoamMaterial
 ) -> tuple[float, float]:
-    """Force of one whole impression by the enlarged law, and what unit kappa takes away from it.
+    """Force of one whole impression by the enlarged law, and its reduction for unit kappa.
 
     The force of the tension law is ``first - kappa * second``. Trapezoid rule on
-    the real spacing of the points.
+    the actual spacing of the points.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def contour_force(
     Returns
     -------
     tuple of float
-        Force of the enlarged law, and the part of it that kappa = 1 takes away [N].
+        Force of the enlarged law, and its reduction for kappa = 1 [N].
     """
     strain = np.maximum(delta_m, 0.0) / material.width_m
     spacing = np.diff(s_m)
@@ -84,10 +84,10 @@ def calibrate_tension(
 ) -> Tension:
     """Fit kappa and lambda to contours under a body that is narrower than the strip.
 
-    The contours are sampled as sparsely as the camera will sample them (mean over
-    eight phases), because the slope of a plate's flank depends on the spacing. The forces F of all depths are
+    The contours are resampled at the point spacing of the sensor (mean over
+    eight phases), because the slope of the flank of a plate depends on the spacing. The forces F of all depths obey
     ``F_enlarged / F - 1 = kappa relief / F + lambda int h m eps^2 ds / F + e``; e is the scatter over
-    bodies of one foam and that of the residuals, lambda has its prior.
+    bodies on one foam and that of the residuals, lambda has its prior.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def calibrate_tension(
     spacing_m
         Distance between the points of the sensor [m].
     where
-        What error messages name.
+        Source named in error messages.
 
     Raises
     ------
@@ -163,9 +163,9 @@ def calibrate_tension(
 def _regressed(
     design: Float[np.ndarray, "n 2"], excess: Float[np.ndarray, "n"], lateral_sigma: float
 ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]]:
-    """Posterior mean and covariance of kappa, of which nothing is known before, and lambda."""
+    """Posterior mean and covariance of kappa, with a flat prior, and lambda."""
     information, variance = np.diag([0.0, lateral_sigma**-2]), BODIES**2
-    for _ in range(2):  # the residuals of the first fit are known in the second
+    for _ in range(2):  # the second fit uses the residuals of the first one
         covariance = np.linalg.inv(design.T @ design / variance + information)
         mean = covariance @ design.T @ excess / variance
         variance = BODIES**2 + float(np.mean((excess - design @ mean) ** 2))

@@ -1,8 +1,8 @@
-"""From press records to a foam material, or a refusal that says why (Alt 2016, Sec. 3.2).
+"""Calibration of a foam material from press records, with rejection of unsuitable data (Alt 2016, Sec. 3.2).
 
-The published model is the cubic (3.2). A stiff start, a plateau and a
-densification do not fit into one cubic, so the default is a cubic spline whose
-B-spline coefficients rise, which makes it monotone by construction; its number
+The published model is the cubic (3.2). A single cubic cannot represent a stiff start, a plateau and a
+densification, so the default is a cubic spline with increasing
+B-spline coefficients, which makes it monotone by construction; its number
 of knots is chosen by cross-validation. Both residuals are reported.
 """
 
@@ -23,14 +23,14 @@ from .tension import Tension
 
 __all__ = ["FoamCalibration", "StressCurveFit", "calibrate_foam", "fit_curve", "plateau"]
 
-#: The plateau ends where the slope reaches this multiple of its minimum, densification begins at the other.
+#: Multiples of the minimum slope at which the plateau ends and densification begins.
 PLATEAU_SLOPE, DENSIFICATION_SLOPE = 2.0, 3.0
 INTERIOR_KNOTS = (1, 2, 3, 4, 6, 8, 10)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StressCurveFit:
-    """A fitted curve and how well it fits."""
+    """A fitted curve and its goodness of fit."""
 
     curve: StressCurve
     residual_Pa: float  #: standard deviation of the points about the curve
@@ -40,14 +40,14 @@ class StressCurveFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoamCalibration:
-    """The material, and the figures a person wants to see before trusting it."""
+    """The material, and diagnostics of the calibration."""
 
     material: FoamMaterial
     data: StrainStress
     residual_spline_Pa: float
     residual_cubic_Pa: float
     cubic_monotone: bool
-    hysteresis_loss: float  #: lost fraction of the work of compression; 0 without unloading points
+    hysteresis_loss: float  #: dissipated fraction of the work of compression; 0 without unloading points
     notes: tuple[str, ...] = ()
 
 
@@ -55,9 +55,9 @@ def plateau(curve: StressCurve) -> tuple[tuple[float, float], float]:
     """Working range and densification limit from the slope of the curve.
 
     The plateau is the interval about the lowest slope where the slope stays
-    below twice its minimum; there the foam is most sensitive. The densification
-    begins where the slope reaches three times its minimum, or where the
-    calibration ends.
+    below twice its minimum; there the foam is most sensitive. Densification
+    begins where the slope reaches three times its minimum, or at the end of the
+    calibration.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def calibrate_foam(
     curve: CurveKind = "spline",
     tension: Tension | None = None,
 ) -> FoamCalibration:
-    """Fit the material, or refuse.
+    """Fit the material, or reject the data.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def calibrate_foam(
     Raises
     ------
     CalibrationError
-        The foam is unsuitable or the data are bad; one line says which and where.
+        The foam is unsuitable or the data are bad; one line states the cause and its location.
 
     Examples
     --------
@@ -191,7 +191,7 @@ def fit_curve(
     kind
         ``spline``: monotone, knots by cross-validation; ``cubic``: as published, Eq. (3.2).
     where
-        What error messages name.
+        Source named in error messages.
     """
     end = float(strain.max())
     if kind == "cubic":
@@ -213,7 +213,7 @@ def fit_curve(
     if not fits:
         raise CalibrationError(where, f"found {distinct} different strains, expected {MIN_STRAINS} or more")
     # The smallest model that predicts as well as the best. A wider tolerance would save knots, but a model error
-    # of half the noise moves the score by a tenth only, and the covariance knows nothing of a model error.
+    # of half the noise changes the score by only a tenth, and is not included in the covariance.
     best = next(i for i, score in enumerate(scores) if score <= 1.002 * min(scores) + 1e-12)
     return _solve(fits[best], strain, stress_Pa, monotone=True, where=where)
 
@@ -249,7 +249,7 @@ def _increments(
 def _cross_validation(
     curve: StressCurve, strain: Float[np.ndarray, "n"], stress: Float[np.ndarray, "n"], folds: int = 5
 ) -> float:
-    """Root mean square of the prediction of left-out points."""
+    """Root mean square error of the prediction of left-out points."""
     order = np.argsort(strain, kind="stable")
     fold = np.empty(len(strain), dtype=np.int64)
     fold[order] = np.arange(len(strain)) % folds
@@ -306,12 +306,12 @@ def _unloading(
     if not (np.all(np.isfinite(strain)) and np.all(np.isfinite(stress))):
         raise CalibrationError(data.where, "found NaN or infinity among the unloading points")
     fit = fit_curve(strain, stress, where=data.where)
-    # The first unloading point comes a step after the turn: the turn itself is the end of the loading.
+    # The first unloading point is one step after the reversal; the reversal itself is the end of loading.
     end = loading.curve.max_strain
     peak = end if strain.max() > 0.9 * end else float(strain.max())
     grid = np.linspace(0.0, peak, 200)
     up, down = loading.curve.stress(grid), fit.curve.stress(grid)
-    # Work done on the foam must not be less than what it gives back.
+    # The foam cannot return more work than was done on it.
     loss = float(1.0 - np.trapezoid(down, grid) / np.trapezoid(up, grid))
     if loss < -0.02:
         raise CalibrationError(

@@ -1,4 +1,4 @@
-"""What a strip of foam is made of: its calibrated stress curves, its size, and their file.
+"""Material of a foam strip: its calibrated stress curves, its size, and their file.
 
 Symbols: eps strain (deflection / width), w width along the compression, h height
 of the strip across the contour. Dissertation Sec. 3.2.
@@ -32,19 +32,19 @@ MAX_PARAMETERS = 64
 class FoamMaterial:
     """Calibrated foam strip.
 
-    ``loading`` is the curve of rising stress that measures; ``unloading``, if known,
-    is the curve back from ``unloading_peak_strain``, and ``hysteresis`` the law of all
-    other ways back. Without it unloading points are flagged and not valid.
+    ``loading`` is the curve of increasing stress that is used for measurement; ``unloading``, if known,
+    is the unloading curve from ``unloading_peak_strain``, and ``hysteresis`` the law of all
+    other unloading paths. Without it unloading points are flagged and not valid.
     """
 
     loading: StressCurve
     width_m: float  #: w, thickness of the strip along the compression
     height_m: float  #: h, extent of the strip across the contour
     working_strain: tuple[float, float]  #: the plateau, where the foam is most sensitive
-    densification_strain: float  #: readings beyond are saturated
+    densification_strain: float  #: readings beyond it are saturated
     residual_Pa: float  #: standard deviation of the calibration points about ``loading``
     unloading: StressCurve | None = None
-    unloading_peak_strain: float = 0.0  #: strain at which the calibration turned round
+    unloading_peak_strain: float = 0.0  #: strain at which the calibration changed to unloading
     hysteresis: HysteresisLaw | None = None  #: identified from the unloading points
     tension: Tension = field(default_factory=Tension)
     section: str = "rectangle"
@@ -72,7 +72,7 @@ class FoamMaterial:
 
     @cached_property
     def narrow(self) -> StressCurve:
-        """Loading curve under bodies narrower than the strip: less what the foam's lateral expansion takes away."""
+        """Loading curve under bodies narrower than the strip, reduced by the lateral expansion of the foam."""
         taken, sigma = self._taken, self.tension.lateral_sigma
         return replace(
             self.loading,
@@ -142,7 +142,7 @@ class FoamMaterial:
 
     @cached_property
     def softening_table_Pa(self) -> Float[np.ndarray, "256"]:
-        """Softening of the tension law at 256 even strains from 0 to 1.2 times the calibrated end."""
+        """Softening of the tension law at 256 equidistant strains from 0 to 1.2 times the end of the calibration."""
         return softening(self.narrow, np.linspace(0.0, self.softening_end, 256))
 
     @property
@@ -156,7 +156,7 @@ class FoamMaterial:
         Parameters
         ----------
         path
-            Where to write.
+            File to write.
         """
         from ....core.files import save_yaml
 
@@ -190,7 +190,7 @@ class FoamMaterial:
         Parameters
         ----------
         path
-            ``foam.yaml``, as :meth:`save` writes it.
+            ``foam.yaml``, as written by :meth:`save`.
 
         Raises
         ------

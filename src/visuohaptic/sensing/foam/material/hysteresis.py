@@ -1,18 +1,18 @@
-"""Memory of the foam: what a point that has turned round still presses with, on any path.
+"""Hysteresis of the foam: stress of a point on any path of loading and unloading.
 
-A foam gives back less than it took (Alt 2016, Sec. 3.2 and Fig. 3.2). The
-dissertation measures only while the force rises. Here every point carries J stop
+The unloading stress of a foam is lower than the loading stress (Alt 2016, Sec. 3.2 and Fig. 3.2). The
+dissertation measures only while the force increases. Here every point has J stop
 operators (Maxwell slip elements, Prandtl): xi_j follows the strain with slope
-1 / e_j and slips at +1 and -1. From rest all are +1, the loading curve m; every
-element that has turned takes its part away,
+1 / e_j and slips at +1 and -1. At rest all are +1, which is the loading curve m; every
+element that has moved from +1 reduces the stress by its part,
 
     stress = m(eps) - sum_j (r_j m(eps) + a_j) (1 - xi_j).
 
 Large and small loops, reloading and ringing are all paths of the same law; it is
-continuous everywhere, and a reloading meets the loading curve where it left it.
-One loop cannot show whether its loss grows with the stress (r_j) or not (a_j):
-both are identified together, and where the data do not decide the ridge shares
-the loss out between them.
+continuous everywhere, and reloading returns to the loading curve where it left it.
+A single loop does not determine whether its loss increases with the stress (r_j) or not (a_j):
+both are identified together, and where the data are ambiguous the ridge distributes
+the loss between them.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ from .stress_curve import StressCurve
 
 __all__ = ["HysteresisLaw", "HysteresisState", "identify_hysteresis", "stop_path"]
 
-#: A point below this strain has been released and forgets.
+#: A point below this strain is released, and its history is reset.
 RELEASE_STRAIN = 0.005
 #: Unloading is flagged when the strain is below its peak by this much, relative to the peak.
 RELATIVE_DROP = 0.02
-#: ... or by this many standard deviations of the difference, whichever is more.
+#: ... or by this many standard deviations of the difference, whichever is larger.
 DROP_SIGMAS = 4.0
-#: Neighbours to both sides whose mean change a point takes part in: noise alone must not turn it.
+#: Neighbours to either side whose mean change a point follows, so that noise alone does not reverse it.
 NEIGHBOURS = 5
-#: A point follows the mean change of its neighbourhood at once, and its own difference from it slowly:
-#: by this part per frame where noise explains it, and wholly from the upper number of sigmas on.
+#: A point follows the mean change of its neighbourhood immediately, and its own deviation from it slowly:
+#: by this fraction per frame where noise explains it, and fully above the upper number of sigmas.
 OWN_GAIN, OWN_SIGMAS = 0.1, (3.0, 5.0)
-#: The elements follow outside of a band of this many standard deviations of what is left of the noise.
+#: Half width of the dead band of the elements, in standard deviations of the remaining noise.
 PLAY_SIGMAS = 4.0
-#: Number of elements, and the shortest of them.
+#: Number of elements, and the smallest yield strain.
 ELEMENTS, SHORTEST_STRAIN = 10, 1e-3
-#: Weight of the ridge against the rms of the design matrix.
+#: Weight of the ridge relative to the rms of the design matrix.
 RIDGE = 0.12
-#: Error of the part taken away on paths that the calibration did not run, by that part: rms over
+#: Relative error of the stress reduction on paths that the calibration does not contain: rms over
 #: smaller and partial loops of Maxwell, dry-friction, pseudo-elastic and stop-operator foams.
 FOREIGN_PATHS = 0.2
 
@@ -53,10 +53,10 @@ FOREIGN_PATHS = 0.2
 class HysteresisLaw:
     """J stop operators of one foam."""
 
-    yield_strain: Float[np.ndarray, "J"]  #: e_j, rising; 2 e_j after a turn an element slips again
-    fraction: Float[np.ndarray, "J"]  #: r_j, part of the loading stress
+    yield_strain: Float[np.ndarray, "J"]  #: e_j, increasing; an element slips again 2 e_j after a reversal
+    fraction: Float[np.ndarray, "J"]  #: r_j, fraction of the loading stress
     stress_Pa: Float[np.ndarray, "J"]  #: a_j, part that does not depend on the strain
-    relative_sigma: float = FOREIGN_PATHS  #: error of the part taken away, by that part
+    relative_sigma: float = FOREIGN_PATHS  #: relative error of the stress reduction
 
     def __post_init__(self) -> None:
         e, r, a = self.yield_strain, self.fraction, self.stress_Pa
@@ -75,11 +75,11 @@ class HysteresisLaw:
     def reduction(
         self, loading_Pa: Float[np.ndarray, "K"], xi: Float[np.ndarray, "K J"]
     ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
-        """Part of the loading stress that is missing at every point, and its standard deviation [Pa].
+        """Reduction of the loading stress at every point, and its standard deviation [Pa].
 
-        The first element stands for all that are faster than the steps of the
-        calibration: half way through its turn they may be anywhere between
-        half way and done.
+        The first element represents all that are faster than the steps of the
+        calibration: when it has moved half way, these may be anywhere between
+        half way and the end.
 
         Parameters
         ----------
@@ -98,10 +98,10 @@ class HysteresisLaw:
 
 @dataclass(slots=True, eq=False)
 class HysteresisState:
-    """What every point of one strip has been through since its last release; changed by ``update``."""
+    """Strain history of every point of one strip since its last release; changed by ``update``."""
 
     peak_strain: Float[np.ndarray, "K"]  #: largest strain
-    peak_sigma: Float[np.ndarray, "K"] = field(init=False)  #: standard deviation of that
+    peak_sigma: Float[np.ndarray, "K"] = field(init=False)  #: its standard deviation
     smooth: Float[np.ndarray, "K"] = field(init=False)  #: strain without most of its noise
     followed: Float[np.ndarray, "K"] = field(init=False)  #: strain that moves the elements
     xi: Float[np.ndarray, "K J"] | None = field(default=None, init=False)  #: elements, with a law
@@ -113,12 +113,12 @@ class HysteresisState:
 
     @classmethod
     def at_rest(cls, points: int) -> HysteresisState:
-        """Memory of a strip of K points that nothing has touched yet.
+        """State of an untouched strip of K points.
 
         Parameters
         ----------
         points
-            K, points along the strip.
+            K, number of points along the strip.
         """
         return cls(np.zeros(points))
 
@@ -131,27 +131,27 @@ class HysteresisState:
         *,
         noise_sigma: Float[np.ndarray, "K"] | None = None,
     ) -> Bool[np.ndarray, "K"]:
-        """Take one frame in; invalid points keep their memory.
+        """Process one frame; the state of invalid points does not change.
 
-        ``noise_sigma`` is the part of ``strain_sigma`` that changes from frame to frame, default all of it: the
-        elements follow changes, and what is wrong by the same in every frame is none.
+        ``noise_sigma`` is the part of ``strain_sigma`` that varies from frame to frame, by default all of it: the
+        elements follow changes, to which a constant error does not contribute.
 
-        The peak of a noisy signal creeps up by a few sigma while a contact rests;
+        The peak of a noisy signal increases by a few sigma during a static contact;
         the margin below the peak is wider than that. For the same reason the
-        elements move with the mean change of a point's neighbourhood, as a body
-        moves it, and slowly with the point's own: a held contact must not creep
-        down its branch by noise that goes to and fro.
+        elements follow the mean change of the neighbourhood of a point, which a body
+        moves as a whole, and only slowly the deviation of the point itself: alternating noise
+        does not let a static contact creep down its unloading branch.
 
         Parameters
         ----------
         strain, strain_sigma
             Strain of each point and its standard deviation.
         valid
-            Points that were seen.
+            Points that were observed.
         law
-            Elements of the foam; None: only the peak is followed.
+            Elements of the foam; None: only the peak is updated.
         noise_sigma
-            Part of ``strain_sigma`` that changes from frame to frame; all of it without.
+            Part of ``strain_sigma`` that varies from frame to frame; None: all of it.
 
         Returns
         -------
@@ -166,7 +166,7 @@ class HysteresisState:
             )
         released = valid & (strain < np.maximum(RELEASE_STRAIN, 3 * strain_sigma))
         self.peak_strain[released], self.peak_sigma[released] = 0.0, 0.0
-        # What is hardly known is no peak: one frame of an edge that is none of the foam must not stay.
+        # An uncertain strain is not a peak, so that a single frame with a wrong edge has no lasting effect.
         sure = self.peak_strain - DROP_SIGMAS * self.peak_sigma
         rising = valid & ~released & (strain - DROP_SIGMAS * strain_sigma > sure)
         self.peak_strain[rising], self.peak_sigma[rising] = strain[rising], strain_sigma[rising]
@@ -193,7 +193,7 @@ class HysteresisState:
         change = np.where(valid, strain - self.smooth, 0.0)
         pressed = valid & ~released
         weight = np.where(pressed, 1.0 / np.maximum(sigma, 1e-9) ** 2, 0.0)
-        # A triangle: a box lets differences of some wavelengths grow.
+        # A triangular window: with a box, differences of some wavelengths would grow.
         window = NEIGHBOURS + 1.0 - np.abs(np.arange(-NEIGHBOURS, NEIGHBOURS + 1))
 
         def around(values: Float[np.ndarray, "K"], power: int = 1) -> Float[np.ndarray, "K"]:
@@ -204,12 +204,12 @@ class HysteresisState:
         low, high = OWN_SIGMAS
         unlike = np.abs(change - common) / np.maximum(sigma, 1e-12)
         own = np.minimum(sigma**2, around(pressed.astype(np.float64)) / whole)
-        # A point of large uncertainty, at a kink, follows its own difference the more slowly: one outlier must not turn it.
+        # The larger the uncertainty of a point, as at a kink, the more slowly it follows its own deviation (outliers).
         slow = OWN_GAIN * np.sqrt(own) / np.maximum(sigma, 1e-12)
         gain = slow + (1.0 - slow) * np.clip((unlike - low) / (high - low), 0.0, 1.0)
         step = common + gain * (change - common)
         self.smooth = self.smooth + np.where(pressed, step, change)
-        # Noise that is left: of the mean, and of the slow filter; a point of large uncertainty is as calm as its neighbours.
+        # Remaining noise of the mean and of the slow filter; that of an uncertain point is limited to that of its neighbours.
         left = around(weight, 2) / whole**2 + OWN_GAIN / (2.0 - OWN_GAIN) * own
         play = PLAY_SIGMAS * np.minimum(np.sqrt(left), sigma)
         ahead = self.smooth - self.followed
@@ -222,7 +222,7 @@ class HysteresisState:
 def stop_path(
     strain: Float[np.ndarray, "n"], yield_strain: Float[np.ndarray, "J"]
 ) -> Float[np.ndarray, "n J"]:
-    """States xi_j along a path that begins at rest; a released foam forgets.
+    """States xi_j along a path that begins at rest; they are reset when the foam is released.
 
     Parameters
     ----------
@@ -251,10 +251,10 @@ def identify_hysteresis(
     direction: Int[np.ndarray, "n"],
     loading: StressCurve,
 ) -> HysteresisLaw:
-    """Fit the elements to press records, whatever path they ran: full loops, smaller ones, reloading.
+    """Fit the elements to press records of any path: full loops, smaller ones, reloading.
 
-    Non-negative least squares with a ridge on what the loading curve has too much,
-    over elements from half the first step after the turn to the largest strain.
+    Non-negative least squares with a ridge on the excess of the loading curve,
+    over elements from half the first step after the reversal to the largest strain.
 
     Parameters
     ----------
@@ -279,7 +279,7 @@ def identify_hysteresis(
     turned_far = (turned.max(axis=1) > 0) & (path > 0.02)
     design = np.hstack([turned * m[:, None], turned * top])[turned_far]
     missing = (m - stress)[turned_far]
-    # Between absolute and relative errors: the low part of the branch counts, but not for everything.
+    # Compromise between absolute and relative errors: the low part of the branch matters, but does not dominate.
     weight = 1.0 / (0.1 * top + m[turned_far])
     weighted = design * weight[:, None]
     ridge = RIDGE * float(np.sqrt(np.mean(weighted**2) * len(missing)))
@@ -298,11 +298,11 @@ def identify_hysteresis(
 def _as_run(
     strain: Float[np.ndarray, "n"], stress: Float[np.ndarray, "n"], direction: Int[np.ndarray, "n"]
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-    """The record as a path. Tables sorted by strain are none: loading up, then unloading down."""
+    """The record as a path; tables sorted by strain are reordered: loading upwards, then unloading downwards."""
     step = np.diff(strain)
     turned = direction[1:] != direction[:-1]
     against = (step * direction[1:] < 0) & ~turned
-    # A new run begins anew: down after loading, up after unloading.
+    # A change of direction may also start a new run: down after loading, up after unloading.
     if np.count_nonzero(against | (turned & (np.abs(step) < 1e-9))) <= 0.1 * len(step):
         return strain, stress
     up, down = np.flatnonzero(direction > 0), np.flatnonzero(direction < 0)

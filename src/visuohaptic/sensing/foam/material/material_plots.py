@@ -27,7 +27,7 @@ def draw_strain_stress(axes: Any, calibration: FoamCalibration) -> None:
     axes
         Axes of matplotlib.
     calibration
-        What was fitted, with its data.
+        Result of the calibration, with its data.
     """
     material, data = calibration.material, calibration.data
     up, down = data.loading, data.unloading
@@ -62,7 +62,7 @@ def draw_sensitivity(axes: Any, calibration: FoamCalibration) -> None:
     axes
         Axes of matplotlib.
     calibration
-        What was fitted.
+        Result of the calibration.
     """
     sections: tuple[Section, ...] = ("rectangle", "trapezoid", "triangle")
     material = calibration.material
@@ -84,14 +84,14 @@ def draw_sensitivity(axes: Any, calibration: FoamCalibration) -> None:
 
 
 def save_calibration_plot(calibration: FoamCalibration, path: Path | str) -> None:
-    """Write both plots side by side; the format follows the file's ending.
+    """Write both plots side by side; the file extension determines the format.
 
     Parameters
     ----------
     calibration
-        What was fitted, with its data.
+        Result of the calibration, with its data.
     path
-        Where to write; its ending gives the format.
+        File to write; its extension determines the format.
     """
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg

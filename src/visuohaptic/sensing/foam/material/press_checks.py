@@ -1,4 +1,4 @@
-"""Whether press records can calibrate a foam: bad points, falling or flat foams, outliers (Alt 2016, Fig. 3.2)."""
+"""Checks of press records before calibration: bad points, falling or flat curves, outliers (Alt 2016, Fig. 3.2)."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ from .stress_curve import StressCurve
 
 __all__ = ["MAX_RESIDUAL", "MIN_STRAINS", "REQUIRED_RANGE", "refuse_bad_points", "refuse_unsuitable"]
 
-#: Fewest different strains on the loading branch.
+#: Minimum number of different strains on the loading branch.
 MIN_STRAINS = 10
-#: The calibration must begin at or below the first and reach the second strain.
+#: The calibration has to begin at or below the first strain and to reach the second one.
 REQUIRED_RANGE = (0.1, 0.3)
-#: Widest gap between neighbouring strains.
+#: Largest gap between neighbouring strains.
 MAX_GAP = 0.15
-#: A foam whose lowest slope is below this fraction of its mean slope cannot distinguish stresses.
+#: With a lowest slope below this fraction of the mean slope, stresses cannot be distinguished.
 MIN_SLOPE_RATIO = 0.02
 #: Largest accepted residual, as a fraction of the highest stress.
 MAX_RESIDUAL = 0.05
 
 
 def refuse_bad_points(where: str, strain: Float[np.ndarray, "n"], stress: Float[np.ndarray, "n"]) -> None:
-    """Refuse press records that no curve can be fitted to.
+    """Reject press records to which no curve can be fitted.
 
     Parameters
     ----------
     where
-        What error messages name.
+        Source named in error messages.
     strain, stress
-        Points of rising load: compressive strain, and stress [Pa].
+        Points of increasing load: compressive strain, and stress [Pa].
 
     Raises
     ------
     CalibrationError
-        Says what was found, what was expected, and what to do.
+        The points are not suitable; the message states what was found and expected, and the remedy.
     """
     if not (np.all(np.isfinite(strain)) and np.all(np.isfinite(stress))):
         raise CalibrationError(where, "found NaN or infinity, expected finite numbers")
@@ -44,7 +44,7 @@ def refuse_bad_points(where: str, strain: Float[np.ndarray, "n"], stress: Float[
         raise CalibrationError(
             where, f"found {distinct} different strains of loading, expected {MIN_STRAINS} or more"
         )
-    # Runs without noise may repeat each other; a frozen logger repeats the row before.
+    # Runs without noise may repeat each other; a frozen logger repeats the previous row.
     repeated = int(np.count_nonzero((np.diff(strain) == 0) & (np.diff(stress) == 0)))
     if repeated > len(strain) // 2:
         raise CalibrationError(
@@ -87,19 +87,19 @@ def refuse_bad_points(where: str, strain: Float[np.ndarray, "n"], stress: Float[
 def refuse_unsuitable(
     where: str, strain: Float[np.ndarray, "n"], stress: Float[np.ndarray, "n"], spline: StressCurve
 ) -> None:
-    """Refuse falling foams (Fig. 3.2d), flat foams, and outliers.
+    """Reject falling curves (Fig. 3.2d), flat curves, and outliers.
 
     Parameters
     ----------
     where, strain, stress
-        As of :func:`refuse_bad_points`.
+        See :func:`refuse_bad_points`.
     spline
-        Monotone curve through them.
+        Monotone curve fitted to them.
 
     Raises
     ------
     CalibrationError
-        Says where the curve falls, is flat, or which point is far off.
+        The curve falls or is flat, or a point is an outlier; the message states where.
     """
     order = np.argsort(strain, kind="stable")
     x, y = strain[order], stress[order]

@@ -1,4 +1,4 @@
-"""Press records in: stress over strain, and contours under a plate, from CSV files that are distrusted."""
+"""Validated input of press records from CSV files: stress over strain, and contours under a plate."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from ....core.files import read_text
 
 __all__ = ["PlateRecord", "StrainStress", "read_plate", "read_strain_stress"]
 
-#: Larger files are refused: a press log of an hour at 100 Hz is about 10 MB.
+#: Larger files are rejected: a press log of an hour at 100 Hz is about 10 MB.
 MAX_BYTES = 64 * 1024 * 1024
-#: A foam whose stress stays below this is softer than any; kPa without their name look so [Pa].
+#: No foam is so soft that its stress stays below this [Pa]; values in kPa without a unit would.
 SOFTEST_Pa = 150.0
 
 _STRAIN = {"strain": 1.0, "strain_percent": 0.01, "strain_pct": 0.01, "strain_%": 0.01}
@@ -38,12 +38,12 @@ class StrainStress:
 
     @property
     def loading(self) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
-        """Strain and stress of the points of rising load."""
+        """Strain and stress of the points of increasing load."""
         return self.strain[self.direction > 0], self.stress_Pa[self.direction > 0]
 
     @property
     def unloading(self) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
-        """Strain and stress of the points of falling load."""
+        """Strain and stress of the points of decreasing load."""
         return self.strain[self.direction < 0], self.stress_Pa[self.direction < 0]
 
 
@@ -60,8 +60,8 @@ class PlateRecord:
 def direction_from_order(strain: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
     """Derive the direction of loading from the order of the points.
 
-    The record is split at its turning points; wiggles smaller than 5 % of the
-    strain range are noise and do not turn the direction.
+    The record is split at its reversals; oscillations smaller than 5 % of the
+    strain range are noise and do not reverse the direction.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def read_strain_stress(path: Path | str) -> StrainStress:
     Raises
     ------
     CalibrationError
-        A column is missing or a row cannot be read; the message has the line.
+        A column is missing or a row cannot be read; the message states the line.
     """
     rows, names = _rows(path)
     strain_name = _one_of(path, names, _STRAIN, "strain")

@@ -1,8 +1,8 @@
 """Foam rods whose cross section is thinner at the front (Alt 2016, Fig. 3.2 and 3.4).
 
 Symbols: y position through the width, h(y) height of the section there, N force
-per length of the strip. Slabs of the rod are columns of foam in series: each
-carries the same N, so that the thin front compresses first,
+per length of the strip. Slabs of the rod are columns of foam in series: all
+carry the same N, so that the thin front compresses first,
 
     m(eps(y)) = N / h(y),    strain of the rod = mean over y of eps(y),
 
@@ -27,7 +27,7 @@ __all__ = ["Section", "force_sigma", "section_height", "section_material", "sect
 
 Section = Literal["rectangle", "triangle", "trapezoid"]
 
-#: Height of the front of each section relative to its back; a triangle is cut at a fiftieth,
+#: Height of the front of each section relative to its back; a triangle is truncated at a fiftieth,
 #: because the stress at a sharp edge is infinite.
 FRONT_RATIO: dict[Section, float] = {"rectangle": 1.0, "triangle": 0.02, "trapezoid": 0.5}
 
@@ -44,7 +44,7 @@ def section_height(
     y_relative
         Position through the width, 0 at the back, 1 at the front.
     front_ratio
-        Height of the front by that of the back, more than 0 to 1; that of the shape without.
+        Ratio of the height of the front to that of the back, more than 0 to 1; None: that of the shape.
     """
     if section not in FRONT_RATIO:
         raise InputError("section", f"found {section!r}, expected one of {', '.join(FRONT_RATIO)}")
@@ -59,10 +59,10 @@ def section_stress(
 ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
     """Strain of the rod and its stress related to the full height [Pa].
 
-    The table ends where the front slab reaches the end of the base material's
-    calibration; a rod cannot be read beyond it. For the triangle, whose sharp front
-    is crushed at any load, slabs go on along the tangent of the curve, at most
-    to a strain of 0.9, and the table ends when half of the rod is beyond.
+    The table ends where the front slab reaches the end of the calibration of the base
+    material; beyond it the stress of a rod is unknown. For the triangle, whose sharp front
+    is crushed at any load, the curve of the slabs is extrapolated along its tangent, at most
+    to a strain of 0.9, and the table ends when half of the rod is beyond the calibration.
 
     Parameters
     ----------
@@ -71,13 +71,13 @@ def section_stress(
     section
         Shape of the cross section.
     front_ratio
-        Height of the front by that of the back; that of the shape without.
+        Ratio of the height of the front to that of the back; None: that of the shape.
     slabs
         Number of slabs in series.
     """
     y = (np.arange(slabs) + 0.5) / slabs
     height = section_height(section, y, front_ratio)
-    # Inverse of the curve by a dense table: it is monotone.
+    # Inverse of the monotone curve by a dense table.
     strain = np.linspace(0.0, curve.max_strain, 4000)
     stress = curve.stress(strain)
     end_slope = float(curve.slope(np.array(curve.max_strain)))
@@ -87,7 +87,7 @@ def section_stress(
     )
     local = load[:, None] / height[None, :]
     inside = np.interp(local, stress, strain)
-    # Foam densifies: the tangent underestimates its stiffness, and nothing is compressed away.
+    # Foam densifies: the tangent underestimates its stiffness, and the strain is limited.
     beyond = np.maximum(local - stress[-1], 0.0) / end_slope
     limit = max(0.9, curve.max_strain)
     return np.minimum(inside + beyond, limit).mean(axis=1), load
@@ -98,8 +98,8 @@ def section_material(
 ) -> FoamMaterial:
     """Material of a rod of the given section, cut from the same foam as the rectangle.
 
-    The covariance is carried over by finite differences of the parameters. The rod
-    has no unloading curve of its own and keeps the tension ratio; both are better
+    The covariance is propagated by finite differences of the parameters. The rod
+    has no unloading curve and keeps the tension ratio; for better accuracy both are
     calibrated on the rod itself.
 
     Parameters
@@ -109,7 +109,7 @@ def section_material(
     section
         Shape of the cross section.
     front_ratio
-        Height of the front by that of the back; that of the shape without.
+        Ratio of the height of the front to that of the back; None: that of the shape.
     """
     if section == "rectangle":
         return replace(material, section=section)
@@ -123,7 +123,7 @@ def section_material(
     deviations, directions = np.linalg.eigh(base.covariance)
     columns = []
     for variance, direction in zip(deviations, directions.T, strict=True):
-        # One standard deviation along each principal direction: differences are of the size that matters.
+        # One standard deviation along each principal direction: a step of the relevant size.
         shift = np.sqrt(max(variance, 0.0)) * direction
         if not np.any(shift):
             continue
@@ -162,7 +162,7 @@ def sensitivity(
 ) -> Float[np.ndarray, "n"]:
     """Change of pressure per pixel, Eq. (3.9): ``dm/d delta * d / (f sin gamma)`` [Pa/px].
 
-    The defaults are those of Fig. 3.4. Printed as sin^-1; 1 / sin is meant.
+    The defaults are those of Fig. 3.4. The printed sin^-1 means 1 / sin.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def force_sigma(
 ) -> float:
     """Standard deviation of the force of N equal contact points, Eq. (3.10) [N].
 
-    The factor sqrt 2 stands for the two contours, front and reference.
+    The factor sqrt 2 is due to the two contours, front and reference.
 
     Parameters
     ----------

@@ -3,8 +3,8 @@
 Symbols: eps strain, P parameters, N pieces. Every curve is a piecewise cubic,
 ``m(eps) = sum_j parameters[j] * basis_j(eps)``, so that its covariance
 propagates exactly. The stress at zero strain is zero, a negative strain (foam
-that stands out) carries no stress, and beyond the last strain the curve goes on
-along its tangent, so that it never folds back.
+that protrudes) has no stress, and beyond the last strain the curve is extrapolated
+along its tangent, so that it remains monotone.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -89,7 +89,7 @@ class StressCurve:
         clamped = np.concatenate([np.full(3, self.knots[0]), self.knots, np.full(3, self.knots[-1])])
         count = len(clamped) - 4
         pieces = np.zeros((len(self.knots) - 1, count - 1, 4))
-        for j in range(1, count):  # the first basis function is the stress at zero strain: left out
+        for j in range(1, count):  # without the first basis function, the stress at zero strain
             poly = PPoly.from_spline(BSpline(clamped, np.eye(count)[j], 3))
             inside = poly.c[::-1, 3 : 3 + len(self.knots) - 1]
             pieces[:, j - 1, :] = inside.T
@@ -124,12 +124,12 @@ class StressCurve:
         Parameters
         ----------
         strain
-            Compressive strain; negative ones carry no stress.
+            Compressive strain; negative strains have no stress.
         """
         return self._values(strain)[0]
 
     def slope(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Derivative of the stress by the strain [Pa]; that of zero strain below it.
+        """Derivative of the stress by the strain [Pa]; for negative strains that at zero strain.
 
         Parameters
         ----------
@@ -177,7 +177,7 @@ def curve_values(strain, knots, pieces, values):
     strain
         Compressive strains, (n,).
     knots, pieces
-        As of :class:`StressCurve`.
+        See :class:`StressCurve`.
     values
         Filled, (2, n).
     """

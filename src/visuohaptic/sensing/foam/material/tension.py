@@ -1,18 +1,18 @@
-"""Lateral tension of a compressed foam: its shear modulus from the stress curve, and how it softens.
+"""Lateral tension of a compressed foam: its shear modulus from the stress curve, and its softening.
 
 Symbols: eps strain, m(eps) calibrated stress, G(eps) shear modulus, kappa ratio of tension. For foam with a Poisson
-ratio of zero (usual beyond the first percents of strain), a column that is compressed to 1 - eps and sheared by g
-stores ``G g^2 / 2`` more, with
+ratio of zero (usual beyond a few percent of strain), a column that is compressed to 1 - eps and sheared by g
+stores an additional energy of ``G g^2 / 2``, with
 
     G(eps) = m(eps) (1 - eps) / (eps (2 - eps)),
 
 and the mean over the thickness of the squared shear of a linear column is a third of that at the front. Columns are
-not linear and relieve their shear by moving sideways, which kappa < 1 stands for, the less the less they are compressed.
-It is nearly one number for foams without a Poisson ratio, whatever the body. Foam with one spreads beside a body, which
-a plate that covers the strip does not allow: under narrower bodies its stress is ``m (1 - lambda eps^2)``, with one lambda
-for all bodies and depths. Flanks look the same for all of these foams, so that only the force of a plate narrower than
-the strip shows lambda; until it is calibrated it is 0 with the standard deviation of the kinds of foam. The force law is
-in :mod:`~visuohaptic.sensing.foam.material.boundary`.
+not linear and relieve their shear by moving sideways, the less the less they are compressed; kappa < 1 accounts for this.
+It is nearly constant over bodies and over foams with a Poisson ratio of zero. Other foams expand beside a body, which
+is impossible under a plate that covers the strip: under narrower bodies the stress is ``m (1 - lambda eps^2)``, with one
+lambda for all bodies and depths. The flanks of all these foams are similar, so that lambda follows only from the force of a
+plate narrower than the strip; until it is calibrated it is 0 with the standard deviation over kinds of foam. The force law
+is in :mod:`~visuohaptic.sensing.foam.material.boundary`.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from .stress_curve import StressCurve
 
 __all__ = ["Tension", "shear_modulus", "softening"]
 
-#: Below this strain the quotient m / eps is taken at it: both vanish at zero.
+#: Lower limit of the strain in the quotient m / eps, as both vanish at zero.
 SMALL_STRAIN = 2e-3
-#: Columns that are hardly compressed are not yet relieved of their shear: kappa is larger by this factor, falling off over
-#: this strain. The forces of four foams under four bodies at strains of 0.02 to 0.375 are right to 0.21 % (rms) with one
-#: kappa and lambda for each foam, with factors of 2 and 3 and strains of 0.022 and 0.033 to 0.22 to 0.25 %; with 1 and 0.05
-#: to 0.42 %.
+#: Slightly compressed columns have not yet relieved their shear: relative increment of kappa at zero strain, and the strain over
+#: which it decays. The force errors of four foams under four bodies at strains of 0.02 to 0.375 are 0.21 % (rms) with one
+#: kappa and lambda for each foam; 0.22 to 0.25 % with factors of 2 and 3 and strains of 0.022 and 0.033; 0.42 % with 1
+#: and 0.05.
 _UNRELIEVED, _RELIEVED_STRAIN = 2.5, 0.027
 
 
 @dataclass(frozen=True, slots=True)
 class Tension:
-    """Lateral tension of the foam, relative to the shear modulus that its own curve implies."""
+    """Lateral tension of the foam, relative to the shear modulus that follows from its stress curve."""
 
     #: kappa, dimensionless; the default is the mean over simulated foams and bodies
     ratio: float = field(default=0.235, metadata=within(0.0, 5.0))
@@ -49,7 +49,7 @@ class Tension:
     lateral: float = field(default=0.0, metadata=within(-2.0, 3.0))
     #: standard deviation of ``lateral``; the default is its rms over the foams of ``benchmarks.foam_tension``
     lateral_sigma: float = field(default=0.3, metadata=within(0.0, 5.0))
-    #: correlation of the errors of ``ratio`` and ``lateral``: one plate's force tells their sum better than either
+    #: correlation of the errors of ``ratio`` and ``lateral``: the force of one plate determines mainly their sum
     correlation: float = field(default=0.0, metadata=within(-1.0, 1.0))
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""The strip in the image: geometry, optics, zero reference and its configuration file."""
+"""The foam strip in the image: geometry, optics, zero reference and its configuration file."""
 
 from ....core.front_door import attach
 

@@ -10,7 +10,7 @@ from ....core.kernels import kernel
 
 @kernel(nogil=True)
 def rectify(image, base_px, direction_px, step_px, across_px, first, result):
-    """Grey levels on a few parallel lines for each point, bilinear; the border goes on beyond the image.
+    """Bilinear grey levels on a few parallel lines for each point; border pixels are replicated outside the image.
 
     Parameters
     ----------
@@ -19,9 +19,9 @@ def rectify(image, base_px, direction_px, step_px, across_px, first, result):
     base_px, direction_px
         Origins (x, y) [px] and unit directions of K lines, (K, 2).
     step_px
-        Distance of the samples along each line [px], (K,).
+        Spacing of the samples along each line [px], (K,).
     across_px
-        Distance of neighbouring parallels [px], (K,).
+        Spacing of the parallel lines [px], (K,).
     first
         First sample of each line that is filled, (K,).
     result

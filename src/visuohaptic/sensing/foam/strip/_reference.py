@@ -1,4 +1,4 @@
-"""The reference contour as one rigid body: how the base has moved in the image."""
+"""Motion of the base in the image: rigid registration of the reference contour."""
 
 # mypy: disable-error-code="no-untyped-def"
 from __future__ import annotations
@@ -13,16 +13,16 @@ from ....tracking._solve_kernels import median
 
 __all__ = ["ImageMotion", "fit_motion", "motion_basis"]
 
-#: Prior standard deviations of the motion [px]: shift x, shift y, and what rotation and scale do at
-#: the far end. Directions that the contour does not show (along a straight strip) stay at zero.
+#: Prior standard deviations of the motion [px]: shift x, shift y, and the displacement by rotation and scale at
+#: the far end. Unobservable directions (along a straight strip) remain zero.
 _PRIOR_PX = 20.0
-#: Tukey's biweight leaves out what is beyond so many standard deviations: 95 % efficient for Gaussian noise.
+#: Cut-off of Tukey's biweight in standard deviations: 95 % efficient for Gaussian noise.
 _TUKEY, _ITERATIONS = 4.685, 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageMotion:
-    """Similarity motion of the base in the image with respect to the zero reference."""
+    """Similarity transform of the base in the image with respect to the zero reference."""
 
     parameters: Float[np.ndarray, "4"]  #: shift x, y [px], rotation and scale times the half length [px]
     covariance: Float[np.ndarray, "4 4"]
@@ -34,7 +34,7 @@ def motion_basis(
     centre_px: Float[np.ndarray, "2"],
     length_px: float,
 ) -> Float[np.ndarray, "K 4"]:
-    """How far each point moves along its line for a unit of each motion parameter.
+    """Displacement of each point along its line per unit of each motion parameter.
 
     Parameters
     ----------
@@ -64,9 +64,9 @@ def fit_motion(
     sigma_px: Float[np.ndarray, "K"],
     usable: Bool[np.ndarray, "K"],
 ) -> ImageMotion | None:
-    """Robust weighted fit of a similarity motion; ``None`` when fewer than six points agree.
+    """Robust weighted fit of a similarity motion; ``None`` if there are fewer than six inliers.
 
-    Tukey's weights from a start at the median shift: a base that is covered on up to a
+    Tukey's weights, initialised at the median shift: a base that is covered on up to a
     third of its length is still found.
 
     Parameters
@@ -78,7 +78,7 @@ def fit_motion(
     sigma_px
         Its standard deviation [px].
     usable
-        Points that were seen.
+        Points that were observed.
     """
     usable = usable & np.isfinite(shift_px) & (sigma_px > 0)
     if usable.sum() < 6:
@@ -100,7 +100,7 @@ def _tukey_fit(basis, shift, sigma, usable, parameters, covariance, residual):
     middle, least, scale = median(away, count, work), median(residual, count, work), 0.0
     for k in range(len(shift)):
         residual[k] = shift[k] - middle
-    rows = np.empty((4, 9))  # normal equations, their right side, and the identity that becomes the inverse
+    rows = np.empty((4, 9))  # normal equations, right-hand side, and the identity that becomes the inverse
     for _ in range(_ITERATIONS):
         count = 0
         for k in range(len(shift)):
@@ -120,7 +120,7 @@ def _tukey_fit(basis, shift, sigma, usable, parameters, covariance, residual):
                     for j in range(4):
                         rows[i, j] += weight * basis[k, i] * basis[k, j]
                     rows[i, 4] += weight * basis[k, i] * shift[k]
-        # Gauss-Jordan without pivots: the prior keeps the matrix positive.
+        # Gauss-Jordan without pivoting: the prior keeps the matrix positive definite.
         for i in range(4):
             pivot = rows[i, i]
             for j in range(9):

@@ -22,12 +22,12 @@ Point2 = Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
 
 
 class StripSection(Section):
-    """Shape of the back contour: straight, bent around a radius, or through points."""
+    """Shape of the back contour: straight, bent to a radius, or through points."""
 
     length_m: Positive | None = None  #: of the back contour
     radius_m: Positive | None = None  #: bends the strip around the robot
     points_m: Annotated[list[Point2], Field(min_length=4, max_length=2000)] | None = None  #: instead
-    spacing_m: Positive = 0.003  #: between the points along the strip that are read
+    spacing_m: Positive = 0.003  #: between the measured points along the strip
 
     @model_validator(mode="after")
     def _one_shape(self) -> StripSection:
@@ -54,12 +54,12 @@ class StripSection(Section):
 
 
 class TrackingSection(Section):
-    """How the contours look and how far they are searched."""
+    """Appearance of the contours and their search ranges."""
 
     foam_is: Literal["brighter", "darker", "either"] = "either"  #: than what is in front of it
     base_is: Literal["brighter", "darker", "either"] = "either"  #: the robot, compared with the foam
-    reference_search_px: Positive = 12.0  #: around where the back contour is expected
-    bump_px: Positive = 3.0  #: a reference contour that moved further makes frames invalid
+    reference_search_px: Positive = 12.0  #: around the expected position of the back contour
+    bump_px: Positive = 3.0  #: a larger motion of the reference contour makes frames invalid
 
 
 class StripeSection(Section):
@@ -70,17 +70,17 @@ class StripeSection(Section):
 
 
 class FingerSection(Section):
-    """The sensor rides on a gripper's finger."""
+    """Mounting of the sensor on the finger of a gripper."""
 
     axis_foam: Vector3 = Field(
         default_factory=lambda: [1.0, 0.0, 0.0]
     )  #: direction in which the finger closes, frame F
     tag_id: Annotated[int, Field(ge=0)] = 0  #: AprilTag 36h11 on the finger
     tag_size_m: Positive = 0.02  #: side of its black square
-    #: Maps tag coordinates (x right, y down, z into the tag) to F; without it no tag is looked for.
+    #: Maps tag coordinates (x right, y down, z into the tag) to F; without it no tag is detected.
     T_foam_tag: PoseSection | None = None
     tag_every: Annotated[int, Field(ge=1)] = 30  #: frames between comparisons of contour and tag
-    tag_tolerance_m: Positive = 0.001  #: beyond this difference the tag is used, not the contour
+    tag_tolerance_m: Positive = 0.001  #: for a larger difference the tag is used, not the contour
 
     @model_validator(mode="after")
     def _direction(self) -> FingerSection:
@@ -98,16 +98,16 @@ class FoamSensorConfig(Section):
     strip: StripSection  #: straight by length_m, bent by length_m and radius_m, or points_m
     T_camera_foam: PoseSection  #: maps the strip's frame F to the camera
     boundary: Literal["tension", "enlarged", "local"] = "tension"  #: law at the ends of a contact
-    tracking: TrackingSection = TrackingSection()  #: how the contours look
+    tracking: TrackingSection = TrackingSection()  #: appearance of the contours
     zero: str = "zero.yaml"  #: written by ``visuohaptic sense foam --zero``
     stripe: StripeSection | None = None  #: a colour stripe along the front edge
-    finger: FingerSection | None = None  #: the sensor rides on a gripper's finger
-    max_contact_speed_m_s: Positive = 0.1  #: a front that is pushed in faster is taken for an occluder
-    max_gap_s: Positive = 0.5  #: a longer pause between two frames forgets the motion
+    finger: FingerSection | None = None  #: the sensor is mounted on the finger of a gripper
+    max_contact_speed_m_s: Positive = 0.1  #: a front that is pushed in faster is classified as an occluder
+    max_gap_s: Positive = 0.5  #: a longer pause between two frames resets the motion
 
     @classmethod
     def load(cls, path: Path | str) -> FoamSetup:
-        """Read the file and all that it names.
+        """Read the file and all files that it names.
 
         Parameters
         ----------
@@ -117,7 +117,7 @@ class FoamSensorConfig(Section):
         Raises
         ------
         InputError
-            Names the file and field, what was found and what was expected.
+            A file or field is not valid.
         """
         path = Path(path)
         config = load_yaml_model(path, cls)
@@ -132,7 +132,7 @@ class FoamSensorConfig(Section):
 
 
 class FoamSetup:
-    """A configuration with everything that it names, read and checked.
+    """A configuration with all files that it names, loaded and validated.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class FoamSetup:
     T_camera_foam
         Pose of frame F in the camera.
     zero_path
-        Where the zero reference is, or will be.
+        File of the zero reference, which need not exist yet.
     folder
         Folder of the configuration.
     """

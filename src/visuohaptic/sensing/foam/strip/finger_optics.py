@@ -1,4 +1,4 @@
-"""The optical half of a sensor on a moving finger: follow the reference contour, then read the strip."""
+"""Optics of a sensor on a moving finger: track the reference contour, then measure the strip."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ __all__ = ["FingerOptics", "FingerPosition", "finger_pose"]
 
 log = logging.getLogger(__name__)
 
-#: The lines are laid anew when the reference contour is further than this from where they expect it.
+#: The lines are placed again if the reference contour is farther than this from its expected position.
 _REPLACE_PX = 0.5
 _ZERO_PX = 0.03  # while the zero reference is taken
 _MAX_REPLACEMENTS = 5
-#: Standard deviation of the speed of a finger that is seen for the first time [m/s].
+#: Standard deviation of the speed of a finger at its first observation [m/s].
 _UNKNOWN_SPEED_M_S = 0.05
-#: What all points of an edge may be off by together, which no averaging reduces.
+#: Common position error of all points of an edge, which averaging does not reduce.
 _EDGE_BIAS_PX = 0.02
 
 
 @dataclass(frozen=True, slots=True)
 class FingerPosition:
-    """Where the finger was in one frame."""
+    """Position of the finger in one frame."""
 
-    t_s: float  #: when the rows of the reference contour were exposed
-    position_m: float  #: along the axis, 0 where ``T_camera_foam`` has it, closing positive
-    sigma_m: float  #: from the image; NaN like the position when the finger was not found
+    t_s: float  #: exposure time of the rows of the reference contour
+    position_m: float  #: along the axis, 0 at ``T_camera_foam``, positive when closing
+    sigma_m: float  #: from the image; NaN like the position if the finger was not found
 
     @property
     def valid(self) -> bool:
@@ -49,25 +49,25 @@ class FingerPosition:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _FrontMemory:
-    """The front of the last frame, for its velocity."""
+    """Front of the last frame, for estimating its velocity."""
 
     t_s: float
     place_m: Float[np.ndarray, "K"]  #: along the normals, in the fixed frame
-    speed_m_s: Float[np.ndarray, "K"]  #: mean since the frame before
+    speed_m_s: Float[np.ndarray, "K"]  #: mean since the previous frame
 
 
 class FingerOptics(StripOptics):
     """Strip optics whose geometric model moves with the finger.
 
-    In each frame the model's lines are laid where the finger is expected, the reference
-    contour is tracked, and the lines are laid again when it is off by more than half a
-    pixel. What remains after the motion along the axis is motion of the camera. The tag
-    gives the first position, the position after a loss, and a check once in a while.
+    In each frame the lines of the model are placed at the predicted position of the finger, the reference
+    contour is tracked, and the lines are placed again if it deviates by more than half a
+    pixel. The remainder after the motion along the axis is motion of the camera. The tag
+    provides the initial position, the position after a loss, and a periodic check.
 
     Parameters
     ----------
     setup
-        Configuration with a section ``finger``, and all that it names.
+        Configuration with a section ``finger``, and all files that it names.
     """
 
     def __init__(self, setup: FoamSetup) -> None:
@@ -79,13 +79,13 @@ class FingerOptics(StripOptics):
         self._tag = _tag_view(setup)
         self.position = FingerPosition(float("nan"), float("nan"), float("nan"))  #: in the last frame
         self._held_m: float | None = None
-        self._laid_m = self._last_m = 0.0  # where the lines are laid, where the finger was seen last
+        self._laid_m = self._last_m = 0.0  # position of the lines, last observed position of the finger
         self._lost()
         plane = PlaneView(setup.camera, setup.T_camera_foam)
         super().__init__(setup.geometry, setup.config.tracking, plane, stripe=StripeView.of(setup))
 
     def _lost(self) -> None:
-        self._known: tuple[float, float] | None = None  # time and position that the next frame starts from
+        self._known: tuple[float, float] | None = None  # time and position at the start of the prediction
         self._forget_speed()
         self._until_check = self._finger.tag_every
         self._bump_px = 0.0
@@ -96,21 +96,21 @@ class FingerOptics(StripOptics):
         self._front: _FrontMemory | None = None
 
     def reset(self) -> None:
-        """Forget the previous frames and where the finger is."""
+        """Discard the previous frames and the position of the finger."""
         super().reset()
         self._lost()
 
     def forget_motion(self) -> None:
-        """Forget how fast finger and front moved, after a pause."""
+        """Discard the velocities of finger and front, after a pause."""
         super().forget_motion()
         self._forget_speed()
 
     def hold(self) -> None:
-        """From now on the finger stands still: the lines stay where they are."""
+        """Keep the lines in place while the finger is at rest."""
         self._held_m = self._laid_m
 
     def release(self) -> None:
-        """The finger may move again."""
+        """Let the lines follow the finger again."""
         self._held_m = None
 
     def pose_at(self, position_m: float) -> Pose:
@@ -124,7 +124,7 @@ class FingerOptics(StripOptics):
         return _moved(self._setup.T_camera_foam, position_m * self._axis)
 
     def observe(self, frame: Frame, zero: ZeroReference | None) -> ObservedStrip | None:
-        """Find the finger, then track the front; ``None`` when the finger cannot be found."""
+        """Locate the finger, then track the front; ``None`` if the finger cannot be located."""
         grey = frame.grey
         found = self._follow(grey, frame.t_s, zero) or self._acquire(grey, frame.t_s, zero)
         if found is None:
@@ -137,7 +137,7 @@ class FingerOptics(StripOptics):
         self.position, base = found
         if self._known is not None and self.position.t_s > self._known[0]:
             mean = (self.position.position_m - self._known[1]) / (self.position.t_s - self._known[0])
-            # The mean over the last frame is the speed in its middle; half a frame later it has changed on.
+            # The mean over the last frame interval is the speed at its middle: extrapolate by half an interval.
             change = 0.5 * (mean - self._mean_speed) if self._mean_speed is not None else 0.0
             self._speed, self._speed_sigma = mean + change, abs(change)
             self._mean_speed = mean
@@ -148,12 +148,12 @@ class FingerOptics(StripOptics):
     def _follow(
         self, grey: np.ndarray, t_s: float, zero: ZeroReference | None
     ) -> tuple[FingerPosition, BaseView] | None:
-        """From the last frame; ``None`` when the contour is lost or the tag says that it is another one."""
+        """Predict from the last frame; ``None`` if the contour is lost or the tag contradicts it."""
         if self._known is None:
             return None
         if self._held_m is not None:
             return self._approach(grey, t_s, zero, self._held_m)
-        # The rows of the contour are late by as much in this frame as in the last one.
+        # The row delay of the contour is the same in this frame as in the last one.
         expected = self._known[1] + self._speed * max(0.0, t_s + self._row_delay_s() - self._known[0])
         found = self._approach(grey, t_s, zero, expected)
         if found is None or self._tag is None:
@@ -177,7 +177,7 @@ class FingerOptics(StripOptics):
     def _acquire(
         self, grey: np.ndarray, t_s: float, zero: ZeroReference | None
     ) -> tuple[FingerPosition, BaseView] | None:
-        """From the tag; when it is not seen, from where the finger was seen last or from its rest position."""
+        """Start from the tag, or without it from the last observed position of the finger or its rest position."""
         start, bump_px = self._last_m, 0.0
         if self._tag is not None and (fix := self._tag.locate(grey, start)) is not None:
             start, bump_px = fix.position_m, fix.bump_px
@@ -189,7 +189,7 @@ class FingerOptics(StripOptics):
     def _approach(
         self, grey: np.ndarray, t_s: float, zero: ZeroReference | None, position: float
     ) -> tuple[FingerPosition, BaseView] | None:
-        """Lay the lines and track until both agree."""
+        """Place the lines and track until both agree."""
         camera = self._setup.camera
         # The zero reference belongs to lines that start on the contour itself.
         tolerance = _REPLACE_PX if zero is not None else _ZERO_PX
@@ -213,7 +213,7 @@ class FingerOptics(StripOptics):
         return None
 
     def _lies_inside(self, position: float) -> bool:
-        """Whether the whole strip would be in the image."""
+        """Whether the whole strip would be inside the image."""
         plane = PlaneView(self._setup.camera, self.pose_at(position))
         ends = np.concatenate([self.geometry.back_m, self.geometry.front_m])
         pixels = plane.project(ends)
@@ -224,7 +224,7 @@ class FingerOptics(StripOptics):
         return float(self._origin_px[:, 1].mean()) * self._setup.camera.row_delay_s
 
     def _slope_px_per_m(self) -> Float[np.ndarray, "K"]:
-        """How fast each reference point moves along its line with the finger."""
+        """Displacement of each reference point along its line per displacement of the finger."""
         step_m = 1e-5
         moved = self.plane.project(self.geometry.back_m + step_m * self._axis[:2])
         return np.einsum("kd,kd->k", self._direction_px, moved - self._origin_px) / step_m
@@ -232,10 +232,10 @@ class FingerOptics(StripOptics):
     def _rolling_shutter_px(
         self, motion: ImageMotion, base_px: np.ndarray, front: Contour, t_s: float
     ) -> tuple[np.ndarray | float, np.ndarray | float]:
-        """How far each front point moved since its reference point was exposed, and its sigma.
+        """Displacement of each front point since the exposure of its reference point, and its sigma.
 
-        A free front moves with the finger, one that touches something firm stands still: its
-        velocity is that of the point itself, from its places in the last three frames.
+        A free front moves with the finger, one that touches a rigid object is at rest: the
+        velocity is that of the point itself, from its positions in the last three frames.
         """
         row_delay = self._setup.camera.row_delay_s
         if row_delay == 0.0:
@@ -247,13 +247,13 @@ class FingerOptics(StripOptics):
         m_per_px = np.einsum("kd,kd->k", points[1] - points[2], outward)
         along = outward @ self._axis[:2]
         place = np.einsum("kd,kd->k", points[0], outward) + self._laid_m * along
-        late = front.position_px * direction[:, 1] * row_delay  # than the reference point [s]
+        late = front.position_px * direction[:, 1] * row_delay  # delay after the reference point [s]
         free = self._speed * along
         speed, uncertainty = free, np.abs(self._speed_sigma * along)
         mean, last = free, self._front
         if last is not None and t_s > last.t_s:
             measured = (place - last.place_m) / (t_s - last.t_s)
-            # A point that was hidden in one of the frames is taken to move with the finger.
+            # A point that was hidden in one of the frames is assumed to move with the finger.
             seen = front.valid & np.isfinite(measured) & (np.abs(measured) < 2 * np.abs(free).max() + 0.02)
             mean = np.where(seen, measured, free)
             change = 0.5 * (mean - last.speed_m_s)
@@ -265,7 +265,7 @@ class FingerOptics(StripOptics):
 
 
 def finger_pose(setup: FoamSetup, frame: Frame) -> Pose:
-    """``T_camera_foam`` in an image: by the tag on the finger, or as the configuration has it.
+    """``T_camera_foam`` in an image: from the tag on the finger, or from the configuration.
 
     Parameters
     ----------
@@ -299,6 +299,6 @@ def _moved(rest: Pose, shift_m: Float[np.ndarray, "3"]) -> Pose:
 def _along_axis(
     motion: ImageMotion, basis: Float[np.ndarray, "K 4"], slope_px_per_m: Float[np.ndarray, "K"]
 ) -> tuple[float, float]:
-    """The part of an image motion that a motion along the axis explains, and its sigma [m]."""
+    """Motion along the axis that fits an image motion best, and its sigma [m]."""
     weights = (slope_px_per_m @ basis) / (slope_px_per_m @ slope_px_per_m)
     return float(weights @ motion.parameters), float(np.sqrt(weights @ motion.covariance @ weights))

@@ -1,4 +1,4 @@
-"""Where a finger is on its line, from the corners of an AprilTag on it."""
+"""Position of a finger along its axis, from the corners of an AprilTag on it."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ....core.camera.pose import Pose
 
 __all__ = ["TagFix", "TagView"]
 
-#: Standard deviation of a corner that is refined to sub-pixel [px].
+#: Standard deviation of a corner after sub-pixel refinement [px].
 _CORNER_PX = 0.1
-#: Residuals below this are the corners' own (blur, print, distortion), not motion of the camera [px].
+#: Residuals below this are errors of the corners (blur, print, distortion), not motion of the camera [px].
 _CLEAR_PX = 1.0
-#: Part of the tag's size that the searched region leaves around it.
+#: Margin of the searched region around the tag, relative to the size of the tag.
 _MARGIN = 1.0
 
 
@@ -26,19 +26,19 @@ class TagFix:
 
     position_m: float  #: along the axis
     sigma_m: float
-    residual_px: float  #: rms of what the position cannot explain: the camera has moved, or the model is off
+    residual_px: float  #: rms residual; large if the camera has moved or the model is wrong
 
     @property
     def bump_px(self) -> float:
-        """The residual where it is more than corners scatter by, otherwise 0."""
+        """The residual if it exceeds the errors of the corners, otherwise 0."""
         return self.residual_px if self.residual_px > _CLEAR_PX else 0.0
 
 
 class TagView:
-    """Finds the tag and solves for the one unknown, the position along the axis.
+    """Detects the tag and solves for the position along the axis.
 
-    The finger does not turn and stays on its line, so four corners give eight equations for
-    one number; a full pose from a small tag would be noisier by its tilt.
+    The finger translates along its axis without rotation, so four corners give eight equations for
+    one unknown; a full pose from a small tag would be noisier because of the uncertain tilt.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class TagView:
         self._tag_id = tag_id
 
     def project(self, position_m: float) -> Float[np.ndarray, "4 2"]:
-        """Pixels of the corners with the finger at a position.
+        """Pixels of the corners for a position of the finger.
 
         Parameters
         ----------
@@ -78,14 +78,14 @@ class TagView:
         return self._camera.project(self._corners_camera + position_m * self._axis_camera)
 
     def locate(self, grey: np.ndarray, near_m: float | None = None) -> TagFix | None:
-        """Position of the finger along its axis [m]; ``None`` when the tag is not seen.
+        """Position of the finger along its axis [m]; ``None`` if the tag is not detected.
 
         Parameters
         ----------
         grey
             Grey image.
         near_m
-            Expected position; only the surroundings of the tag there are searched first.
+            Expected position; the region around the tag at this position is searched first.
         """
         found = None
         if near_m is not None:
@@ -117,7 +117,7 @@ class TagView:
         return found + np.array([left, top])
 
     def _solve(self, found: Float[np.ndarray, "4 2"], start_m: float) -> TagFix:
-        """Gauss-Newton for one unknown."""
+        """Gauss-Newton iteration for one unknown."""
         position, slope = start_m, np.ones(8)
         for _ in range(6):
             seen = self.project(position)

@@ -1,4 +1,4 @@
-"""Where the strip is: its back contour in the sensor frame, straight or bent."""
+"""Geometry of the strip: its back contour in the sensor frame, straight or bent."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class StripGeometry:
     back_m: Float[np.ndarray, "K 2"]  #: points on the back contour
     outward: Float[np.ndarray, "K 2"]  #: unit normals, from back to front (opposite to d of Alt 2016)
     width_m: float  #: w, thickness of the strip along the compression
-    cell_m: Float[np.ndarray, "K"] = field(init=False)  #: length of foam that each point stands for
+    cell_m: Float[np.ndarray, "K"] = field(init=False)  #: length of foam that each point represents
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cell_m", np.gradient(self.s_m))
@@ -43,7 +43,7 @@ class StripGeometry:
         width_m
             Width along the compression [m].
         spacing_m
-            Distance between points, about [m].
+            Approximate distance between points [m].
         """
         s = _centred(length_m, width_m, spacing_m)
         back = np.column_stack([np.zeros_like(s), s])
@@ -86,7 +86,7 @@ class StripGeometry:
     def along(
         cls, points_m: Float[np.ndarray, "n 2"], width_m: float, spacing_m: float = 0.003
     ) -> StripGeometry:
-        """A strip along any smooth curve through at least four points, in order of rising y.
+        """A strip along any smooth curve through at least four points, in order of increasing y.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""The optical half of the foam sensor: from an image to the width of the strip at each point."""
+"""Optics of the foam sensor: width of the strip at each point from an image."""
 
 from __future__ import annotations
 
@@ -27,55 +27,55 @@ _POLARITY = {"brighter": 1, "darker": -1, "either": 0}
 
 #: The front is searched from this fraction of the width ...
 _SEARCH_FROM = 0.12
-#: ... to this fraction of it (foam never gets thicker than at rest, but the model may be off).
+#: ... to this fraction of it (foam is never thicker than at rest, but the model may have an error).
 _SEARCH_TO = 1.12
 
 #: The front corner of a free end moves inwards by up to this fraction of the width beside a plate, so that the last lines
-#: meet the end face, which runs along them (0.18 at a depth of 0.45 of the width, a plate 3 to 12 mm from the end).
+#: meet the end face, which is parallel to them (0.18 at a depth of 0.45 of the width, a plate 3 to 12 mm from the end).
 _RECEDES = 0.18
 
-#: Motion of the base shows a change of distance no better than with a lever of this length.
+#: Minimum lever arm for estimating a change of distance from the motion of the base.
 _SHORTEST_LEVER_PX = 30.0
 
-#: The image of the strip goes on beyond the resting front by this part of the width, its parallels lie within
-#: this part of a spacing.
+#: Length of the image of the strip relative to the width, which includes floor beyond the front, and extent of its
+#: parallel lines relative to the spacing of the points.
 _BEYOND, _BESIDE = 1.3, 0.8
 
-#: It is sampled from so far before the front: a band of foam and the blur of the edge [px].
+#: Sampling starts this far behind the front, to include a band of foam and the blur of the edge [px].
 _BEFORE = 30
 
-#: A shaking camera moves within a frame up to this many times faster than from frame to frame.
+#: A shaking camera moves up to this many times faster within a frame than from frame to frame.
 _SHAKE_FACTOR = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObservedStrip:
-    """What one image shows of the strip; K points."""
+    """Observation of the strip in one image; K points."""
 
     t_s: float
     reference: Contour  #: reference contour (B) as tracked
     front: Contour  #: front contour as tracked
-    reference_px: Float[np.ndarray, "K"]  #: reference contour as used, along the model's lines
+    reference_px: Float[np.ndarray, "K"]  #: reference contour as used, along the lines of the model
     reference_points_px: Float[np.ndarray, "K 2"]
     front_points_px: Float[np.ndarray, "K 2"]
     back_m: Float[np.ndarray, "K 2"]  #: reference contour in frame F
     width_m: Float[np.ndarray, "K"]  #: distance between both contours along the deflection
-    width_sigma_m: Float[np.ndarray, "K"]  #: its standard deviation, noise and what texture may shift
-    width_noise_m: Float[np.ndarray, "K"]  #: the part of it that changes from frame to frame
-    encoded_m: Float[np.ndarray, "K"]  #: what is too much of the width if the camera encodes its grey levels
-    #: Grey levels along the lines, parallels beside each point; as in :class:`ZeroReference`.
+    width_sigma_m: Float[np.ndarray, "K"]  #: its standard deviation due to noise and texture
+    width_noise_m: Float[np.ndarray, "K"]  #: the part of it that varies from frame to frame
+    encoded_m: Float[np.ndarray, "K"]  #: excess of the width if the camera encodes its grey levels
+    #: Grey levels along the lines, parallel lines beside each point; as in :class:`ZeroReference`.
     image: Float32[np.ndarray, "K parallels samples"]
-    step_px: Float[np.ndarray, "K"]  #: distance of its samples
-    across_px: Float[np.ndarray, "K"]  #: distance of its parallels
+    step_px: Float[np.ndarray, "K"]  #: spacing of its samples
+    across_px: Float[np.ndarray, "K"]  #: spacing of its parallel lines
     stripe: bool  #: whether the front is the edge of a colour stripe
     pixel_m: Float[np.ndarray, "K"]  #: length of a pixel along the deflection, at the front
     usable: Bool[np.ndarray, "K"]
-    low_confidence: Bool[np.ndarray, "K"]  #: seen, but not as one clean step: kinks, texture at the edge
+    low_confidence: Bool[np.ndarray, "K"]  #: observed, but not as a clean step: kinks, texture at the edge
     motion: ImageMotion  #: of the base in the image since the zero reference was taken
     moved_px: float  #: largest shift of a reference point by that motion
-    common_sigma_m: float  #: what motion of camera or finger may have changed all widths by
-    blur_px: float  #: median blur of the front, pixel included; NaN where none was seen
-    lens_px: float  #: blur of the base, which only the lens and the camera's motion make
+    common_sigma_m: float  #: common error of all widths due to motion of camera or finger
+    blur_px: float  #: median blur of the front, pixel included; NaN if no front was observed
+    lens_px: float  #: blur of the base, due only to the lens and the motion of the camera
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,25 +83,25 @@ class BaseView:
     """The reference contour in one image; K points."""
 
     reference: Contour  #: as tracked
-    position_px: Float[np.ndarray, "K"]  #: as used, along the model's lines
+    position_px: Float[np.ndarray, "K"]  #: as used, along the lines of the model
     sigma_px: Float[np.ndarray, "K"]
     motion: ImageMotion  #: since the zero reference was taken
-    moved_px: float  #: largest shift of a point by a motion that should not be
+    moved_px: float  #: largest shift of a point by unexpected motion
 
 
 class StripOptics:
-    """Tracks both contours of a strip that is seen under a known pose.
+    """Tracks both contours of a strip under a known pose.
 
     Parameters
     ----------
     geometry
         Points of the strip.
     tracking
-        How the contours look and how far they are searched.
+        Appearance of the contours and their search ranges.
     plane
         The top plane of the foam as the camera sees it.
     stripe
-        View of a colour stripe along the front; None: the front's own edge is tracked.
+        View of a colour stripe along the front; None: the edge of the front itself is tracked.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class StripOptics:
         self._samples = int(_BEYOND * self._length_px.max()) + 2
 
     def reset(self) -> None:
-        """Forget the previous frame."""
+        """Discard the previous frame."""
         self._front_tracker.reset()
         self._reference_tracker.reset()
         if self.stripe is not None:
@@ -133,12 +133,12 @@ class StripOptics:
         self.forget_motion()
 
     def forget_motion(self) -> None:
-        """Forget how fast the camera moved, after a pause."""
+        """Discard the velocity of the camera, after a pause."""
         self._last_motion: tuple[float, np.ndarray] | None = None
         self._last_velocity: np.ndarray | None = None
 
     def place(self, plane: PlaneView) -> None:
-        """Lay the lines of the geometric model into the image.
+        """Project the lines of the geometric model into the image.
 
         Parameters
         ----------
@@ -161,26 +161,26 @@ class StripOptics:
         self._origin_px = np.ascontiguousarray(origin)
         self._length_px = np.linalg.norm(front - origin, axis=1)
         self._direction_px = np.ascontiguousarray((front - origin) / self._length_px[:, None])
-        # A camera that comes closer by the fraction q moves each point by q times this along its line.
+        # If the camera approaches by the fraction q, each point moves by q times this along its line.
         principal = plane.camera.matrix[:2, 2]
         along = np.abs(np.einsum("ki,ki->k", origin - principal, self._direction_px))
         self._depth_lever_px = max(float(along.max()), _SHORTEST_LEVER_PX)
         spacing = np.linalg.norm(np.gradient(origin, axis=0), axis=1)
         self._half_width_px = 0.5 * spacing
         self._base_lines: ConstraintLines | None = (
-            None  # of the contour that is expected, while it stays the same
+            None  # for the expected contour, as long as it does not change
         )
         self._expected_px = np.empty(0)
         self._basis_scale = (origin.mean(axis=0), 0.5 * float(np.linalg.norm(origin[-1] - origin[0])))
         self._basis = motion_basis(origin, self._direction_px, *self._basis_scale)
 
     def observe(self, frame: Frame, zero: ZeroReference | None) -> ObservedStrip | None:
-        """Track both contours; ``None`` when the reference contour cannot be found.
+        """Track both contours; ``None`` if the reference contour cannot be found.
 
         Parameters
         ----------
         frame
-            The next frame in order of time.
+            The next frame in chronological order.
         zero
             The strip at rest, if it is known.
         """
@@ -189,7 +189,7 @@ class StripOptics:
         return None if base is None else self.find_front(frame, grey, base, zeroed=zero is not None)
 
     def find_base(self, grey: np.ndarray, zero: ZeroReference | None) -> BaseView | None:
-        """Track the reference contour; ``None`` when it cannot be found.
+        """Track the reference contour; ``None`` if it cannot be found.
 
         Parameters
         ----------
@@ -216,7 +216,7 @@ class StripOptics:
             position = expected + moved
             sigma = np.sqrt(np.einsum("ki,ij,kj->k", self._basis, motion.covariance, self._basis))
         else:
-            # The zero itself keeps each point where it was seen: the base need not be a perfect curve.
+            # While zeroing, each point stays at its observed position: the base need not be a perfect curve.
             position = np.where(reference.valid, reference.position_px, moved)
             sigma = reference.sigma_px
         return BaseView(reference, position, sigma, motion, float(np.abs(moved).max()))
@@ -224,12 +224,12 @@ class StripOptics:
     def find_front(
         self, frame: Frame, grey: np.ndarray, base: BaseView, *, zeroed: bool = True
     ) -> ObservedStrip:
-        """Track the front contour, seen from the reference contour of the same image.
+        """Track the front contour, relative to the reference contour of the same image.
 
         Parameters
         ----------
         frame
-            The next frame in order of time.
+            The next frame in chronological order.
         grey
             The same frame in grey.
         base
@@ -238,13 +238,13 @@ class StripOptics:
             Whether there is a zero reference; without, the whole width is sampled.
         """
         base_px = self._origin_px + base.position_px[:, None] * self._direction_px
-        # The visible width ends where the geometric model's front is, seen from the moved reference.
+        # The visible width ends at the front of the geometric model, measured from the moved reference.
         length = self._length_px - base.position_px
         lines = ConstraintLines(
             base_px, self._direction_px, _SEARCH_FROM * length, _SEARCH_TO * length, self._half_width_px
         )
         if self.stripe is None:
-            # Without a zero reference the strip is at rest, and its ends are in place.
+            # Without a zero reference the strip is assumed to be at rest, with its ends in place.
             front = self._front_tracker.track(grey, lines, free_ends=self._free_ends if zeroed else 0)
         else:
             front = self.stripe.track(frame, lines)
@@ -257,14 +257,14 @@ class StripOptics:
         front_sigma, back_sigma = front_slope * front.sigma_px, back_slope * base.sigma_px
         common = 0.0
         if np.any(skew_sigma_px):
-            # Motion shifts all points alike; what one of them may move more than the others is its own.
+            # Motion shifts all points by a common error; the deviations from it are independent errors.
             skew_m = front_slope * skew_sigma_px
             common = quick_median(skew_m[np.isfinite(skew_m)])
             front_sigma = np.hypot(front_sigma, np.sqrt(np.maximum(skew_m**2 - common**2, 0.0)))
         sigma = np.hypot(front_sigma, back_sigma)
         noise = np.hypot(front_slope * front.noise_px, back_sigma)
         finite = np.isfinite(width) & np.isfinite(sigma)
-        # The base is one rigid edge, placed by most of its points: a shadow beside some of them does not shift it.
+        # The base is one rigid edge, located by the majority of its points: a shadow beside some does not shift it.
         back_px = quick_median(encoded_shift_px(base.reference)[base.reference.valid])
         encoded = front_slope * encoded_shift_px(front) - back_slope * back_px
         return ObservedStrip(
@@ -283,12 +283,12 @@ class StripOptics:
         )  # fmt: skip
 
     def rest_px(self, strip: ObservedStrip, width_m: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
-        """Where a front of given width is on each line, from its origin [px].
+        """Position of a front of given width on each line, from the origin of the line [px].
 
         Parameters
         ----------
         strip
-            What one image shows.
+            Observation of the strip in one image.
         width_m
             Distance of the front from the back [m].
         """
@@ -298,9 +298,9 @@ class StripOptics:
     def _rectified(
         self, grey: np.ndarray, base_px: np.ndarray, front_px: Float[np.ndarray, "K"] | None
     ) -> tuple[Float32[np.ndarray, "K parallels samples"], Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
-        """Image of the strip along the lines, distance of its samples and of its parallels [px].
+        """Image of the strip along the lines, spacing of its samples and of its parallel lines [px].
 
-        From the whole width on without ``front_px``, else from some way before the front.
+        Without ``front_px`` the whole width is sampled, else it starts a short distance behind the front.
         """
         step = _BEYOND * self._length_px / (self._samples - 1)
         image = np.zeros((len(step), PARALLELS, self._samples), np.float32)
@@ -319,10 +319,10 @@ class StripOptics:
         return self._direction_px
 
     def visible_width_m(self, frame: Frame) -> float:
-        """Median distance from the back to the first strong edge before it, however far [m].
+        """Median distance from the back to the first strong edge in front of it, at any distance [m].
 
-        NaN where the back or an edge is not found at half of the points: what the strip measures when
-        it is not as wide as declared.
+        This is the measured width if the declared one is wrong. NaN if the back or an edge is not found at half of
+        the points.
 
         Parameters
         ----------
@@ -353,7 +353,7 @@ class StripOptics:
     def _rolling_shutter_px(
         self, motion: ImageMotion, base_px: np.ndarray, front: Contour, t_s: float
     ) -> tuple[np.ndarray | float, np.ndarray | float]:
-        """How far motion moved each front point since its reference point was exposed, and its sigma.
+        """Displacement of each front point since the exposure of its reference point, and its sigma.
 
         Rows are exposed ``row_delay_s`` apart; the motion is that of the reference contour
         since the last frame (Alt 2016, Sec. 3.3.2).
@@ -367,15 +367,15 @@ class StripOptics:
         basis = motion_basis(base_px, self._direction_px, *self._basis_scale)
         change = velocity - (self._last_velocity if self._last_velocity is not None else velocity)
         self._last_velocity = velocity
-        # A motion that changes from frame to frame may have done anything in between.
+        # If the motion changes from frame to frame, the motion within the frame is uncertain.
         shake_px = _SHAKE_FACTOR * float(np.nanmax(np.abs((basis @ change) * delay)))
         return (basis @ velocity) * delay, shake_px
 
     def _cast(self, base_px: np.ndarray, front_px: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Both contours in frame F and the scale [m/px] along each line at either of them."""
+        """Both contours in frame F and the scale [m/px] along each line at each of them."""
         step = 0.5 * self._direction_px
         pixels = np.stack([base_px + step, front_px + step, base_px - step, front_px - step])
-        # Half a pixel to both sides is so little beside the focal length that the place itself is in the middle.
+        # Half a pixel is small compared with the focal length: the point is half way between its two neighbours.
         (back, front), (back_before, front_before) = self.plane.cast(pixels).reshape(2, 2, -1, 2)
         outward = self.geometry.outward
         back_slope = np.abs(np.einsum("ki,ki->k", back - back_before, outward))

@@ -1,4 +1,4 @@
-"""The strip's front by the edge of a colour stripe, and where the stripe is covered (Alt 2016, Sec. 3.3.1)."""
+"""Front of the strip from the edge of a colour stripe, and occlusions of the stripe (Alt 2016, Sec. 3.3.1)."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from .config import FoamSetup
 
 __all__ = ["StripeView", "stripe_masks", "train_stripe"]
 
-#: Pixels next to the stripe's edges in which colours mix: not used for training.
+#: Pixels next to the edges of the stripe, with mixed colours: not used for training.
 _MIXED_PX = 3
-#: Pixels on either side of the edge that give its levels: a deeply pressed stripe is not much wider.
+#: Pixels on either side of the edge that determine its levels: a deeply pressed stripe is not much wider.
 _PLATEAU_PX = 5.0
 
 
@@ -32,7 +32,7 @@ class StripeView:
         Colours of the stripe.
     width_m
         Width of the stripe at rest; the tracked edge is this far behind the front. The foam
-        behind the edge is narrower than the strip by it, and its strain is measured over that width.
+        behind the edge is narrower than the strip by this width, and its strain refers to the narrower width.
     """
 
     def __init__(self, model: StripeModel, width_m: float) -> None:
@@ -42,7 +42,7 @@ class StripeView:
 
     @classmethod
     def of(cls, setup: FoamSetup) -> StripeView | None:
-        """As ``sensor.yaml`` describes it; ``None`` without a stripe.
+        """Create the view that ``sensor.yaml`` describes; ``None`` without a stripe.
 
         Parameters
         ----------
@@ -61,19 +61,19 @@ class StripeView:
         return cls(StripeModel.load(setup.folder / section.model), section.width_m)
 
     def reset(self) -> None:
-        """Forget the previous frame."""
+        """Discard the previous frame."""
         self._tracker.reset()
 
     def track(self, frame: Frame, lines: ConstraintLines) -> Contour:
         """The edge in one frame; points without the stripe's colour in front of them are occluded.
 
-        The colour is looked up in front of the edge that was found, not in front of where it
-        is expected: a finger that closes fast moves it by more than the stripe is wide.
+        The colour is evaluated in front of the detected edge, not of the expected one:
+        a fast finger moves the edge by more than the width of the stripe.
 
         Parameters
         ----------
         frame
-            The next frame in order of time.
+            The next frame in chronological order.
         lines
             One constraint line per point.
 
@@ -101,9 +101,9 @@ class StripeView:
 def stripe_masks(
     setup: FoamSetup, plane: PlaneView
 ) -> tuple[Bool[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"]]:
-    """Pixels of the stripe, and pixels that are surely not it, by the geometric model.
+    """Pixels of the stripe, and pixels that are certainly outside it, from the geometric model.
 
-    More than half of the latter are foam: the edge image is made for the edge between
+    More than half of the latter are foam, because the edge image is intended for the edge between
     stripe and foam.
 
     Parameters
@@ -131,7 +131,7 @@ def stripe_masks(
     margin = np.ones((2 * _MIXED_PX + 1,) * 2, np.uint8)
     stripe = filled(inner, geometry.front_m)
     foam = cv2.erode(filled(geometry.back_m, inner), margin) > 0
-    # The stripe goes on beyond the first and last point by half a spacing or more.
+    # The stripe extends beyond the first and last point by half a spacing or more.
     spacing_px = np.linalg.norm(np.diff(plane.project(geometry.front_m[:2]), axis=0))
     reach = int(2 * spacing_px) + _MIXED_PX
     beside = cv2.dilate(stripe, np.ones((2 * _MIXED_PX + 1, 2 * reach + 1), np.uint8)) > 0
@@ -158,14 +158,14 @@ def train_stripe(
     image_bgr
         Colour image (blue, green, red) of the untouched strip.
     plane
-        Where the strip is in the image.
+        The top plane of the foam as the camera sees it.
     rng
         Source of the random samples.
 
     Raises
     ------
     CalibrationError
-        The stripe is not where the model says, or its colour cannot be distinguished from the rest.
+        The stripe is not at the position of the model, or its colour cannot be distinguished from the rest.
     """
     if image_bgr.shape[:2] != (setup.camera.height, setup.camera.width):
         raise InputError(

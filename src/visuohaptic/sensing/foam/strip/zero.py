@@ -1,4 +1,4 @@
-"""The zero reference: what the strip looks like while nothing touches it, and how it drifts."""
+"""The zero reference: appearance of the untouched strip, and its drift."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .encoding import UNKNOWN_ENCODING
 
 __all__ = ["DriftSettings", "ZeroReference", "ZeroWatch", "check_width"]
 
-#: Zeroing may measure another width than declared by this fraction: ruler, pose and texture of the edge.
+#: Accepted relative difference between measured and declared width, due to ruler, pose and texture of the edge.
 _WIDTH_TOLERANCE = 0.10
 
 #: Arrays of the file.
@@ -36,17 +36,17 @@ class _ZeroFile(Section):
     frames: Annotated[int, Field(ge=1)]
     reference_px: Numbers
     width_m: Numbers
-    #: Infinite where the width is not known.
+    #: Infinite where the width is unknown.
     width_sigma_m: Annotated[list[Annotated[float, Field(ge=0.0)]], Field(min_length=8, max_length=2000)]
-    #: Absent in files of older versions: the front is then taken to be as sharp as the base.
+    #: Absent in files of older versions: the front is then assumed to be as sharp as the base.
     blur_ratio: Numbers | None = None
-    #: Absent in files of older versions, that do not say how much of the widths is encoding.
+    #: Absent in files of older versions: the shift due to encoding is then unknown.
     encoded_m: Numbers | None = None
-    #: Absent in files of older versions: nothing is then known of it.
+    #: Absent in files of older versions: the encoding is then unknown.
     encoding: Annotated[float, Field(ge=0.0, le=1.0)] = UNKNOWN_ENCODING
-    #: Numbers of points that were not seen.
+    #: Indices of points that were not observed.
     inferred: Annotated[list[Annotated[int, Field(ge=0)]], Field(max_length=2000)] = Field(default=[])
-    #: Eight-bit PNG of the strip in base64, its parallels below each other; absent in files of older versions.
+    #: Eight-bit PNG of the strip in base64, its parallel lines stacked vertically; absent in files of older versions.
     image_png: str | None = None
 
 
@@ -54,22 +54,22 @@ class _ZeroFile(Section):
 class ZeroReference:
     """The strip at rest; K points. Normalised strain is 0 here and 1 at the reference contour.
 
-    The width of a point that was not seen at rest is inferred from its neighbours; where they do not say how uncertain
-    that is, the standard deviation is infinite and the deflection unknown in every frame.
+    The width of a point that was not observed at rest is inferred from its neighbours; where its uncertainty cannot be
+    estimated from them, the standard deviation is infinite and the deflection unknown in every frame.
     """
 
-    t_s: float  #: time of the last frame that went in
-    frames: int  #: how many frames were averaged
+    t_s: float  #: time of the last averaged frame
+    frames: int  #: number of averaged frames
     reference_px: Float[np.ndarray, "K"]  #: reference contour along the lines of the geometric model
     width_m: Float[np.ndarray, "K"]  #: distance from back to front
     width_sigma_m: Float[np.ndarray, "K"]  #: its standard deviation
-    blur_ratio: Float[np.ndarray, "K"]  #: blur of the front by that of the base
+    blur_ratio: Float[np.ndarray, "K"]  #: ratio of the blur of the front to that of the base
     encoded_m: Float[
         np.ndarray, "K"
-    ]  #: what is too much of ``width_m`` if the camera encodes its grey levels; NaN: not known
-    #: Mean image of the strip along the lines, parallels beside each point; samples reach beyond the front.
+    ]  #: excess of ``width_m`` if the camera encodes its grey levels; NaN: unknown
+    #: Mean image of the strip along the lines, parallel lines beside each point; samples reach beyond the front.
     image: UInt8[np.ndarray, "K parallels samples"]
-    inferred: Bool[np.ndarray, "K"]  #: points that were not seen at rest; neighbours share their errors
+    inferred: Bool[np.ndarray, "K"]  #: points that were not observed at rest; neighbours share their errors
     encoding: float = UNKNOWN_ENCODING  #: probability that the camera encodes its grey levels
 
     @property
@@ -90,7 +90,7 @@ class ZeroReference:
         encoded_m: Float[np.ndarray, "K"] | float = 0.0,
         where: str = "zero",
     ) -> ZeroReference:
-        """Average n frames of a strip that nothing touches; NaN marks points that were not seen.
+        """Average n frames of the untouched strip; NaN marks points that were not observed.
 
         Parameters
         ----------
@@ -103,18 +103,18 @@ class ZeroReference:
         image
             Mean image of the strip along the lines.
         uncertainty_m
-            What each width may be wrong by in all frames alike, for example by texture at its edge.
+            Systematic error of each width, common to all frames, for example due to texture at its edge [m].
         blur_ratio
-            Blur of the front by that of the base.
+            Ratio of the blur of the front to that of the base.
         encoded_m
-            What is too much of the widths if the camera encodes its grey levels [m].
+            Excess of the widths if the camera encodes its grey levels [m].
         where
-            What error messages name.
+            Source named in error messages.
 
         Raises
         ------
         CalibrationError
-            No point was seen, or the strip moved while it was zeroed.
+            No point was observed, or the strip moved during zeroing.
         """
         seen = np.isfinite(width_m).sum(axis=0)
         known = seen >= max(1, len(width_m) // 2)
@@ -131,7 +131,7 @@ class ZeroReference:
             half = len(width_m) // 2
             step = width_m[half:] - width_m[:1]
             trend = np.nansum(step, axis=0) / np.maximum(np.isfinite(step).sum(axis=0), 1)
-            # Over five neighbours: a body that touches a part of the strip moves these, noise does not.
+            # Mean over five neighbours, which averages noise but not the effect of a body that touches the strip.
             moved = float(np.max(np.abs(np.convolve(trend, np.full(5, 0.2), mode="valid"))))
             limit = 0.01 * float(np.median(width[known]))
             if moved > limit:
@@ -141,7 +141,7 @@ class ZeroReference:
                     f"{limit * 1e3:.2f} mm",
                     remedy="zero while nothing touches the strip",
                 )
-        # The median costs a factor sqrt(pi/2) over the mean.
+        # The standard error of the median is sqrt(pi/2) times that of the mean.
         sigma = np.hypot(1.2533 * scatter / np.sqrt(np.maximum(seen, 1)), uncertainty_m)
         inferred, inferred_sigma = _infer_unseen(np.where(known, width, np.nan))
         return cls(
@@ -157,12 +157,12 @@ class ZeroReference:
         )
 
     def save(self, path: Path | str) -> None:
-        """Write as YAML, whole or not at all.
+        """Write as YAML, atomically.
 
         Parameters
         ----------
         path
-            Where to write.
+            File to write.
         """
         import cv2
 
@@ -176,7 +176,7 @@ class ZeroReference:
 
     @classmethod
     def load(cls, path: Path | str, count: int) -> ZeroReference:
-        """Read a file of :meth:`save`.
+        """Read a file written by :meth:`save`.
 
         Parameters
         ----------
@@ -209,27 +209,27 @@ class ZeroReference:
 
 
 def check_width(measured_m: float, declared_m: float, where: Path | str, *, stripe_m: float = 0.0) -> None:
-    """Refuse a zero reference whose strip is not as wide as the foam's file says.
+    """Reject a zero reference whose measured width differs from that in the foam file.
 
-    Measured is the distance between both tracked contours, on the foam's top plane under
-    ``T_camera_foam``: the width w along the compression. The height h lies along the view of the camera,
-    which cannot measure it.
+    The measured width w along the compression is the distance between both tracked contours in the top plane of the foam
+    given by ``T_camera_foam``. The height h along the viewing direction of the camera
+    cannot be measured.
 
     Parameters
     ----------
     measured_m
         Median distance from the back to the tracked edge [m].
     declared_m
-        ``width_m`` of the foam's file [m].
+        ``width_m`` of the foam file [m].
     where
-        What the message names: the file or the step.
+        Source named in the message: the file or the step.
     stripe_m
-        Width of a colour stripe, whose inner edge is tracked in place of the front [m].
+        Width of a colour stripe, whose inner edge is tracked instead of the front [m].
 
     Raises
     ------
     CalibrationError
-        They are more than 10 % apart.
+        The widths differ by more than 10 %.
     """
     found = measured_m + stripe_m
     if not abs(found - declared_m) <= _WIDTH_TOLERANCE * declared_m:
@@ -242,11 +242,11 @@ def check_width(measured_m: float, declared_m: float, where: Path | str, *, stri
 
 
 def _infer_unseen(width_m: Float[np.ndarray, "K"]) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
-    """Widths with those of unseen points (NaN) inferred from the nearest seen ones, and the standard deviation of these.
+    """Widths with missing values (NaN) inferred from the nearest observed points, and the standard deviation of these.
 
-    On the straight line between the neighbours, or as wide as the only one. Predicting each seen point from points at the
-    same distances errs by a standard deviation s over n points; the error of an unseen one then has Student's
-    distribution, whose variance is n / (n - 2) s^2 and infinite up to n = 2.
+    Linear interpolation between the neighbours, or the width of the only one. Predicting each observed point from points at
+    the same distances has an error with standard deviation s over n points; the error of a missing point then follows
+    Student's distribution, whose variance is n / (n - 2) s^2 and infinite up to n = 2.
     """
     count = len(width_m)
     known = np.flatnonzero(np.isfinite(width_m))
@@ -267,20 +267,20 @@ def _infer_unseen(width_m: Float[np.ndarray, "K"]) -> tuple[Float[np.ndarray, "K
 class DriftSettings:
     """How the zero reference follows slow changes."""
 
-    time_constant_s: float = 30.0  #: of the adaptation while nothing touches
-    rest_s: float = 1.0  #: how long nothing must have touched before it adapts
-    limit: float = 0.03  #: accumulated drift, as a fraction of the width, beyond which it is not trusted
+    time_constant_s: float = 30.0  #: of the adaptation while the strip is untouched
+    rest_s: float = 1.0  #: minimum time without contact before the adaptation
+    limit: float = 0.03  #: largest valid accumulated drift, as a fraction of the width
 
 
 class ZeroWatch:
-    """Follows the zero reference while the sensor is at rest and reports when it has drifted away.
+    """Adapts the zero reference while the sensor is at rest and reports excessive drift.
 
     Parameters
     ----------
     zero
-        The zero reference as it was taken.
+        The original zero reference.
     settings
-        How the zero follows slow changes; the defaults without.
+        Parameters of the adaptation; None: the defaults.
     """
 
     def __init__(self, zero: ZeroReference, settings: DriftSettings | None = None) -> None:
@@ -292,23 +292,23 @@ class ZeroWatch:
 
     @property
     def drift_m(self) -> float:
-        """Mean distance that the zero has moved since it was taken [m]."""
+        """Mean drift since the zero reference was taken [m]."""
         return float(np.mean(self.zero.width_m - self._first.width_m))
 
     @property
     def drifted(self) -> bool:
-        """Whether the zero is so far away that it has to be taken again."""
+        """Whether the drift is so large that the zero reference has to be taken again."""
         return abs(self.drift_m) > self.settings.limit * float(np.mean(self._first.width_m))
 
     @property
     def sigma_m(self) -> float:
-        """Standard deviation common to all points [m]: what adaptation may still lag behind."""
+        """Standard deviation common to all points [m], due to the lag of the adaptation."""
         return 0.1 * abs(self.drift_m)
 
     def update(
         self, t_s: float, width_m: Float[np.ndarray, "K"], *, touched: bool, usable: np.ndarray
     ) -> None:
-        """Take in one frame; adapts only after a time without any contact.
+        """Process one frame; adapts only after a time without contact.
 
         Parameters
         ----------
@@ -319,7 +319,7 @@ class ZeroWatch:
         touched
             Whether anything touches the strip.
         usable
-            Points whose width was seen, (K,) bool.
+            Points whose width was measured, (K,) bool.
         """
         elapsed = 0.0 if self._last_t is None else max(0.0, t_s - self._last_t)
         self._last_t = t_s
