@@ -65,7 +65,7 @@ class BeamReader(SensorReader["TrackedReading"]):
         )
 
     def close(self) -> None:
-        """End the detector's thread; harmless when repeated."""
+        """End the detector's thread; may be called repeatedly."""
         self.sensor.close()
 
 

@@ -46,7 +46,7 @@ class FoamReader(SensorReader[ForceProfile]):
         profile = self.sensor.read(frame)
         state = self.odometry(frame.t_s)
         speed = None if state is None else float(state.speed_m_s)
-        # A front that stands still says nothing of the object unless the platform goes on.
+        # A front at rest determines nothing about the object unless the platform moves.
         events = tuple(
             event
             for event in self._events.update(profile, speed_m_s=speed)

@@ -32,7 +32,7 @@ def load_reader(path: Path, name: str) -> SensorReader[Any]:
     from ..beam.tracked import TrackedBeam
     from ..scene.scene_file import SceneSensor
 
-    # A live camera must not wait for the detector.
+    # Frames of a live camera are read while the detector runs.
     sensor: Any = load_sensor(path, threaded=True)
     if isinstance(sensor, TrackedBeam):
         return BeamReader(sensor, name)

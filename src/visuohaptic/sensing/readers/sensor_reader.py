@@ -33,7 +33,7 @@ class SensorReading(Generic[Measured]):
     """What a sensor made of one frame."""
 
     measured: Measured
-    reason: Reason  #: why it cannot be trusted; ``ok`` when it can
+    reason: Reason  #: why it is invalid; ``ok`` when it is valid
     events: tuple[Event, ...] = ()
 
 
@@ -130,4 +130,4 @@ class SensorReader(Closing, Generic[Measured]):
             )
 
     def close(self) -> None:
-        """End its threads, if it has any; harmless when repeated."""
+        """End its threads, if it has any; may be called repeatedly."""
