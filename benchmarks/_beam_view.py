@@ -1,8 +1,8 @@
-"""The beam sensor end to end: rendered pictures of a bending rod, tracked and read; and the bound of that.
+"""The beam sensor end to end: rendered images of a bending rod, tracked and converted; and the Cramer-Rao bound.
 
-The bound is of the pictures themselves: derivatives of the renderer's exact image by all six
-parameters of every template's pose, gain and bias unknown, noise independent in every pixel. Nothing of
-the tracker is in it.
+The bound is that of the images: derivatives of the renderer's exact image with respect to all six
+parameters of every template's pose, gain and bias unknown, noise independent in every pixel. It does not
+use the tracker.
 """
 
 from __future__ import annotations

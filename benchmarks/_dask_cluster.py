@@ -1,4 +1,4 @@
-"""A scheduler and one-core workers as processes of this machine, which can be killed and started again."""
+"""A scheduler and one-core workers as processes of this machine, which can be killed and restarted."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Seeded presses of the foam with something going wrong in between, and the truth beside every frame.
+"""Seeded presses into the foam with one fault each, and the ground truth of every frame.
 
-The surroundings (texture, light, lens, noise, shape, place, path) and the fault are all drawn
-from the seed. Nothing here knows how the sensor works.
+The surroundings (texture, light, lens, noise, shape, place, path) and the fault are drawn
+from the seed. This module does not depend on the estimator.
 """
 
 from __future__ import annotations

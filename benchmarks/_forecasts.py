@@ -1,4 +1,4 @@
-"""Forecasts of claims beside how often they come true."""
+"""Calibration of forecast probabilities: forecasts compared with observed frequencies."""
 
 from __future__ import annotations
 

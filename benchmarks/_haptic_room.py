@@ -1,4 +1,4 @@
-"""A small room mapped by touch: truth and contacts made apart from the haptic map."""
+"""A small room mapped by touch: ground truth and contacts generated independently of the haptic map."""
 
 from __future__ import annotations
 

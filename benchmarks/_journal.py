@@ -1,4 +1,4 @@
-"""Rows of a long campaign, kept line by line so that a stopped one goes on where it was."""
+"""Rows of a long campaign, saved line by line, so that an interrupted campaign can be continued."""
 
 from __future__ import annotations
 

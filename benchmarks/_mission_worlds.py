@@ -1,4 +1,4 @@
-"""Missions in drawn houses: every claim judged, and what a second visit costs."""
+"""Missions in random houses: evaluation of every claim, and the cost of a second visit."""
 
 from __future__ import annotations
 

@@ -1,16 +1,16 @@
-"""The constants of a module, and a module with one of them multiplied.
+"""Find the constants of a module, and import a module with one of them multiplied.
 
-Copied as ``sitecustomize.py`` into a folder on ``PYTHONPATH``, it acts on every process of a test run, those that
-the tests start as well, as the environment variable ``CONSTANTS_RUN`` says (JSON):
+Copied as ``sitecustomize.py`` into a folder on ``PYTHONPATH``, it acts in every process of a test run, including those that
+the tests start, as defined by the environment variable ``CONSTANTS_RUN`` (JSON):
 
 - ``{"module", "name", "up", "marks"}``: when the module is imported, every number of the constant is multiplied in
-  its syntax tree, so that ``from module import NAME``, default arguments and compiled functions see nothing else.
-  A file in the folder ``marks`` tells whether the import went well (``loaded``) or not (``crashed``).
-- ``{"source", "marks"}``: a file in ``marks`` lists the files below ``source`` of which a function was called, by test,
-  with the seconds and the outcome of each test (JSON; as a plugin of pytest, ``-p sitecustomize``). What is called
-  while a test is set up may be a fixture that others share: it counts for all tests of its file.
+  its syntax tree, so that ``from module import NAME``, default arguments and compiled functions use the new value.
+  A file in the folder ``marks`` records whether the import succeeded (``loaded``) or failed (``crashed``).
+- ``{"source", "marks"}``: a file in ``marks`` lists, for each test, the files below ``source`` of which a function was called,
+  with the duration and the outcome of the test (JSON; as a plugin of pytest, ``-p sitecustomize``). Calls during the set-up of
+  a test may come from shared fixtures and count for all tests of its file.
 
-Uses the standard library alone, and no other file of this folder.
+Uses only the standard library and no other file of this folder.
 """
 
 from __future__ import annotations

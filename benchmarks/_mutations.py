@@ -1,9 +1,9 @@
-"""Small mistakes that a programmer makes, put into the syntax tree of a module one at a time.
+"""Typical programming mistakes, applied to the syntax tree of a module one at a time.
 
-Operators: a comparison takes or leaves its border or is turned round; ``+ -``, ``* /``, ``and or`` and their kin are
-exchanged; ``not`` is lost; True is False; an integer is one more, a float is multiplied by 1.25; a call whose result
-nobody takes is left out. What only words see is left alone: messages of errors and of logs, texts, annotations,
-decorators, ``__all__``; so are compiled functions, which are held by their twins.
+Operators: the boundary of a comparison is included or excluded, or the comparison is inverted; ``+ -``, ``* /``, ``and or`` and
+similar pairs are exchanged; ``not`` is removed; True becomes False; an integer is incremented, a float is multiplied by 1.25; a
+call whose result is not used is removed. Texts are not changed: messages of errors and logs, strings, annotations,
+decorators, ``__all__``. Neither are compiled functions, which are tested against plain twins.
 """
 
 from __future__ import annotations

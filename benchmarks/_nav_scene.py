@@ -1,4 +1,4 @@
-"""Scenes on windows of real maps: movable things in the way, tags, and a truth that differs from them."""
+"""Scenes on windows of real maps: movable obstacles on the path, their tags, and true properties that differ from the tags."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ways through maps, odometry that drifts, and what is left of a map: shared by tests and benchmarks."""
+"""Paths through maps, drifting odometry, and comparison of maps: shared by tests and benchmarks."""
 
 from __future__ import annotations
 

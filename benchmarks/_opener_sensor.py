@@ -1,8 +1,8 @@
-"""The beam sensor that carries the opener, made of its images: built, calibrated with weights, zeroed, read.
+"""The beam sensor on the opener, simulated through its images: built, calibrated with weights, zeroed, read.
 
-Nothing of the true wrench reaches the task but through what a camera sees of the bending rod: prints are
-rendered, tracked, and read with the compliance that a calibration found. The rod is not quite that of its
-data sheet; the calibration has to find out.
+The task gets the wrench only from camera images of the bending rod: templates are
+rendered, tracked, and converted with the compliance of a calibration. The true rod deviates from its
+data sheet; the calibration has to estimate the difference.
 """
 
 from __future__ import annotations

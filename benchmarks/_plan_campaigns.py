@@ -1,4 +1,4 @@
-"""The campaigns of ``plan_evidence``: what each plays for a key, and the rows of its table."""
+"""Campaigns of ``plan_evidence``: the run of each key, and the rows of the table."""
 
 from __future__ import annotations
 

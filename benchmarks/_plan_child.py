@@ -1,6 +1,6 @@
-"""Planning calls in a child process that has a memory limit and is ended when its time of the CPU is over.
+"""Planning calls in a child process with a memory limit, which is killed when its CPU time is used up.
 
-Only the public names of ``visuohaptic.navigation`` are called. Requests and answers are lines of JSON.
+Only public names of ``visuohaptic.navigation`` are called. Requests and answers are lines of JSON.
 """
 
 from __future__ import annotations

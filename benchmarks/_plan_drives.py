@@ -1,4 +1,4 @@
-"""What a search may take for the cost of a drive in each configuration: the field on its lattice."""
+"""Cost of a drive as the search uses it, in each configuration of the objects: the field on its lattice."""
 
 from __future__ import annotations
 

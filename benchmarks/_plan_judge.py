@@ -1,4 +1,4 @@
-"""One planning call and what it is worth: answer, faults in polygons, cost on exact distances."""
+"""One planning call and its evaluation: answer, collisions in exact polygons, cost on exact distances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plans executed in physics that is not the planner's, and the campaigns that need it."""
+"""Plans executed in a simulation that is independent of the planner, and the campaigns that use it."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Views of a plane with exact sub-pixel truth, for figures of the planar tracker.
+"""Views of a plane with exact sub-pixel truth, for the figures of the planar tracker.
 
-One photograph is made continuous by a cubic spline; the template and every frame
-are samples of that one function, so that the true homography is known exactly. Nothing
-of the tracker is used here.
+A photograph is interpolated by a cubic spline; the template and every frame
+are samples of this continuous function, so that the true homography is known exactly. The
+tracker is not used here.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What visual evidence is worth, from examples (maximum a posteriori with the log loss as likelihood)."""
+"""Weights of visual evidence, estimated from examples (maximum a posteriori with the log loss as likelihood)."""
 
 from __future__ import annotations
 

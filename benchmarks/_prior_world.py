@@ -1,6 +1,6 @@
-"""Things to recognise: drawn labels in scenes, and containers as a depth camera sees them.
+"""Objects to recognise: synthetic labels in scenes, and containers as a depth camera sees them.
 
-The clouds come from rays through a pinhole that end on the triangles, not from the points that are stored.
+The point clouds come from rays of a pinhole camera that are intersected with the triangles, not from the stored points.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Direct pushes on the simulated floor: a thing at the origin, pushed along x through its centroid."""
+"""Direct pushes in the floor simulation: an object at the origin, pushed along x through its centroid."""
 
 from __future__ import annotations
 

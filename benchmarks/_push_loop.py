@@ -1,4 +1,4 @@
-"""Sideward pushes of boxes that are not as believed, driven as planned and with correction."""
+"""Sideward pushes of boxes with wrong prior parameters, open loop and with feedback."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random things and drives for the sideward push, and MuJoCo's answer to each."""
+"""Random objects and paths for the sideward push, and MuJoCo's result for each."""
 
 from __future__ import annotations
 

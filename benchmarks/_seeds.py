@@ -1,4 +1,4 @@
-"""Seeds of a campaign: even ones are open to whoever tunes a method, odd ones are closed until its figures are reported."""
+"""Seeds of a campaign: even seeds are open and used for tuning, odd seeds are closed until the final figures are reported."""
 
 from __future__ import annotations
 

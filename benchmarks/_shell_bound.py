@@ -1,13 +1,13 @@
-"""What no recogniser could do better: "unknown" by stiffness alone, and explorations with the fewest touches.
+"""Bounds for any recogniser: detection of the unknown class by stiffness alone, and explorations with the fewest touches.
 
-How often could stiffness alone say that a container is of no trained class? Classifiers that were shown the unknown kinds.
+``bound``: how often could stiffness alone detect that a container belongs to no trained class? Classifiers are trained with the
+unknown kinds. They learn many members of each class and of each unknown kind of container, under all conditions, from readings
+at fixed places; each member is classified by classifiers that were trained on others. A recogniser without examples of
+the unknown kinds cannot be expected to do better. Solids are left out, because they are detected without exception.
 
-They learn many members of each class and of each other kind of container, under all conditions, from readings at fixed
-places; each member is judged by classifiers that saw others. No recogniser that has to call unknown what it has not seen can
-be asked for more. Solids are left out: they are told without exception.
-
-How few touches could an exploration take? The shortest one that is sure of the right class is looked for in hindsight, with
-all readings and the answer known. A planner, which sees neither, needs more; by random orders it is the room there is.
+``orders``: how few touches could be sufficient? The shortest sequence of touches that reaches the required confidence in the
+right class is searched in hindsight, with all readings and the true class known. A planner knows neither and needs more;
+the ratio to random orders is the possible improvement.
 """
 
 from __future__ import annotations

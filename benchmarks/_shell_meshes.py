@@ -1,4 +1,4 @@
-"""Stiffness that the library gives for the meshes of ``tests/worlds/shell_meshes.py``."""
+"""Stiffness that the library computes for the meshes of ``tests/worlds/shell_meshes.py``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recognition of the objects of ``tests/worlds/shell_touches.py``: what the library answers, and what its peers do."""
+"""Recognition of the objects of ``tests/worlds/shell_touches.py`` by the library and by its peers."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Every task on its simulated robot behind a supervisor, with one fault between robot and supervisor.
+"""Every task on its simulated robot under a supervisor, with one fault between robot and supervisor.
 
-The worlds say what is true: the force on the robot, whether it moves, what was to be found. What the faults
-change is only what the robot is told; a bump moves the world.
+The worlds provide the ground truth: the force on the robot, whether it moves, the correct result. Faults
+change only the data and commands between both, except for a bump, which moves the robot in the world.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Planned touches on clear vessels of the ray caster, and on scanned objects of which a part is hidden."""
+"""Planned touches on clear vessels of the ray caster, and on scanned objects with a hidden part."""
 
 from __future__ import annotations
 

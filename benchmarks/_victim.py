@@ -1,9 +1,9 @@
-"""Children of this process that are killed without warning at a chosen point of their work.
+"""Child processes that are killed without warning at a chosen point of their work.
 
-A fork has the libraries loaded, so that a kill takes a tenth of a second. Two ways choose the point:
+A fork has the libraries loaded already, so that a trial takes a tenth of a second. The point is chosen in two ways:
 
-- after a time of the processor: the same amount of work, however busy the machine is;
-- at a size of a file: the kernel ends the process inside of the ``write`` that goes beyond it, whoever calls that.
+- after a CPU time: the same amount of work, independent of the load of the machine;
+- at a size of a file: the kernel kills the process inside the ``write`` that exceeds it, whichever code calls it.
 """
 
 from __future__ import annotations

@@ -1,19 +1,20 @@
-"""What a stranger's machine lacks: installations of a wheel, run where little is writable and little is set.
+"""Installations on a minimal machine: a wheel is installed and run with few writable folders and few variables set.
 
     python -m benchmarks.bare --pythons python3.11 python3.12 python3.13 --report bare.jsonl
+                                      prints for each Python and case which command failed, and why
 
-For each Python a virtual environment is made and a wheel of this checkout is installed into it with what the two
-commands need; then ``visuohaptic demo --quick``, and the foam of the README (``example``, ``calibrate``, ``sense``),
+For each Python, a virtual environment is created and a wheel of this checkout is installed into it with the dependencies of the
+two commands; then ``visuohaptic demo --quick``, and the foam example of the README (``example``, ``calibrate``, ``sense``),
 run in an empty folder:
 
 - *plain*;
-- *no home*: neither ``HOME`` nor any other variable than ``PATH``, in the C locale;
-- *read-only*: a user without an entry in the password file and without a home, who can write nothing but the folder
-  that he is in (needs root to become that user);
-- *read-only C*: the same in the C locale without UTF-8 mode, and with no place for temporary files but that folder.
+- *no home*: only ``PATH`` is set, not even ``HOME``; C locale;
+- *read-only*: a user without an entry in the password file and without a home, who can write only to the current
+  folder (needs root to become that user);
+- *read-only C*: the same in the C locale without UTF-8 mode, with temporary files in that folder only.
 
-A command works when it ends with 0, prints no traceback, and its files are there. Other systems than this one, and
-machines without numba's processor features, are not tried.
+A command passes if it exits with 0, prints no traceback, and its files exist. Other operating systems, and
+processors without the features that numba needs, are not covered.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""Builds that are killed, and files that are malformed: nothing lost, one clear line, bounded memory.
+"""Faults of ``objects build``: builds that are killed, and malformed input files.
 
     python -m benchmarks.build_faults --kills 200 --workers 20 --files 300 --report faults.jsonl
+                                      prints lost objects, crashes, unclear messages and peak memory
 
-goes on where it was stopped; every row comes from the report. ``python -m benchmarks build_faults`` does the
-same with the report that ``BUILD_FAULTS_JOURNAL`` names.
+An existing report is continued, and every row of the table is computed from it. ``python -m benchmarks build_faults`` does the
+same with the report named by the variable ``BUILD_FAULTS_JOURNAL``.
 """
 
 from __future__ import annotations

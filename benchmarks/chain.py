@@ -1,8 +1,10 @@
-"""Whole chain at 1600 x 896: JPEG, foam, scene and two templates, on two threads; peer: one after the other.
+"""The whole chain at 1600 x 896: JPEG, foam, scene and two templates, on two threads; the peer processes frames sequentially.
 
-Frames are rendered once and compressed; what is measured begins with the JPEG in memory and ends with force,
-surroundings and two 6D poses. One thread decodes the next frame and follows the templates while the
-other reads the foam of this one and then, with its contacts, the scene.
+    python -m benchmarks chain     prints the frame rate, and the CPU time per frame of each part
+
+Frames are rendered and compressed in advance; the measurement begins with the JPEG in memory and ends with force,
+surroundings and two 6D poses. One thread decodes the next frame and tracks the templates while the
+other reads the foam of the current frame and then, using its contacts, the scene.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Every long verb on a cluster of which a worker is killed: the same bytes as here; and how much faster more workers are.
+"""Every long verb on a cluster with a worker that is killed: is the output identical to a local run, and how does it scale?
 
-    python -m benchmarks.cluster               # needs pip install 'visuohaptic[cluster]'
-    python -m benchmarks.cluster --only "map build" "classify train"
+    python -m benchmarks.cluster               all verbs, and the speed; needs pip install 'visuohaptic[cluster]'
+    python -m benchmarks.cluster --only "map build" "classify train"    these verbs only
 
-Scheduler and workers are processes of this machine. The speed is that of tasks which sleep: the load of cores that this
-machine may not have, so that only what the distribution itself costs is measured.
+Scheduler and workers are processes of this machine. Speed is measured with tasks that sleep, which emulates
+more cores than this machine may have; thus only the overhead of the distribution is measured.
 """
 
 from __future__ import annotations

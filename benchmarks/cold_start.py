@@ -1,13 +1,13 @@
-"""What a first use costs: the command's prompt, the kernels, and whether their cache survives many writers.
+"""Cost of the first use: the start of the command, the compilation of kernels, and the safety of the cache with many writers.
 
-``run`` times ``visuohaptic --help``: wall time of a fresh process, because that is what a person waits for. The
-peer is a fresh process that only imports NumPy: what the command would cost at least if it were not lazy.
+``run`` times ``visuohaptic --help``: wall time of a fresh process, as the user experiences it. The
+peer is a fresh process that only imports NumPy, which is the least that the command would cost without lazy imports.
 
-Two campaigns are run by name, each with an empty cache of its own:
+Two campaigns are run by name, each with its own empty cache:
 
-- ``python -m benchmarks.cold_start compile``: CPU time of all kernels, of every import, and of the first verbs;
-- ``python -m benchmarks.cold_start saves --seeds open --count 1000``: processes that save signatures of one kernel at
-  once, while another loads them: every one that is loaded must be the right one, and none may be lost.
+- ``python -m benchmarks.cold_start compile``: prints the CPU time of all kernels, of all imports, and of the first verbs;
+- ``python -m benchmarks.cold_start saves --seeds open --count 1000``: several processes save signatures of one kernel at
+  the same time while another one loads them; prints how many loaded signatures were wrong and how many were lost.
 """
 
 from __future__ import annotations

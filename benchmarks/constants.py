@@ -1,38 +1,40 @@
-"""Which constants could be something else without any test noticing.
+"""Mutation test of constants: which constants can change without a failing test.
 
-    python -m benchmarks.constants --list                 the constants, nothing is run
-    python -m benchmarks.constants --only 'sensing.*'     those of modules (or module:NAME) that match
-    python -m benchmarks.constants --jobs 2               all of them: many hours; a stopped one goes on where it was
+    python -m benchmarks.constants --list                 list the constants, run nothing
+    python -m benchmarks.constants --only 'sensing.*'     constants of matching modules (or module:NAME)
+    python -m benchmarks.constants --jobs 2               all constants: takes many hours; can be resumed
     python -m benchmarks.constants --near 4 --sample 12 --only '^visuohaptic.core'    a dozen, in minutes
-    python -m benchmarks.constants --near 4 --most 12    all of them, each by at most a dozen tests
+    python -m benchmarks.constants --near 4 --most 12    all of them, at most a dozen tests each
+
+Prints the constants of each package by result, and the list of those that are not noticed.
 
 A constant is a name at module level that is assigned a number, a tuple, list, set or dict with numbers, an array
 made of literals, or the call of a constructor with numbers among its arguments. Arithmetic of literals and
-conversions (``np.deg2rad(8.0)``, ``2.0 * math.pi``) are one number; what is computed from other names is derived and
-not a constant. All numbers of one name are multiplied together; the keys of a dict are labels and stay. Not
-constants: zeros, names numbered through (``A, B, C = 0, 1, 2`` or ``range(3)``), type aliases, shapes
+conversions (``np.deg2rad(8.0)``, ``2.0 * math.pi``) are one number; values computed from other names are derived and
+not constants. All numbers of one name are multiplied together; the keys of a dict are labels and remain unchanged. Not
+constants: zeros, enumerated names (``A, B, C = 0, 1, 2`` or ``range(3)``), type aliases, shapes
 (``np.zeros((2, 3))``), versions of formats (``..._FORMAT``), and special names (``__all__``).
 
 One constant at a time is multiplied by 0.8 and by 1.25 when its module is imported (integers are rounded away from
-the value), and the tests that execute the module run, the quickest first, until one fails. They were found by
-running every test file once and looking which functions of the package each test calls, also in processes that it
-starts; a module is executed when a function of its own, or of a module that imports it (also through packages, compiled
-modules and modules without functions), is called. Tests that fail without any change are left out, and files without
-any other are named. Compiled functions are kept in a cache of their own, which begins as that of the user: only those
-that can see the constant are compiled anew. ``--most N`` stops after the N quickest tests of a constant.
+the value), and the tests that execute the module run, fastest first, until one fails. They are determined by
+running every test file once and recording which functions of the package each test calls, also in processes that it
+starts; a module is executed if one of its functions, or of a module that imports it (also through packages, compiled
+modules and modules without functions), is called. Tests that fail without any change are excluded, and files without
+any other tests are listed. Compiled functions are kept in a separate cache, which starts as a copy of the user's: only
+functions that depend on the constant are recompiled. ``--most N`` stops after the N fastest tests of a constant.
 
 - *noticed*: a test fails, or the test run crashes;
 - *crashed*: the module cannot be imported with the value;
 - *undecided*: the tests took longer than ``--seconds``, or never imported the module with the new value;
 - *unnoticed*: no test fails, or no test executes the module.
 
-With ``--near N`` no test is run to see what it calls: the judges of a constant are the N test files that import its
-module, or one of its folder that imports it, the most special first (those that import the fewest modules). What
-they notice is noticed; what they do not may still be noticed by others. With ``--most`` as well, only the test files
-near the constants are run to see what their tests call. ``--sample`` draws constants with a seed.
+With ``--near N``, calls are not recorded: a constant is tested with the N test files that import its
+module, or a module of its folder that imports it, the most specific first (those that import the fewest modules). A
+constant that they do not notice may still be noticed by other tests. With ``--most`` as well, calls are recorded only for
+the test files near the constants. ``--sample`` draws constants with a seed.
 
-A constant in the table counts by the less noticed of its two changes. Each change is a line in the report, with
-digests of its module and of its tests: when they are edited, it is done again.
+In the table, the less noticed of its two changes counts for a constant. Each change is a line in the report, with
+digests of its module and of its tests; after an edit of either, it is tested again.
 """
 
 from __future__ import annotations

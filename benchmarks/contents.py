@@ -1,4 +1,7 @@
-"""Open, air, water: how much stiffer an enclosed volume makes a wall, and whether Boyle is obeyed."""
+"""Open containers, air and water: stiffening of a wall by an enclosed volume, and agreement with Boyle's law.
+
+python -m benchmarks contents    stiffness ratios, gas law under large deformation, order of figure 3.13b, CPU time
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Contour tracker: speed against scikit-image's snake, noise against the Cramer-Rao bound."""
+"""Contour tracker: speed compared with scikit-image's snake, noise compared with the Cramer-Rao bound.
+
+python -m benchmarks contour     CPU time, noise over bound, declared over true sigma, bias; on synthetic edges
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""Grasp curves of containers: what symmetry saves, and features i, I, II of whole objects."""
+"""Grasp curves of containers: the speed-up by symmetry, and features i, I, II of whole objects.
+
+    python -m benchmarks deformation_curves                 a slice
+    python -m benchmarks.deformation_curves --report out.jsonl    the campaign; an existing report is continued
+
+Prints the time of a curve, the change of the features on a finer mesh, and the time of 450 objects.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""The simulated structured-light camera: its speed, and whether it fails on glass as real ones do.
+"""The simulated structured-light camera: its speed, and invalid and wrong depths on glass compared with real cameras.
 
-python -m benchmarks depth_camera
+python -m benchmarks depth_camera     CPU time per image, fraction of invalid pixels, median error on glass
 """
 
 from __future__ import annotations

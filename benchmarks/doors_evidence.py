@@ -1,12 +1,13 @@
-"""Doors on floors of buildings: recall, precision, and whether the confidence is a probability.
+"""Door detection on floors of buildings: recall, precision, and calibration of the confidence.
 
     python -m benchmarks.doors_evidence generated real --seeds open --count 30 --report out.jsonl
+                                      prints recall, precision and calibration error for generated and real floors
 
-Even seeds are buildings to train on, odd ones (``--seeds closed``) those that are reported. Of the real buildings, the
-one whose doors were drawn by others and those of ``real_doors.yaml`` with ``use: training`` train, the others report:
-open floors are in the fit, and what holds on a building that is not is printed by ``benchmarks.doors_training``. A door
-counts as found when its middle is within 0.75 m of the true one's, one to one. Closed doors are wall on a map, and are
-no truth; what is found at an unclear opening counts neither way.
+Even seeds are buildings for training, odd ones (``--seeds closed``) those that are reported. Of the real buildings, the
+one with third-party door annotations and those of ``real_doors.yaml`` with ``use: training`` are for training, the others for
+reporting. Open floors are part of the fit; ``benchmarks.doors_training`` prints results for buildings that are left out. A door
+counts as found when its middle is within 0.75 m of the true one's, one to one. Closed doors are wall on a map and not part of
+the truth; detections at an ambiguous opening are ignored.
 """
 
 from __future__ import annotations

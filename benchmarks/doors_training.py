@@ -1,11 +1,12 @@
-"""Weights of the log-odds that an opening is a door: logistic regression on buildings that are open to training.
+"""Weights of the log-odds that an opening is a door: logistic regression on the buildings for training.
 
     python -m benchmarks.doors_training --count 24 --write
+                                      prints cross-validated recall and precision and the weights, and stores them
 
-Floors, their truth and how they are counted are those of :mod:`benchmarks.doors_evidence`: even seeds and the real
-buildings for training. The printed table is of floors whose building was left out of the fit; ``--write`` stores the
-weights of the fit to all. The sign of a weight is known beforehand where the measure has a meaning; a fit without
-signs learns from generated buildings that clutter is straight, and fails on the real ones.
+Floors, their truth and the counting are those of :mod:`benchmarks.doors_evidence`: even seeds and the real
+buildings for training. The table is of floors whose building was left out of the fit; ``--write`` stores the
+weights of the fit to all. The sign of a weight is prescribed where the measure has a physical meaning; a fit without
+prescribed signs learns from generated buildings that clutter is straight, and fails on the real ones.
 """
 
 from __future__ import annotations

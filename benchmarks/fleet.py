@@ -1,9 +1,9 @@
-"""A thousand robots that share what they know, on paper: what is stored where, what it costs, what breaks first.
+"""Extrapolation to a thousand robots with a shared database: storage, load, and the first bottleneck.
 
-    python -m benchmarks.fleet --robots 1000 --objects 1e8
+    python -m benchmarks.fleet --robots 1000 --objects 1e8    prints storage, CPU time and traffic with their limits
 
-Bytes and CPU time of one object are measured on a small database and a few robots that synchronise with it in turn; all
-else is multiplied from them, and printed as such. The server is a file here: a PostgreSQL server is not faster.
+Bytes and CPU time of one object are measured on a small database and a few robots that synchronise with it in turn;
+all other figures are extrapolated and marked as such. The server is a file here; a PostgreSQL server is not faster.
 """
 
 from __future__ import annotations

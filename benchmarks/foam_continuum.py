@@ -1,6 +1,8 @@
-"""Force from the contours of a continuum simulation that shares nothing with our models, through the camera.
+"""Force from the contours of a continuum simulation that is independent of the library, through the camera.
 
-Needs ``foam_continuum`` of the real and foreign data (``VISUOHAPTIC_DATA`` or ``../shared/data``).
+    python -m benchmarks foam_continuum    worst and mean force error of each body and boundary law, also from images
+
+Needs ``foam_continuum`` of the third-party data (``VISUOHAPTIC_DATA`` or ``../shared/data``).
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""The foam sensor in a world that shares nothing with it: phantom forces, disturbances, force, faults, segments.
+"""The foam sensor in an independent simulation: phantom forces, disturbances, force, faults, segments.
 
-``python -m benchmarks.foam_evidence shadows --seeds open --count 20 --report shadows.jsonl``
+python -m benchmarks.foam_evidence shadows --seeds open --count 20 --report shadows.jsonl
+                                  prints the figures of one campaign: e.g. valid frames, force errors, errors over sigma
 """
 
 from __future__ import annotations

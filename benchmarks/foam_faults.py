@@ -1,6 +1,9 @@
-"""Never silently wrong: seeded faults of light, view, camera, stream and foam against the foam's own force.
+"""Seeded faults of light, view, camera, stream and foam: are wrong forces reported as valid?
 
-A frame is *wrong* when the sensor calls it valid while its force is off by more than
+    python -m benchmarks foam_faults    200 faults: wrong frames reported as valid, lost frames, frames until recovery
+    python -m benchmarks.foam_faults    prints each trial, and a table by kind of fault
+
+A frame is *wrong* when the sensor reports it as valid while its force deviates from the true force of the foam by more than
 5 sigma + 0.3 N (floor) or 4 sigma + 0.3 N (aim).
 """
 

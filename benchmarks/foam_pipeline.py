@@ -1,4 +1,7 @@
-"""From a JPEG in memory to force with its uncertainty, and what part of it is the decoding."""
+"""CPU time from a JPEG in memory to the force with its uncertainty, and the part of it that is decoding.
+
+python -m benchmarks foam_pipeline
+"""
 
 from __future__ import annotations
 

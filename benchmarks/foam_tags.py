@@ -1,4 +1,7 @@
-"""Haptic tags of pushes in the simulated world, read from rendered frames, against the physics' truth."""
+"""Haptic tags of simulated pushes, read from rendered frames, compared with the true physics.
+
+python -m benchmarks foam_tags      error and interval coverage of friction, drift and shape, CPU time per push
+"""
 
 from __future__ import annotations
 

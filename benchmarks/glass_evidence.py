@@ -1,20 +1,21 @@
-"""Clear glass from few views, in worlds of an independent ray caster (``tests/worlds/rays.py``).
-
-``found``: two or three thin clear vessels on a table, of 48, 24, 12 and 8 views in order, shuffled, and shuffled with
-pose errors of 2 mm and 0.3 degrees per axis. A vessel is found where the centroid of a region lies in its bounding box
-grown by 15 mm; the position error is the horizontal distance of the nearest such centroid from the vessel's axis, for how
-much of the height is found is no error of place. ``false``: the same tables with opaque twins, black and shiny ones,
-and people who walk past; every region is false. ``filled``: vessels with water. Regions that belong to no vessel of a
-clear scene count as false, too. ``dense``, ``dense_false``: the same from a level ring of 120, 60, 30 and 15 views.
+"""Clear glass from few views, in an independent ray caster (``tests/worlds/rays.py``): detection, false alarms, touches.
 
     python -m benchmarks.glass_evidence found false --seeds open --count 50 --cache scenes --report out.json
+                                      prints the fraction found, false regions and position errors of each campaign
 
-``declared``: false regions of opaque scenes at several rates that a user asks for. ``clear_touch``: six planned touches
+``found``: two or three thin clear vessels on a table, from 48, 24, 12 and 8 views in order, shuffled, and shuffled with
+pose errors of 2 mm and 0.3 degrees per axis. A vessel is found if the centroid of a region lies in its bounding box
+enlarged by 15 mm; the position error is the horizontal distance of the nearest such centroid from the vessel's axis, because
+the detected part of the height does not affect the position. ``false``: the same tables with opaque copies, black and shiny
+objects, and people who walk past; every region is false. ``filled``: vessels with water. Regions that belong to no vessel of a
+clear scene count as false, too. ``dense``, ``dense_false``: the same from a level ring of 120, 60, 30 and 15 views.
+
+``declared``: false regions of opaque scenes at several requested false-alarm rates. ``clear_touch``: six planned touches
 on a fully clear vessel of 24 views. ``objects``: six planned touches on scanned objects (``../shared/data/geometry``)
-whose back is hidden to one camera, or whose middle is.
+of which one camera does not see the back, or of which the middle is hidden.
 
-Half of the seeds, the odd ones, are closed: they are for the figures that are reported, not for choosing anything.
-Stopped, a campaign goes on where it was; scenes are rendered once (12 s each) and kept in the folder ``--cache``.
+The odd half of the seeds is closed: for the reported figures, not for tuning.
+An interrupted campaign is continued; scenes are rendered once (12 s each) and kept in the folder ``--cache``.
 """
 
 from __future__ import annotations

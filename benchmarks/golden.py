@@ -1,6 +1,6 @@
-"""One small file of every format, as this version writes it, for later versions to read.
+"""One small file of every format, written by this version, for later versions to read.
 
-Run at a release, into a folder of its own; folders of older versions are never written again.
+Run at a release, into a new folder; folders of older versions are never overwritten.
 
     python -m benchmarks.golden tests/golden/0.1.0
 """

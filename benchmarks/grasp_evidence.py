@@ -1,12 +1,12 @@
-"""Planned grasps lifted in a physics that is not the planner's: how many hold, and is the declared probability true?
+"""Planned grasps lifted in an independent simulation: fraction that holds, and calibration of the declared probability.
 
     python -m benchmarks.grasp_evidence --seeds open --count 50 --report out.json
 
-Containers of twelve kinds are described to the library, which plans the best grasp and its force; the piece that is lifted has
-a wall, a modulus, a fill and a friction of its own (``tests/worlds/lifts.py``). It holds if it comes along upright and its wall
-gives way by less than is allowed. The force has the factor of safety that is the library's default, and two smaller ones, with
-which a good forecaster must expect to fail. ``--rims`` lifts open containers, bowls among them, by a pinch of the wall at the
-mouth where one is offered. Odd seeds are closed. Stopped, a campaign goes on where it was.
+Containers of twelve kinds are described to the library, which plans the best grasp and its force; the lifted object has
+its own wall, modulus, fill and friction (``tests/worlds/lifts.py``). A grasp holds if the object follows upright and its wall
+deforms by less than the limit. The force has the library's default factor of safety, and two smaller ones, for
+which a calibrated forecast must predict failures. ``--rims`` lifts open containers, including bowls, by a pinch of the wall at
+the mouth where the planner offers one. Odd seeds are closed. An interrupted campaign is continued.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Runs benchmark modules and says on what machine, with what versions, from what commit.
+"""Runs benchmark modules and reports machine, versions and commit.
 
 A benchmark is a module of this folder with ``run() -> list[dict]``. Each dict is
 one row; its keys are those of :class:`Row` (``name``, ``ours`` and ``unit`` are
-needed). Measure CPU time with :func:`cpu_seconds` on one thread, ours and the
-peer's in turn in the same process.
+required). Measure CPU time with :func:`cpu_seconds` on one thread, alternating between ours and the
+peer's in the same process.
 """
 
 from __future__ import annotations

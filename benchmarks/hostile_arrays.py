@@ -1,12 +1,12 @@
-"""Arrays that no caller should hand over, to every public function that takes one.
+"""Invalid arrays passed to every public function that takes one: crashes, hangs and wrong results.
 
 Walks ``__all__`` of all packages, builds arguments from the shapes in the annotations, and replaces one array after
-the other by NaN, infinity, huge numbers, nothing, other types, byte orders, strides and shapes. A function may give a
-result or refuse with one of the library's errors; any other exception, a crash, a hang, and a result that changes with
-the memory layout of the same numbers are faults. Functions whose other arguments are not known here are listed.
+another by NaN, infinity, huge numbers, empty arrays, other types, byte orders, strides and shapes. A function may return a
+result or raise one of the library's errors; any other exception, a crash, a hang, and a result that changes with
+the memory layout of the same numbers are faults. Functions whose other arguments cannot be built here are listed.
 
-    python -m benchmarks.hostile_arrays --count 40
-    python -m benchmarks.hostile_arrays --names visuohaptic.core.so3_exp --verbose
+    python -m benchmarks.hostile_arrays --count 40     prints functions, cases, and faults by kind
+    python -m benchmarks.hostile_arrays --names visuohaptic.core.so3_exp --verbose    and every case of one function
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Damaged and hostile files, to every reader: structured mutation of valid files in bounded memory and time.
+"""Damaged and hostile files for every reader: structured mutation of valid files with limited memory and time.
 
-A reader accepts a file or refuses it with one line that names it; any other exception, a crash, more than 2 GB beyond
-the interpreter or more than 20 s are faults. Whether an accepted file was still right cannot be told here: the
-campaigns of single readers (``map_fuzz``, ``sequence_faults``, ``objects_faults``) know what is wrong by construction.
-What was found once is kept in ``tests/corpus``.
+A reader accepts a file or rejects it with one line that names it; any other exception, a crash, more than 2 GB beyond
+the interpreter or more than 20 s are faults. Whether the contents of an accepted file are correct is not tested here: the
+campaigns of single readers (``map_fuzz``, ``sequence_faults``, ``objects_faults``) know by construction what is wrong.
+Files that revealed faults are kept in ``tests/corpus``.
 
-    python -m benchmarks.hostile_files --count 500 --seeds open --report files.jsonl
+    python -m benchmarks.hostile_files --count 500 --seeds open --report files.jsonl    prints files, refusals and faults
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""What the house looks like: the figures of its rooms, its words and its documentation.
+"""Metrics of the code base: structure, size, names and documentation.
 
-    python -m benchmarks.house            a table
-    python -m benchmarks.house --list     every place behind each figure
-    python -m benchmarks.house --json     for programs
+    python -m benchmarks.house            print a table
+    python -m benchmarks.house --list     print every location behind each figure
+    python -m benchmarks.house --json     print the figures as JSON
 
-Reads the source as text; runs nothing of it. Dead code is what ``vulture`` finds no use of in ``src``, ``tests`` and
-``benchmarks``, where it is installed (dependency group ``lint``); names that are used in a way that it does not see
-are in ``benchmarks/used_names.txt``, one a line with the reason.
+Reads the source as text and runs none of it. Dead code is what ``vulture`` reports as unused in ``src``, ``tests`` and
+``benchmarks``, if it is installed (dependency group ``lint``); names used in a way that it cannot detect
+are in ``benchmarks/used_names.txt``, one per line with the reason.
 """
 
 from __future__ import annotations

@@ -1,14 +1,16 @@
 """Published grasps of an iCub hand (Soh, Su and Demiris, 2012), classified by the library and by its peers.
 
     python -m benchmarks.icub_grasps --data ../shared/data/deformation/icub_grasp --report out.json
+                                      prints the accuracy by number of learned trials, and the coverage of the 90 % band
 
 Each of 130 grasps closes five fingers around one of nine objects, or none; a finger has twelve pressure cells, and the hand nine
-joint encoders. An adapter makes two touches of each finger: it stands for a height, its mean and largest pressure for the
-stiffness of two sides, and its joint for the width, all in units of the hand. ``full_coke`` is left out, as its authors advise.
+joint encoders. An adapter converts each finger into two touches: the finger stands for a height, its mean and maximum pressure
+for the stiffness of two sides, and its joint for the width, all in units of the hand. ``full_coke`` is left out, as its authors
+advise.
 
 Each trial is left out in turn (the nth trial of all objects at a time); or only a few trials of each object are learned. The
-peers have the same numbers, scaled to unit deviation. The band: a grasp of a known object is predicted by the others of the
-object; the figure is the fraction of its readings inside the declared 90 %.
+peers get the same numbers, scaled to unit standard deviation. The band: a grasp of a known object is predicted from the other
+grasps of the object; the figure is the fraction of its readings inside the declared 90 % band.
 """
 
 from __future__ import annotations

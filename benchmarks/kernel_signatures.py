@@ -1,8 +1,8 @@
-"""The signatures of all kernels that users need, found by a small run of each part.
+"""The signatures of all kernels that users need, determined by a small run of each part.
 
 ``python -m benchmarks.kernel_signatures`` runs the parts below and writes the list that ``visuohaptic warmup``
 compiles, ``src/visuohaptic/core/kernel_signatures.txt``. Run it when a kernel was added, moved or takes other
-arguments; a test tells. A new kernel needs a call below, unless an existing part reaches it.
+arguments; a test fails until then. A new kernel needs a call below, unless an existing part reaches it.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.kernel_wheel --out dist`` compiles what ``visuohaptic warmup`` compiles, for every processor with
 AVX2 and FMA, and packs it as a wheel that pins this version of the library and the versions of numba, llvmlite and
-NumPy (its minor version) that it was made with. See ``docs/howto/release.md``.
+NumPy (its minor version) that were used. See ``docs/howto/release.md``.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Recordings whose writer is killed or meets a full disk, and recordings that are cut anywhere.
+"""Recordings whose writer is killed or meets a full disk, and recordings that are truncated anywhere: is anything lost?
 
-python -m benchmarks.kill_faults --count 40
+python -m benchmarks.kill_faults --count 40    prints one line for each fault: acknowledged and lost rows
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""The property tests with many more examples than a test run has time for.
+"""The property tests with many more examples than in a normal test run.
 
     python -m benchmarks.laws --packages core navigation --examples 10000 --seconds 120 --report laws.jsonl
+                                      prints the tests that fail; exit code 1 if there are any
 
-Each test draws so many examples, or as many as it can in so many seconds of the processor. A report is continued where it
-was stopped; what failed keeps the example, which belongs into the tests with its mend.
+Each test draws this number of examples, or as many as it can within this CPU time. An existing report is continued.
+A failure is stored with its example, which should become a test when the fault is fixed.
 """
 
 from __future__ import annotations

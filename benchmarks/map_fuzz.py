@@ -1,10 +1,10 @@
-"""Malformed maps: every one refused with one clear line, in bounded memory, none accepted silently.
+"""Malformed maps: each has to be rejected with one clear line, in limited memory, and none accepted silently.
 
-Each file is wrong by construction (a changed pixel of a PGM is another map,
-and no fault). They are read in a process of its own with a limit on its
+Each file is wrong by construction (a changed pixel of a PGM is a different map,
+and not an error). The files are read in a separate process with a limit on its
 address space, and its growth is measured.
 
-    python -m benchmarks.map_fuzz --count 200
+    python -m benchmarks.map_fuzz --count 200    prints how many were rejected, accepted, unclear, and the peak memory
 """
 
 from __future__ import annotations

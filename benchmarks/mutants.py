@@ -1,19 +1,20 @@
-"""Which small mistakes in the code no test notices.
+"""Mutation test of the code: which small mistakes are not noticed by any test.
 
     python -m benchmarks.mutants --packages database recognition --sample 80 --report mutants.jsonl
+                                      prints the score of each package, and the mutants that survived
     python -m benchmarks.mutants --packages sensing.beam --list
 
-First the test files below ``tests/PACKAGE`` run once under ``coverage``, and the report keeps which test executes which
-line of the package. Then mistakes (:mod:`benchmarks._mutations`) drawn at random are made one at a time, in a fork of a
-process that has the libraries loaded, and the tests that execute the line run, the quickest first, until one fails:
+First the test files below ``tests/PACKAGE`` run once under ``coverage``, and the report records which test executes which
+line of the package. Then mutants (:mod:`benchmarks._mutations`) are drawn at random and created one at a time, in a fork of a
+process that has the libraries loaded, and the tests that execute the line run, fastest first, until one fails:
 
-- *killed*: a test fails, the module cannot be imported, or the tests take ten times their time of the processor;
-- *survived*: none fails. Tests that would take longer than ``--seconds`` together are left out, the slowest first,
+- *killed*: a test fails, the module cannot be imported, or the tests take ten times their CPU time;
+- *survived*: no test fails. Tests that would exceed ``--seconds`` together are left out, the slowest first,
   and so are those of other packages, those marked slow and those that need real data: the score is a lower bound;
-- *uncovered*: none executes the line, in its own process.
+- *uncovered*: no test executes the line in its own process.
 
-The score is killed of all. Some survivors are no fault: another way to write the same. A larger ``--sample`` with the
-same seed contains the smaller one, and is continued.
+The score is the fraction that was killed. Some survivors are equivalent to the original code. A larger ``--sample`` with the
+same seed contains the smaller one, and continues it.
 """
 
 from __future__ import annotations

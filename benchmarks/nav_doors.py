@@ -1,11 +1,11 @@
-"""Doors from the geometry of real maps against doors that people have drawn into them (UT Austin GDC).
+"""Doors detected from the geometry of real maps, compared with third-party annotations (UT Austin GDC).
 
-A door counts as found when its middle is within 0.75 m of the drawn one's,
-one to one. Some openings of the building have no drawn door and some drawn
-doors were closed when the map was made: the figures are told as they are.
+A door counts as found when its middle is within 0.75 m of the annotated one's,
+one to one. Some openings of the building are not annotated, and some annotated
+doors were closed when the map was recorded: the figures are not corrected for this.
 
-    python -m benchmarks nav_doors
-    python -m benchmarks.nav_doors --pictures DIR     # what is found on all real maps
+    python -m benchmarks nav_doors                    recall, precision, rooms on both sides, CPU time
+    python -m benchmarks.nav_doors --pictures DIR     images of the detections on all real maps
 """
 
 from __future__ import annotations

@@ -1,11 +1,12 @@
-"""Map to graph to regions: time, memory, topology and edits, beside the public chain.
+"""Map to graph to regions: time, memory, topology and edits, compared with a chain of public libraries.
 
 The public chain is OpenCV's exact distance, scikit-image's thinning and SciPy's multi-source Dijkstra,
-the best of what was tried; its graph step (sknw, skan) is left out. CPU time, one thread. Maps are the
-real ones of the data; the mosaic lays them side by side until 4000 x 4000 cells are full.
+the best of those tried; its graph step (sknw, skan) is left out. CPU time, one thread. Maps are the
+real ones of the data; the mosaic repeats them side by side to fill 4000 x 4000 cells.
 
-``python -m benchmarks.nav_graph topology 10000`` runs the campaign (it goes on where it was stopped, from
-``results/nav_topology.txt``), ``... memory`` measures the peak of a fresh process.
+    python -m benchmarks nav_graph                    the table
+    python -m benchmarks.nav_graph topology 10000     random maps with a wrong graph; resumed from ``results/nav_topology.txt``
+    python -m benchmarks.nav_graph memory             peak memory of a fresh process
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Maps made here and maps read: mapping a loop with drifting odometry, touch, footprints."""
+"""Mapping with drifting odometry on a loop, maps by touch, and footprints in third-party maps: errors against the truth.
+
+python -m benchmarks nav_maps     errors of pose and map, CPU time per scan, IoU of a haptic map, bins found
+"""
 
 from __future__ import annotations
 

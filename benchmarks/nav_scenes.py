@@ -1,10 +1,11 @@
-"""Travels with pushes on real maps, executed in MuJoCo: how many arrive.
+"""Navigation with pushes on real maps, executed in MuJoCo: fraction of goals reached.
 
-``python -m benchmarks.nav_scenes --scenes 300 --report out.json`` runs the campaign; what the report has already is
-not run again. A scene is a window of a real map with 1 to 6 things, one of them where the way is narrow, tagged
-with what was observed once; friction and centre of mass are off by the tag's spread, some things are too heavy,
-some were never touched. It counts as solvable when the planner, told the truth and given more time than on the way, has
-a plan for a robot that is larger by half a cell: a disc of the true radius between squares. The robot knows its place to 6 mm.
+``python -m benchmarks.nav_scenes --scenes 300 --report out.json`` runs the campaign and prints the fractions of goals reached;
+scenes in the report are not run again. A scene is a window of a real map with 1 to 6 objects, one of them at a narrow passage,
+tagged with earlier observations; friction and centre of mass differ from the tag by its standard deviation, some objects are too
+heavy, some were never touched. It counts as solvable when the planner, with the true properties and more time than during
+navigation, has a plan for a robot that is larger by half a cell: a disc of the true radius among square cells. The robot's
+pose is known to 6 mm.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""A database of 10^5 objects or more: import, read, nearest-feature search and synchronisation.
+"""A database of 10^5 objects or more: time of import, reading, nearest-feature search and synchronisation.
 
     python -m benchmarks.objects_db --objects 1000000 --folder F --seconds 120
-    python -m benchmarks.objects_db --objects 1000000 --vectors
+    python -m benchmarks.objects_db --objects 1000000 --vectors        the search among vectors only
 
-The database is kept in the folder (10 GB for 10^6 objects, 5 GB of memory); each call imports for as many seconds
-more, and the one that has imported all measures the rest.
+The database is kept in the folder (10 GB for 10^6 objects, 5 GB of memory); each call continues the import for this number of
+seconds, and the call that completes it runs the other measurements and prints the table.
 """
 
 from __future__ import annotations

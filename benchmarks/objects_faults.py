@@ -1,7 +1,9 @@
-"""Databases under fire: writers that are killed, a disk that is full, sixteen writers at once (issue: database).
+"""Database faults: writers that are killed, a full disk, sixteen concurrent writers. Counts lost and half-written objects.
 
-Nothing acknowledged may be lost, nothing may be half-written, and the integrity check must be clean.
-The disk is a small memory file system, which needs the right to mount one; without it that row is left out.
+    python -m benchmarks objects_faults
+
+No acknowledged object may be lost, none half-written, and the integrity check must pass.
+The disk is a small memory file system, which requires the right to mount one; otherwise this row is left out.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""Coverage-guided fuzzing of the parsers that are this library's own, with atheris.
+"""Coverage-guided fuzzing, with atheris, of the parsers that this library implements itself.
 
     python -m benchmarks.parser_fuzz --seconds 60 --corpus results/corpus --report fuzz.jsonl
     python -m benchmarks.parser_fuzz --targets ply bag --seconds 3600
 
-Each target starts from a valid file, or from the corpus that an earlier run has left, and mutates what reaches new
-branches of the library's Python code (compiled kernels, and C libraries below, are not watched). An input is accepted
-or refused by an error of the library with one line; any other exception, 2 GB, or 20 s for one input end the target,
-and the input is kept beside the corpus as ``TARGET-crash-...``. Without that, rows say how many inputs were tried and how
-many branches were reached. atheris is no dependency of this project: ``pip install atheris``.
+Each target starts from a valid file, or from the corpus of an earlier run, and mutates inputs that reach new
+branches of the library's Python code (compiled kernels and C libraries are not instrumented). An input is accepted
+or rejected by an error of the library with one line; any other exception, 2 GB, or 20 s for one input end the target,
+and the input is saved beside the corpus as ``TARGET-crash-...``. The rows report the number of inputs and of
+branches reached. atheris is not a dependency of this project: ``pip install atheris``.
 """
 
 from __future__ import annotations

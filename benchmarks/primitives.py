@@ -1,4 +1,7 @@
-"""Primitives on 500 random contacts: right kind, radius, time; peer: the rule as printed (score 3.11)."""
+"""Primitives fitted to 500 random contacts: correct kind, radius, time; peer: the score as printed (3.11).
+
+python -m benchmarks primitives
+"""
 
 from __future__ import annotations
 

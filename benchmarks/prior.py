@@ -1,6 +1,8 @@
-"""The visual prior: is the right object among the candidates, are the probabilities right, how long it takes.
+"""The visual prior: is the true object among the candidates, are the probabilities calibrated, CPU time of a query.
 
-``PRIOR_OBJECTS`` (default 1000, the campaign 10000) is the number of objects for the time of one question.
+    python -m benchmarks prior
+
+The variable ``PRIOR_OBJECTS`` (default 1000, the campaign 10000) is the number of objects for the time of a query.
 """
 
 from __future__ import annotations

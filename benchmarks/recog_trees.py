@@ -1,7 +1,7 @@
 """Table 6.1: cross-validated losses of nine trees on our data set.
 
-``python -m benchmarks.recog_trees --objects FOLDER`` takes a build of 50-100 variants a class (or
-the NPZ that recog_table62 keeps); ``run()`` builds 50 variants of the shipped classes itself.
+python -m benchmarks recog_trees                      builds 50 variants of the shipped classes itself
+python -m benchmarks.recog_trees --objects FOLDER     a build of 50-100 variants per class, or the NPZ of recog_table62
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""The table of what was tried against this library, and what came of it.
+"""The table of the robustness tests of this library and their results.
 
     python -m benchmarks.reliability                            a slice of every row, in minutes
-    python -m benchmarks.reliability --items 1 5 --scale 10 --report rows.jsonl    ten times as much of two rows
+    python -m benchmarks.reliability --items 1 5 --scale 10 --report rows.jsonl    ten times as many cases of two rows
     python -m benchmarks.reliability --report rows.jsonl --also fuzz.jsonl bare.jsonl --page docs/reliability.md
 
-Campaigns with a report of their own (:data:`TAKEN`, ``mutants``, ``branch_coverage``) are taken in by ``--also``.
+Campaigns with their own report (:data:`TAKEN`, ``mutants``, ``branch_coverage``) are included by ``--also``.
 
-Each case is kept in the report as it is done; a stopped run goes on where it was. A row that was not run says so.
+Each case is saved in the report as it is completed, and an interrupted run is continued. A row that was not run is marked.
 """
 
 from __future__ import annotations

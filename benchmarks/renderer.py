@@ -1,6 +1,6 @@
-"""CPU time of a rendered frame, as a ratio to what plain OpenCV needs for a warped, blurred, noisy picture.
+"""CPU time of a rendered frame, as a ratio to a warped, blurred, noisy image in plain OpenCV.
 
-Run ``python -m benchmarks.renderer`` from the repository.
+python -m benchmarks.renderer    prints the CPU time of each case, and its ratio to OpenCV
 """
 
 from __future__ import annotations

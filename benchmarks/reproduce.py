@@ -1,6 +1,7 @@
-"""The dissertation's experiments: Table 4.1 on several seeds, and what all of them take from one command.
+"""The dissertation's experiments: Table 4.1 on several seeds, and the wall time of all experiments.
 
-``python -m benchmarks.reproduce --seeds 3`` is the table alone; ``--all DIR`` runs everything into a folder.
+python -m benchmarks.reproduce --seeds 3     the table only
+python -m benchmarks.reproduce --all DIR     runs all experiments into a folder as well
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Images of a camera to wrenches on a topic, over DDS: latency, loss, and what a node survives.
+"""Camera images to wrenches on a topic, over DDS: latency, loss, and robustness of a node.
 
-python -m benchmarks.ros_latency --seconds 30               30 Hz of 1600 x 896 images to the node foam
-python -m benchmarks.ros_latency --kill 100 --malformed 2000
+    python -m benchmarks.ros_latency --seconds 30               30 Hz of 1600 x 896 images to the node foam
+    python -m benchmarks.ros_latency --kill 100 --malformed 2000    and cameras that are killed, and malformed messages
 
-A node is a process of its own (``visuohaptic ros node foam``); images are rendered by the simulation before. Latency is from
-the moment at which an image is handed to DDS to that at which its wrench has come back, so it has two passages over DDS.
-What else runs on the machine is told as its load.
+A node is a separate process (``visuohaptic ros node foam``); images are rendered in advance. Latency is the time
+from passing an image to DDS until its wrench is received, and thus includes two transfers over DDS.
+The load of the machine is reported, too.
 """
 
 from __future__ import annotations

@@ -1,12 +1,13 @@
-"""An hour of a node over DDS: memory, handles and threads, with peers that are killed and messages that are none.
+"""An hour of a node over DDS: memory, handles and threads, with peers that are killed and malformed messages.
 
     python -m benchmarks.ros_soak                                  a slice of two minutes
     python -m benchmarks.ros_soak --minutes 60 --report hour.jsonl
 
-The node is a process of its own (``visuohaptic ros node foam``), fed with rendered raw images of 1600 x 896 at 10 Hz, which is enough
-for the foam to tell a contact from something that covers it. Killed peers and malformed messages are spread evenly over the time. A row a minute is kept, with
-the number of the node's process; a run that was stopped goes on with a new process, and growth is told of each process apart.
-The figures start after the first two minutes of a process, when its buffers and adaptive models are filled.
+The node is a separate process (``visuohaptic ros node foam``), fed with rendered raw images of 1600 x 896 at 10 Hz, which is
+sufficient for the sensor to distinguish a contact from an occluder. Killed peers and malformed messages are spread evenly over the
+time. A row per minute is stored with the number of the node's process; an interrupted run continues with a new process, and
+growth is reported for each process separately. The figures start after the first two minutes of a process, when its buffers and
+adaptive models are filled.
 """
 
 from __future__ import annotations

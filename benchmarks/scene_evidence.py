@@ -1,6 +1,7 @@
-"""False alarms and first sight of obstacles on floors of an independent renderer.
+"""False alarms and first detection of obstacles on floors of an independent renderer.
 
-``python -m benchmarks.scene_evidence --seeds open --count 4 --report scene.jsonl``
+``python -m benchmarks.scene_evidence --seeds open --count 4 --report scene.jsonl`` prints alarms per minute on free floors, and
+the distance at which a box is first detected, by floor.
 """
 
 from __future__ import annotations

@@ -1,7 +1,9 @@
-"""Trackers on real recordings, each against a truth that was published or is measured another way.
+"""Trackers on real recordings, each compared with a published truth or an independent measurement.
 
-Needs ``sensing`` of the real data (``VISUOHAPTIC_DATA`` or ``../shared/data``). The truths err as well,
-often by more than the tracker: each row's note says by how much.
+    python -m benchmarks sensing_real
+
+Needs ``sensing`` of the real data (``VISUOHAPTIC_DATA`` or ``../shared/data``). The references have errors as well,
+often larger than the tracker's: the note of each row states them.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Corrupted depth sequences: a clear error, or frames left out and counted; nothing crashes.
+"""Corrupted depth sequences: each has to give a clear error, or frames that are left out and counted; no crash.
 
-python -m benchmarks.sequence_faults --count 200
+python -m benchmarks.sequence_faults --count 200    prints how many were rejected, counted, silent or crashed
 """
 
 from __future__ import annotations

@@ -1,14 +1,15 @@
-"""One hour of frames through the whole sensing chain, as fast as it goes: does the memory grow?
+"""One hour of frames through the whole sensing chain, as fast as possible: does the memory grow?
 
-A push is rendered once, compressed, and played there and back: load, unload, rest, again and again, every second
-picture on the way there and the others on the way back, for a picture that comes again soon is told as stale. The
-clock of the frames runs on at 30 Hz. Every frame is decoded, its foam, surroundings and templates are read, contacts
-and events are followed, and what was measured is written to an MCAP file, as on a robot that records.
+A push is rendered once, compressed, and played forwards and backwards repeatedly: load, unload, rest. Every second
+frame is used on the way forwards and the others on the way backwards, because a frame that is repeated soon is rejected as stale.
+The clock of the frames runs on at 30 Hz. Every frame is decoded, its foam, surroundings and templates are read, contacts
+and events are tracked, and the measurements are written to an MCAP file, as on a robot that records.
 
     python -m benchmarks soak                   a slice of one minute
     python -m benchmarks.soak --hours 4 --report soak.jsonl
-                                                in slices of ten minutes of the camera, 18,000 frames each; goes on after
-                                                the last one
+                                                slices of ten minutes of camera time, 18,000 frames each; resumable
+
+Prints the memory growth, open files and threads, and CPU time per frame.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Whether the intervals of haptic tags hold, on pushes of an independent physics with five kinds of floor.
+"""Coverage of the intervals of haptic tags, on pushes of independent physics with five kinds of floor.
 
-``python -m benchmarks.tag_evidence --seeds open --count 50 --report tags.jsonl``
+``python -m benchmarks.tag_evidence --seeds open --count 50 --report tags.jsonl`` prints the coverage by quantity and floor.
 
-A seed is an object, pushed twice on each kind of floor. *This push* is what :class:`Estimate` declares: value and
-sigma against what was true in the push that was felt. *Next push* is :func:`predictive_interval` of the first tag
-against what is true in the second.
+A seed is an object, pushed twice on each kind of floor. *This push* is the declared :class:`Estimate`: value and
+sigma compared with the truth of the push that was measured. *Next push* is :func:`predictive_interval` of the first tag
+compared with the truth of the second push.
 """
 
 from __future__ import annotations

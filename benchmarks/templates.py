@@ -1,4 +1,6 @@
-"""Figures of the planar tracker beside OpenCV's ECC, in the same process, on the same frames.
+"""Figures of the planar tracker compared with OpenCV's ECC, in the same process, on the same frames.
+
+    python -m benchmarks templates     CPU time, noise over bound, convergence by start distance, re-detection
 
 Truth: template and frames are samples of one cubic-spline continuous photograph
 (``benchmarks/_plane_view.py``), frames with normal noise and rounded to 8 bits. CPU time, one

@@ -1,7 +1,9 @@
-"""Rooms mapped by touch (Alt 2016, Sec. 3.6.3): 22 contacts around the circumference, odometry that drifts.
+"""Rooms mapped by touch (Alt 2016, Sec. 3.6.3): 22 contacts around the circumference, with drifting odometry.
 
-python -m benchmarks touch_map                          ten rooms
-python -m benchmarks.touch_map --rooms 20 --first 400   others, by their seeds
+Prints the intersection over union around the contacts, and whether movable objects are separated.
+
+    python -m benchmarks touch_map                          ten rooms
+    python -m benchmarks.touch_map --rooms 20 --first 400   others, by their seeds
 """
 
 from __future__ import annotations

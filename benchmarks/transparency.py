@@ -1,14 +1,14 @@
 """The transparency detectors on seeded refraction scenes and on real sequences, and their speed.
 
-An object counts as found when a quarter of its transparent inside lies in the
+An object counts as found when a quarter of its transparent interior lies in the
 hulls of the regions; a region is false when less than a fifth of its hull is
 inside glass; F1 compares the voxels inside the hulls with those inside the
-transparent parts. Seeds 0-15 served to choose the parameters and are not reported.
+transparent parts. Seeds 0-15 were used to choose the parameters and are not reported.
 
     python -m benchmarks transparency                                 # a slice, with the speed and real data
     python -m benchmarks.transparency --first 0 --scenes 50 --methods consistency --report out.json  # 15 s each
     python -m benchmarks.transparency --speed                         # time of a frame, on all cores
-    python -m benchmarks.transparency --scenes 50 --report out.json   # the campaign, 320 x 240; can be stopped
+    python -m benchmarks.transparency --scenes 50 --report out.json   # the campaign, 320 x 240; resumable
 """
 
 from __future__ import annotations

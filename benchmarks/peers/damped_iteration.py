@@ -1,4 +1,4 @@
-"""The published baseline: the pressure of the contents as a boundary condition that is updated (Alt 2016, Eq. (6.2))."""
+"""The published baseline: the pressure of the contents as an iterated boundary condition (Alt 2016, Eq. (6.2))."""
 
 from __future__ import annotations
 

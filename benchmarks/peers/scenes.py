@@ -1,4 +1,4 @@
-"""Readers of scenes that others wrote: namosim (SVG) and SVG-MPPI (YAML).
+"""Readers of third-party scenes: namosim (SVG) and SVG-MPPI (YAML).
 
 namosim, https://github.com/Chroma-CITI/namosim: one unit of the view box is a
 centimetre, y points down; walls, movables, robots and goals are paths. Scenes
