@@ -118,7 +118,7 @@ def _assigned(statement: ast.stmt) -> Iterator[tuple[str, ast.expr]]:
 
 
 def _are_labels(values: list[ast.expr]) -> bool:
-    """Whether names are numbered through: three or more consecutive integers, or 0 and 1, or 1 and 2."""
+    """Whether names are an enumeration: three or more consecutive integers, or 0 and 1, or 1 and 2."""
     integers = sorted(
         node.value for node in values if isinstance(node, ast.Constant) and type(node.value) is int
     )
@@ -201,7 +201,7 @@ class _Loader(SourceFileLoader):
         vars(module)["__multiplied__"] = partial(multiplied, up=self._run.get("up"))
         try:
             super().exec_module(module)
-        except ImportError:  # a library is missing: it is without the change, too
+        except ImportError:  # a library is missing, with or without the change
             raise
         except BaseException:
             _mark(self._run["marks"], "crashed")
@@ -227,7 +227,7 @@ class Finder:
 
 
 def _mark(folder: str, text: str) -> None:
-    """One more file in a folder that every process of the run writes to."""
+    """A new file in a folder that every process of the run writes to."""
     with tempfile.NamedTemporaryFile("w", dir=folder, delete=False, encoding="utf-8") as stream:
         stream.write(text)
 
@@ -247,12 +247,12 @@ _RECORD = _Record()
 
 
 def pytest_runtest_logstart(nodeid: str) -> None:
-    """While a test is set up, what is called is of its file."""
+    """During the set-up of a test, calls count for its file."""
     _RECORD.now = nodeid.partition("::")[0]
 
 
 def pytest_runtest_call(item: Any) -> None:
-    """Now it is of the test."""
+    """From now on, calls count for the test."""
     _RECORD.now = item.nodeid
 
 

@@ -82,7 +82,7 @@ class PlaneView:
         return np.clip(np.round(self._sample(x, y)), 0, 255).astype(np.uint8)
 
     def continuous(self, homography: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-        """What an ideal camera sees: (height, width), no noise, not rounded."""
+        """Image of an ideal camera: (height, width), no noise, not rounded."""
         y, x = np.mgrid[: size[0], : size[1]].astype(np.float64)
         p = np.stack([x.ravel(), y.ravel(), np.ones(x.size)])
         q = np.linalg.inv(homography) @ p

@@ -8,7 +8,7 @@ __all__ = ["add_seeds", "seeds_of"]
 
 
 def seeds_of(kind: str, count: int, first: int = 0) -> list[int]:
-    """So many seeds that are ``open`` (even) or ``closed`` (odd), from the one numbered ``first`` among them."""
+    """``count`` seeds that are ``open`` (even) or ``closed`` (odd), from the one numbered ``first`` among them."""
     return [2 * index + (kind == "closed") for index in range(first, first + count)]
 
 

@@ -32,9 +32,9 @@ from typing import Any
 from ._journal import Journal
 from .house import ROOT
 
-#: No such user: passwords, groups and homes do not know it.
+#: A user id without an entry in the password and group files, and without a home.
 STRANGER = 54321
-#: Of one command, which may compile all that it needs [s].
+#: Time limit of one command, including compilation [s].
 LIMIT_S = 900
 COMMANDS: dict[str, list[tuple[str, str]]] = {
     "demo --quick": [("demo --quick --out quick", "quick/report.html")],
@@ -87,7 +87,7 @@ def trial(command: Path, case: str, steps: list[tuple[str, str]], folder: Path) 
             return {"tried": 0, "why": "only root can become a user without a home"}
         user = STRANGER
         for place in (folder, folder.parent):
-            place.chmod(0o755)  # he may look, and nothing more: all of it belongs to root
+            place.chmod(0o755)  # readable by that user, but owned by root
         os.chown(here, STRANGER, STRANGER)
     for words, file in steps:
         try:
@@ -127,7 +127,7 @@ def cases(pythons: list[str], names: list[str]) -> Iterator[tuple[str, str, str,
 
 
 def main() -> None:
-    """Run, or continue, and say what did not work."""
+    """Run, or continue, and print what failed."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

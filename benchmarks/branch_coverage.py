@@ -38,7 +38,7 @@ output = {folder}/report.json
 
 
 def measure(package: str) -> dict[str, Any]:
-    """Branches and lines of one package, those that were executed, and its files with most branches not taken."""
+    """Branches and lines of one package, those executed, and its files with the most missed branches."""
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder, "config")
         source = ROOT / "src" / "visuohaptic" / package

@@ -36,7 +36,7 @@ from .harness import median
 
 REPEATS = 15
 
-#: Types of the arguments whose code is saved at once; the value tells one from the other.
+#: Argument types whose code is saved concurrently; the value identifies the signature.
 ARGUMENTS = (1.0, 3, np.float32(2.0), np.int32(5), True, np.uint8(7))
 
 #: Imports every module.
@@ -98,7 +98,7 @@ def cold_rows() -> Iterator[tuple[str, float]]:
 
 
 def first_verbs(folder: Path) -> Iterator[tuple[str, list[str]]]:
-    """Verbs of a first hour, each of which is run with an empty cache."""
+    """Verbs that a new user runs first, each with an empty cache."""
     grid = folder / "room.pgm"
     cells = np.full((120, 160), 254, np.uint8)
     cells[[0, -1], :] = cells[:, [0, -1]] = 0
@@ -134,7 +134,7 @@ def _halved() -> Any:
 
 
 def _save(folder: str, seeds: Sequence[int], own: int, start: Any, end: Any) -> None:
-    """One writer: at each start it saves all signatures, in an order and with pauses of its own."""
+    """One writer: at each start it saves all signatures, in random order and with random pauses."""
     os.environ["VISUOHAPTIC_CACHE_DIR"] = f"{folder}/writer{own}"  # of the compilation
     function = _halved()
     for value in ARGUMENTS:
@@ -152,7 +152,7 @@ def _save(folder: str, seeds: Sequence[int], own: int, start: Any, end: Any) -> 
 
 
 def saves(seeds: Sequence[int], folder: Path, writers: int = 2) -> Iterator[tuple[int, int, int]]:
-    """Save at once from several processes, and load meanwhile; (seed, loaded meanwhile, wrong or lost) of each."""
+    """Save from several processes concurrently while loading; (seed, loaded, wrong or lost) of each."""
     context = multiprocessing.get_context("spawn")
     start, end = context.Barrier(writers + 1), context.Barrier(writers + 1)
     others = [

@@ -99,11 +99,11 @@ def _explored(task: tuple[int, int, str], *, priors: bool, touches: int) -> dict
     found = explore(bottle, rng, planned=name == "planned", priors=priors, touches=touches, on_plan=compare)
     hidden = [(told[missing], true[missing]) for told, true, missing in stages]
     found["spearman"] = [float(spearmanr(told, true).statistic) for told, true in hidden]
-    #: With the visible band around the hole, which is a part of the surface that is told.
+    #: With the visible band around the hole, which is part of the completed surface.
     found["spearman_with_band"] = [float(spearmanr(told, true).statistic) for told, true, _ in stages]
     found["told_over_true"] = [float(np.sqrt(np.mean(told**2) / np.mean(true**2))) for told, true in hidden]
     if stages:
-        # All stages of one exploration together: does it fall as and where the error falls?
+        # All stages of one exploration together: does sigma decrease when and where the error does?
         told, true = (np.concatenate(part) for part in zip(*hidden, strict=True))
         found["spearman_all"] = float(spearmanr(told, true).statistic)
     return found
@@ -208,7 +208,7 @@ def speeds() -> list[dict[str, Any]]:
 
 
 def argmax_agreement(count: int, seed: int = SEED) -> float:
-    """Share of meshes on which the fast score and all exact distances name the same vertex."""
+    """Fraction of meshes on which the fast score and all exact distances select the same vertex."""
     from visuohaptic.reconstruction.surfaces import BiharmonicMesh
 
     equal = 0
@@ -220,7 +220,7 @@ def argmax_agreement(count: int, seed: int = SEED) -> float:
         known = np.flatnonzero(low | (vertices[:, 2] > HOLE[1] * bottle.height_m))
         touched = rng.choice(len(vertices), int(rng.integers(0, 12)), replace=False)
         supports = np.union1d(rng.choice(known, 200), touched)
-        # A bottle of stacked equal rings has many equal places: roughness as a fused surface has it.
+        # A bottle of equal stacked rings has many equivalent places: add the roughness of a fused surface.
         mesh = BiharmonicMesh(vertices + rng.normal(0, 2e-4, vertices.shape), faces)
         exact = mesh.distance(np.arange(len(vertices)), supports).min(axis=1)
         best = int(np.argmax(mesh.score(supports)))

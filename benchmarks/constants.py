@@ -133,7 +133,7 @@ class Project:
         ]
 
     def run(self, tests: Iterable[str], order: dict[str, Any], private: bool = False) -> dict[str, Any]:
-        """Run test files under an order for :mod:`benchmarks._mutant`; tells what came of it.
+        """Run test files with an instruction for :mod:`benchmarks._mutant`; returns the result.
 
         Returns
         -------
@@ -210,7 +210,7 @@ class Project:
         return row | {"result": result, "by": why, "seconds": seen["seconds"]}
 
     def executing(self, name: str, known: dict[str, dict[str, Any]], most: int | None) -> list[str]:
-        """Tests that pass and execute a module, the quickest first, at most so many."""
+        """Tests that pass and execute a module, fastest first, up to a maximum number."""
         users = _closure({name}, self._importers, lambda other: other == name or other in self._passed_on)
         found = {
             node: test["seconds"]
@@ -221,7 +221,7 @@ class Project:
         return sorted(found, key=found.__getitem__)[:most]
 
     def importing(self, name: str, count: int) -> list[str]:
-        """Test files that import a module or what imports it in its folder, at most ``count``, the most special first."""
+        """Test files that import a module or what imports it in its folder, at most ``count``, the most specific first."""
         folder = name.rpartition(".")[0]
 
         def beside(other: str) -> bool:  # in its folder, or the package itself where it imports its modules
@@ -259,7 +259,7 @@ class Project:
 
 
 def _closure(start: set[str], edges: dict[str, set[str]], followed: Callable[[str], bool]) -> set[str]:
-    """All that is reached along edges, through nodes that are followed."""
+    """All nodes reached along edges, through nodes that are followed."""
     found: set[str] = set()
     waiting = list(start)
     while waiting:
@@ -313,7 +313,7 @@ def _finish(
 
 
 def _fill(journal: Journal, work: dict[str, Callable[[], dict[str, Any]]], jobs: int) -> None:
-    """Put the rows that a journal lacks, as they come."""
+    """Add the rows that a journal lacks, as they are computed."""
     pool = ThreadPoolExecutor(jobs)
     try:
         rows = {pool.submit(job): key for key, job in work.items() if key not in journal}
@@ -331,7 +331,7 @@ def _told(row: dict[str, Any]) -> str:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """Per package the constants by result, and the list of those that are not noticed."""
+    """Constants of each package by result, and the list of those that are not noticed."""
     changes: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for row in rows:
         changes[row["title"]].append(row)

@@ -86,7 +86,7 @@ def _boyle() -> list[dict[str, Any]]:
             shell = CorotationalShell(model, lid=thing.lid)
             gradient = shell.volume_gradient(point.state)
             free = ~model.fixed
-            # What the wall needs for its equilibrium besides the tips.
+            # Load for the equilibrium of the wall in addition to the tips.
             rest = CorotationalShell(model).internal_force(point.state) - point.load * pinch_load(
                 model, tips, 0
             )

@@ -39,7 +39,7 @@ def run(
     half: bool = False,
     sights: tuple[str, ...] = (),
 ) -> list[dict[str, Any]]:
-    """Bottles opened, by how well the camera sees them."""
+    """Bottles opened, by visibility to the camera."""
     rows: list[dict[str, Any]] = []
     wrong = 0
     camera = Camera.simple(800, 448, 900.0) if half else None

@@ -39,7 +39,7 @@ BINS = (0.0, 0.5, 0.7, 0.9, 1.0)
 
 
 def real_names(seeds: str) -> list[str]:
-    """Real floors for training (open) or reporting (closed) that are there."""
+    """Available real floors for training (open) or reporting (closed)."""
     use = {"open": "training", "closed": "reporting"}[seeds]
     names = [name for name, entry in yaml.safe_load(TRUTH.read_text()).items() if entry["use"] == use]
     return [name for name in names if (data_folder() / name).exists()]
@@ -81,7 +81,7 @@ def judged(found: DoorMap, jambs_m: np.ndarray, unclear_m: np.ndarray) -> Row:
 
 
 def _at(found: DoorMap, jambs_m: np.ndarray, level: float) -> list[float]:
-    """Level, hits and number of the doors above a confidence, matched anew."""
+    """Level, hits and number of the doors above a confidence, matched again."""
     sure = DoorMap(tuple(door for door in found.doors if door.confidence >= level), found.rooms)
     hits = len(matched(sure, jambs_m)) if len(jambs_m) and sure.doors else 0
     return [level, hits, len(sure.doors)]

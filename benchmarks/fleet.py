@@ -22,7 +22,7 @@ from .objects_faults import make_object
 SAMPLE, TURNS, LEARNT = 2000, 4, 100
 #: Objects that one robot meets in its building, and how often it synchronises [s].
 OWN, EVERY_S = 20_000, 600.0
-#: A server's cores and memory, and what a robot's computer has for this [bytes].
+#: A server's cores and memory, and the memory of a robot's computer [bytes].
 CORES, SERVER_BYTES, ROBOT_BYTES = 32, 256e9, 16e9
 
 

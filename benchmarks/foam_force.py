@@ -56,7 +56,7 @@ def run() -> list[dict]:
                 noise.append(float(np.std(forces, ddof=1)))
                 declared.append(float(np.mean(sigmas)))
                 pulls.append(error / profile.force_sigma_N)
-                # The floor allows 3 % of the reading or 0.1 N, whichever is more.
+                # The floor allows 3 % of the reading or 0.1 N, whichever is larger.
                 worst = max(worst, abs(error) / max(sample.force_N, 0.1 / 0.03))
                 worst_fraction = max(worst_fraction, abs(error) / sample.force_N)
             rows.append(

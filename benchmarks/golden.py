@@ -14,7 +14,7 @@ import numpy as np
 
 from .hostile_files import READERS
 
-#: Formats that the library writes, of those that the campaign of hostile files reads; their name in the folder.
+#: Formats that the library writes, among those of the campaign of hostile files; their name in the folder.
 NAMES = {
     "camera": "camera.yaml",
     "beam": "beam.yaml",
@@ -65,7 +65,7 @@ def write(folder: Path) -> None:
 
 
 def main() -> None:
-    """Write the folder that is named."""
+    """Write the given folder."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     write(parser.parse_args().folder)

@@ -45,7 +45,7 @@ def lift_row(
     confirm: bool | None = None,
     rim: bool = False,
 ) -> dict[str, Any]:
-    """The best grasp of a container, or the best by its rim, and what became of it."""
+    """The best grasp of a container, or the best at its rim, and its result."""
     task = GraspTask(closed=thing.fill > 0, fill=thing.fill, handling=Handling(safety=safety))
     plan = plan_grasps(container, task, count=20 if rim else 1, confirm=confirm, surface=surface)
     found = [grasp for grasp in plan.grasps if grasp.rim or not rim]
@@ -54,7 +54,7 @@ def lift_row(
         return row | {"declared": 0.0, "success": False, "offered": False}
     best = found[0]
     lifted, give = carried(thing, best)
-    assert best.approach is not None  # a grasp without a free way is none
+    assert best.approach is not None  # a grasp without a free approach is invalid
     return row | {
         "declared": best.success,
         "success": bool(lifted.held and give < task.parameters.max_deformation_m),
@@ -70,7 +70,7 @@ def lift_row(
 
 
 def carried(thing: LiftObject, best: Grasp) -> tuple[Lifted, float]:
-    """What became of a container, and how far its sides gave way [m]: nothing presses them where the rim is pinched."""
+    """Result of a lift, and deformation of the sides [m], which is zero for a pinch of the rim."""
     height = float(best.first_m[2])
     if not best.rim:
         return lift(thing, height, best.force_N), thing.give_m(height, best.force_N)
@@ -110,7 +110,7 @@ def campaign(
 
 
 def figures(rows: Sequence[dict[str, Any]], *, rim: bool = False) -> list[dict[str, Any]]:
-    """Fraction that holds, and how far the declared probability is from it; by the rim, of those that are offered."""
+    """Fraction that holds, and its difference from the declared probability; for rims, of the grasps offered."""
     out: list[dict[str, Any]] = []
     for safety in SAFETY:
         tried = [row for row in rows if row["safety"] == safety]

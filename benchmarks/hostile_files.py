@@ -30,7 +30,7 @@ from ._journal import Journal
 
 #: Address space beyond what the interpreter with its libraries has taken [bytes], and time of one file [s].
 ROOM_BYTES, LIMIT_S = 2 << 30, 20
-#: Larger files are not made: what a reader does with sizes, headers tell it as well.
+#: Larger files are not generated: headers test the handling of sizes as well.
 MAX_LENGTH = 2_000_000
 CORPUS = Path(__file__).resolve().parents[1] / "tests" / "corpus"
 
@@ -374,7 +374,7 @@ _BINARY |= {".glb", ".mp4", ".part", ".pgm", ".db3"}
 
 
 def mutated(data: bytes, suffix: str, rng: Rng) -> bytes:
-    """A file that is wrong in one to three ways, by what its format is made of."""
+    """A file with one to three errors specific to its format."""
     for _ in range(int(rng.integers(1, 4))):
         binary = suffix in _BINARY and rng.random() < 0.95
         data = _mutated_bytes(data, rng) if binary or rng.random() < 0.15 else _mutated_text(data, rng)
@@ -385,7 +385,7 @@ def _mutated_bytes(data: bytes, rng: Rng) -> bytes:
     if not data:
         return rng.bytes(9)
     out = bytearray(data)
-    # Headers decide most: half of the changes are in the first 100 bytes.
+    # Headers matter most: half of the changes are in the first 100 bytes.
     place = int(rng.integers(0, min(len(out), 100) if rng.random() < 0.5 else len(out)))
     length = int(rng.integers(1, 40))
     kind = int(rng.integers(8))

@@ -53,7 +53,7 @@ class Module:
         return self.path.name.endswith("_kernels.py")
 
     def functions(self) -> Iterator[ast.FunctionDef]:
-        """Its functions and methods, the inner ones as well."""
+        """Its functions and methods, including nested ones."""
         return (node for node in ast.walk(self.tree) if isinstance(node, ast.FunctionDef))
 
 
@@ -90,7 +90,7 @@ def code_lines(module: Module) -> int:
 
 
 def imported_modules(module: Module, modules: dict[str, Module]) -> Iterator[str]:
-    """Modules of the package that one imports, names of a package followed to where they are defined.
+    """Modules of the package that a module imports; names of a package are resolved to their definition.
 
     A text ``package.module:function`` names what is started in a process of its own, as in the commands of a verb's help.
     """
@@ -125,7 +125,7 @@ def _defining(module: Module, name: str, modules: dict[str, Module]) -> str:
 
 
 def unreached(modules: dict[str, Module]) -> list[str]:
-    """Modules on the way of no verb (``reproduce`` apart), task, page or ROS node."""
+    """Modules that are not reachable from a verb (except ``reproduce``), task, page or ROS node."""
     package = min(modules, key=len)
 
     def below(name: str, *places: str) -> bool:
@@ -240,7 +240,7 @@ def overridden(classes: dict[str, ast.ClassDef], holder: str, method: str) -> st
 
 
 def measure(source: Path = SOURCE) -> dict[str, list[str]]:
-    """Every figure as the list of the places behind it, for the package in a folder."""
+    """Every figure as the list of its locations, for the package in a folder."""
     modules = read_modules(source)
     found: dict[str, list[str]] = defaultdict(list)
     found["lines of code"] = [f"{name} {code_lines(module)}" for name, module in modules.items()]
@@ -310,7 +310,7 @@ def _quoted(function: ast.FunctionDef) -> int:
 
 
 def figures(found: dict[str, list[str]]) -> dict[str, float]:
-    """One number each."""
+    """One number for each figure."""
     out: dict[str, float] = {}
     for title, places in found.items():
         if title.startswith("lines"):

@@ -31,13 +31,13 @@ from visuohaptic.recognition.touch import evidence
 from ._shell_readings import peer_models
 from .transparency import data_folder
 
-#: Fingers as heights, and the two joints that close each of them (of nine; ring and little finger share one).
+#: Fingers that stand for heights, and the two joints that close each of them (of nine; ring and little finger share one).
 HEIGHTS, JOINTS = (2, 5, 8, 11, 14), ((1, 2), (3, 4), (5, 6), (7, 8), (7, 8))
 #: Slices at the end of a grasp that are averaged, and lines of a slice.
 LAST, LINES = 5, 7
 #: Resting value of a pressure cell, which falls when it is pressed; joints are angles [deg].
 REST, OFFSET_deg, TURN_deg = 255.0, 60.0, 300.0
-#: Where the grasps are, unless said otherwise.
+#: Default folder of the grasps.
 DATA = data_folder().parents[1] / "deformation" / "icub_grasp"
 #: Trials of each object that are learned.
 LEARNED = (2, 3, 6, 12)
@@ -72,7 +72,7 @@ def read_grasps(folder: Path) -> dict[str, list[tuple[TouchReading, ...]]]:
 
 
 def fold(grasps: dict[str, list[tuple[TouchReading, ...]]], trial: int, learned: int) -> dict[str, Any]:
-    """One trial of each object asked for, the next few learned."""
+    """One trial of each object is tested, the next few are learned."""
     count = min(len(one) for one in grasps.values())
     training = [(trial + 1 + k) % count for k in range(min(learned, count - 1))]
     squeezed = [SqueezedObject(name, f"{name}/{k}", grasps[name][k]) for name in grasps for k in training]

@@ -50,7 +50,7 @@ class Laws:
         config.hook.pytest_deselected(items=[item for item in items if item not in kept])
         items[:] = kept
         for function in {item.obj for item in kept}:
-            # As Hypothesis says for plugins that wrap what is called with each example.
+            # As documented by Hypothesis for plugins that wrap the function called with each example.
             function.hypothesis.inner_test = self._counted(function.hypothesis.inner_test)
             function._hypothesis_internal_use_settings = settings(
                 getattr(function, "_hypothesis_internal_use_settings", None),
@@ -66,7 +66,7 @@ class Laws:
         self._count, self._end_s = 0, time.process_time() + self._seconds
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Keep what became of a test."""
+        """Store the result of a test."""
         if report.when == "call" or report.failed:
             why = "" if report.passed else str(report.longrepr)[-2000:]
             self._journal.put(report.nodeid, {"tried": self._count, "wrong": int(report.failed), "why": why})
@@ -83,7 +83,7 @@ class Laws:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run the laws of some packages; 1 when one does not hold."""
+    """Run the property tests of some packages; 1 when one fails."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

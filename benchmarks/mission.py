@@ -87,7 +87,7 @@ def run(
 
 
 def _seeds(told: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Of whole stories."""
+    """Rows of whole missions."""
     reasons = Counter(one["summary"] for one in told if not one["complete"])
     why = "; ".join(f"{count} {text}" if count > 1 else text for text, count in reasons.items())
     crashes = [one for one in told if "crash" in one]
@@ -120,7 +120,7 @@ def _seeds(told: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _fault(kind: FaultKind, told: list[dict[str, Any]]) -> dict[str, Any]:
-    """Of the runs with one fault."""
+    """Rows of the runs with one fault."""
     bad = sum(bool(one["wrong"]) or "crash" in one for one in told)
     ended = Counter(one["ended"] for one in told)
     note = f"{len(told)} runs: " + ", ".join(f"{n} {name}" for name, n in ended.items())
@@ -142,7 +142,7 @@ def _least(name: str, value: float, note: str, floor: float = 0, aim: float = 0)
 def _told(
     kept: Journal, seed: int, fault: FaultKind | None, chapters: tuple[str, ...] | None
 ) -> dict[str, Any]:
-    """One story, from the journal or told now."""
+    """One mission, from the journal or run now."""
     key = f"{fault.value if fault else 'story'} {seed}"
     if key not in kept:
         begin_s = time.process_time()

@@ -24,9 +24,9 @@ from ._task_rigs import FAULTS, STOPPING, TASKS, Fault, Record, Rig
 
 __all__ = ["figures", "run", "try_task"]
 
-#: By when motion has stopped [s], and what the force may exceed its limit by.
+#: Time until motion has to stop [s], and allowed excess of the force over its limit.
 STOPPED_S, OVER = 0.2, 1.1
-#: The fault begins in this part of a run without one.
+#: The fault begins in this fraction of the duration of a run without faults.
 FROM, TO = 0.1, 0.9
 
 

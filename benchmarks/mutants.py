@@ -56,7 +56,7 @@ _LIBRARIES = (
 _LIBRARIES += ("pydantic", "yaml", "rich", "jaxtyping", "shapely", "trimesh", "hypothesis", "pytest")
 _LIBRARIES += ("pyarrow.parquet", "sqlalchemy", "skimage.measure", "sklearn.ensemble", "matplotlib.pyplot")
 _OPTIONS = ["-q", "-p", "no:cacheprovider", "-m", "not slow and not data", "--no-header"]
-#: A mistake may make tests this many times slower before it is noticed by that alone.
+#: Tests that become slower than this factor notice a mistake.
 _SLOWER = 10.0
 _START_S = 30.0  #: for imports and for kernels that are not in the cache
 
@@ -80,7 +80,7 @@ def _forked(work: Callable[[], int], folder: Path, seconds: float) -> tuple[int 
         finally:
             sys.stdout.flush()
             os._exit(code)
-    # Tests that wait for one another take no time of the processor.
+    # Tests that wait for each other use no CPU time.
     limit = time.monotonic() + 10.0 * seconds
     while not (done := os.waitpid(child, os.WNOHANG))[0]:
         if time.monotonic() > limit:
@@ -102,7 +102,7 @@ class _Watch:
             self.tests[report.nodeid] = time.process_time() - self.started
 
     def pytest_runtest_setup(self, item: Any) -> None:
-        self.coverage.switch_context("*")  # what fixtures do is the business of every test of the file
+        self.coverage.switch_context("*")  # fixtures count for every test of the file
 
     def pytest_runtest_call(self, item: Any) -> None:
         self.started = time.process_time()
@@ -171,7 +171,7 @@ def _tests_of(mutation: Mutation, file: str, maps: list[dict[str, Any]], seconds
 
 
 def judge(module: Module, number: int, tests: dict[str, float], root: Path = ROOT) -> tuple[str, str]:
-    """What came of a mistake, and the test that noticed it.
+    """Result of a mistake, and the test that noticed it.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ def _own(package: str, modules: dict[str, Module]) -> list[Module]:
 
 
 def _sample(packages: list[str], modules: dict[str, Module], count: int, seed: int) -> Iterator[Any]:
-    """Per package mistakes of its modules that are drawn, without replacement."""
+    """Random mistakes of the modules of each package, without replacement."""
     for package in packages:
         own = _own(package, modules)
         places = [(one, number, found) for one in own for number, found in enumerate(mutations(one.tree))]

@@ -40,13 +40,13 @@ def drawn_doors(path: Path) -> tuple[np.ndarray, list[list[np.ndarray]]]:
 
 
 def matched(found: DoorMap, corners: np.ndarray) -> list[tuple[int, int]]:
-    """Pairs (found, drawn), one to one, the nearest together."""
+    """Pairs (found, annotated), one to one, nearest first."""
     middles = np.array([door.middle_m for door in found.doors]).reshape(-1, 2)
     return matched_places(middles, corners.mean(axis=1))
 
 
 def matched_places(middles: np.ndarray, true_m: np.ndarray) -> list[tuple[int, int]]:
-    """Pairs (place, true place), one to one, the nearest together."""
+    """Pairs (position, true position), one to one, nearest first."""
     from scipy.optimize import linear_sum_assignment
 
     far = np.hypot(*(middles[:, None] - true_m[None]).transpose(2, 0, 1))

@@ -105,7 +105,7 @@ def public_chain(grid: Any, seeds: np.ndarray) -> None:
 
 
 def cpu_ms(work: Any, repeats: int) -> float:
-    """Median of single runs after one to warm up."""
+    """Median of single runs after one warm-up run."""
     work()
     spent = []
     for _ in range(repeats):
@@ -166,7 +166,7 @@ def topology_errors(count: int, seed: int = _SEED, first: int = 0) -> int:
 
 
 def topology_campaign(count: int, log: Path, part: int = 500) -> tuple[int, int]:
-    """Maps 0 to ``count`` - 1 in parts; each leaves a line in ``log`` and is not done again. Returns wrong, done."""
+    """Maps 0 to ``count`` - 1 in parts; each writes a line to ``log`` and is not repeated. Returns wrong, done."""
     done = {}
     if log.exists():
         for line in log.read_text().splitlines():

@@ -40,7 +40,7 @@ def _loop(grid: OccupancyMap, corners: list[tuple[float, float]]) -> np.ndarray:
 
 
 def mapping(name: str, seed: int = 0) -> dict[str, float]:
-    """One loop: errors against the truth, and against wheels alone."""
+    """One loop: errors against the truth, compared with odometry alone."""
     path, corners = LOOPS[name]
     grid = OccupancyMap.load(data_folder() / path)
     truth = _loop(grid, corners)

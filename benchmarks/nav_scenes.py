@@ -37,7 +37,7 @@ __all__ = ["play", "run"]
 LIMITS = SearchLimits(budget_s=2.0)
 
 
-#: What a scene is called solvable with: more than the travels have.
+#: Budget for deciding whether a scene is solvable: larger than during navigation.
 PATIENT = SearchLimits(budget_s=20.0)
 
 
@@ -47,7 +47,7 @@ def plan(problem: PlanningProblem) -> Any:
 
 
 def execute(scene: Scene) -> tuple[Travel, FloorWorld]:
-    """One travel in physics."""
+    """One navigation run in physics."""
     problem = scene.problem
     world = FloorWorld(
         scene.walls,
@@ -60,7 +60,7 @@ def execute(scene: Scene) -> tuple[Travel, FloorWorld]:
 
 
 def play(folder: Path, index: int, *, hopeless: bool = True) -> dict[str, Any]:
-    """Plan and execute one scene; where no plan exists with the truth it is executed if ``hopeless``."""
+    """Plan and execute one scene; if no plan exists for the true scene, it is executed only if ``hopeless``."""
     begin_s = time.process_time()
     scene = make_scene(folder, index)
     made_s = time.process_time()
@@ -101,7 +101,7 @@ def play(folder: Path, index: int, *, hopeless: bool = True) -> dict[str, Any]:
 def campaign(
     indices: Sequence[int], report: Path | None = None, *, verbose: bool = False, hopeless: bool = True
 ) -> list[dict[str, Any]]:
-    """Play scenes that the report does not have yet."""
+    """Run scenes that are not in the report yet."""
     logging.getLogger("visuohaptic").setLevel(logging.ERROR)
     known: dict[int, dict[str, Any]] = {}
     if report is not None and report.exists():

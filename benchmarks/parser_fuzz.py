@@ -27,7 +27,7 @@ from ._journal import Journal
 from .hostile_files import LIMIT_S, READERS, ROOM_BYTES
 from .house import is_compiled, read_modules
 
-#: Readers whose parser is ours, from the first byte or behind a library that gives plain data.
+#: Readers with our own parser, from the first byte or after a library that returns plain data.
 FILES = (
     "camera",
     "robot",
@@ -177,7 +177,7 @@ def fuzz(name: str, seconds: int, corpus: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Run, or continue, the targets that a report lacks."""
+    """Run the targets that are missing in a report."""
     if sys.argv[1:2] == ["--work"]:
         _work(sys.argv[2], sys.argv[3:])
         return

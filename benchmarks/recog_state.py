@@ -36,7 +36,7 @@ def run() -> list[dict[str, Any]]:
 
 
 def campaign(names: tuple[str, ...], *, variants: int, tests: int, seed: int = 0) -> list[dict[str, Any]]:
-    """Share right at the best place, two states and three."""
+    """Fraction correct at the best place, for two and three states."""
     rows = []
     for count in (2, 3):
         states = dict(list(STATES.items())[:count])

@@ -21,7 +21,7 @@ from visuohaptic.reproduce.worlds import virtual_containers as world
 
 from .harness import cpu_seconds
 
-#: The elliptic bottles of the table are one class where they are not told apart.
+#: The elliptic bottles of the table form one class where they are not distinguished.
 GROUPS = {"elliptic": world.GROUPS["elliptic"]}
 FIVE = ("bottle", "cup", "cup-rim", "elliptic", "smoothie")
 #: Tree -> classes, scheme of scaling, printed loss [%].
@@ -95,7 +95,7 @@ def table(data: FeatureSet, groups: dict[str, Any] | None = None) -> list[dict[s
 
 
 def main() -> None:
-    """Of a build that is there."""
+    """Table of an existing build."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.recog_trees", description=__doc__)
     parser.add_argument("--objects", type=Path, required=True)
     parser.add_argument("--alone", action="store_true", help="elliptic is its own class only")

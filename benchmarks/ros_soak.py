@@ -56,17 +56,17 @@ class Campaign:
         self._number = 0
 
     def minute(self, kills: int, malformed: int) -> dict[str, Any]:
-        """A minute of images with its part of what goes wrong; what came back, and what the node has in use then."""
+        """One minute of images with its fraction of the faults; returns the received wrenches and the node's resource usage."""
         killer = threading.Thread(target=lambda: [kill_a_peer(self.domain) for _ in range(kills)])
         killer.start()
-        order = [*range(len(self.images)), *range(len(self.images) - 2, 0, -1)]  # as a hand that presses
+        order = [*range(len(self.images)), *range(len(self.images) - 2, 0, -1)]  # forwards and backwards
         ticks, sent, spoilt = round(60.0 * self.rate_Hz), [], 0
         begin = time.perf_counter()
         for tick in range(ticks):
             time.sleep(max(0.0, begin + tick / self.rate_Hz - time.perf_counter()))
             now_s = time.time()
             image = self.images[order[self._number % len(order)]]
-            # Noise: the very same image again would be stale.
+            # New noise: an identical image would be stale.
             image[0] ^= self._rng.integers(0, 2, image.shape[1], np.uint8)
             self._camera.publish(messages.image(now_s, image, "bumper"))
             sent.append(messages.stamp_ns(now_s))

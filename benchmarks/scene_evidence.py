@@ -19,7 +19,7 @@ from visuohaptic.core.camera import Camera, Frame, PlaneView, Pose
 from visuohaptic.core.geometry import rotation_2d
 from visuohaptic.sensing.scene import EgoMotionSettings, SceneSettings, SceneTracker
 
-#: What a drive has on its floor.
+#: Objects on the floor of a drive.
 KINDS = ("free", "shadow", "box", "plain")
 #: Standard deviation of the odometry's scale.
 WHEELS = 0.02
@@ -28,7 +28,7 @@ RIGHT_M = 0.03
 
 
 def floor_view() -> PlaneView:
-    """The world's camera, as its user would calibrate it."""
+    """The simulated camera, as its user would calibrate it."""
     view = ground.View()
     camera = Camera(ground.WIDTH, ground.HEIGHT, view.matrix)
     return PlaneView(camera, Pose(view.rotation, view.origin_m))

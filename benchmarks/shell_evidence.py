@@ -49,7 +49,7 @@ from ._shell_readings import (
 )
 
 CAMPAIGNS = ("readings", "unknown", "few_curves", "meshes", "bound", "orders")
-#: Objects of a campaign, and what is asked of each.
+#: Objects of a campaign, and the function evaluated for each.
 ASKED = {
     "readings": (known_object, known_row),
     "unknown": (unknown_object, unknown_row),

@@ -38,7 +38,7 @@ from .chain import Recording, record
 __all__ = ["Soak", "run"]
 
 _RATE_HZ, _SEED = 30.0, 20161123
-#: Frames until caches, pools and adaptive models are filled: six pushes there and back.
+#: Frames until caches, pools and adaptive models are filled: six pushes forwards and backwards.
 _WARM = 420
 _HOUR = int(3600 * _RATE_HZ)
 #: A slice that holds more memory at its end is not flat [MB].
@@ -59,7 +59,7 @@ def handles() -> int:
 
 
 def _trim() -> None:
-    """Give freed memory back, where the C library can: what stays is really held."""
+    """Return freed memory to the system, where the C library can; the remainder is in use."""
     import ctypes
 
     try:
@@ -69,7 +69,7 @@ def _trim() -> None:
 
 
 class Soak:
-    """The chain, and what it has seen; nothing that grows with the number of frames is kept here."""
+    """The chain and its counters; stores nothing that grows with the number of frames."""
 
     def __init__(self, recording: Recording, writer: MeasurementWriter) -> None:
         self._recording, self._writer = recording, writer
@@ -105,7 +105,7 @@ class Soak:
 def soak(
     frames: int | None = None, seconds: float | None = None
 ) -> tuple[Soak, list[tuple[int, float, int]], float]:
-    """Run so many frames, or so long; the chain, (frame, MB, handles) over time, and CPU time per frame [s]."""
+    """Run a number of frames, or for a time; returns the chain, (frame, MB, handles) over time, and CPU time per frame [s]."""
     import cv2
 
     cv2.setNumThreads(1)
@@ -130,7 +130,7 @@ def soak(
 
 
 def rows(chain: Soak, path: list[tuple[int, float, int]], spent_s: float) -> list[dict[str, Any]]:
-    """Growth of the memory, and the straight line through it carried on to an hour."""
+    """Growth of the memory, and its linear extrapolation to an hour."""
     number, memory, _ = np.array(path).T
     growth = float(memory.max() - memory[0])
     frames = chain.frames - _WARM
@@ -165,7 +165,7 @@ def run() -> list[dict[str, Any]]:
 
 
 def one_slice(frames: int) -> dict[str, Any]:
-    """What a slice has grown by, as a row of the report."""
+    """Growth during a slice, as a row of the report."""
     chain, path, spent_s = soak(frames=frames)
     _, memory, open_ = np.array(path).T
     return {

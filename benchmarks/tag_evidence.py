@@ -27,12 +27,12 @@ FIELDS = {
     "stiffness": "stiffness_N_per_m",
 }
 LEVEL, NINETY = 0.9, 1.645
-#: Objects that are integrated at once.
+#: Objects that are integrated simultaneously.
 CHUNK = 100
 
 
 def record_of(push: tag_pushes.Push) -> PushRecord:
-    """The readings of a push, as the library takes them."""
+    """The readings of a push as input of the library."""
     nothing = np.full(len(push.t_s), np.nan)
     return PushRecord(
         t_s=push.t_s,
@@ -50,7 +50,7 @@ def record_of(push: tag_pushes.Push) -> PushRecord:
 
 
 def measure(first: tag_pushes.Push, second: tag_pushes.Push) -> dict:
-    """What the tag of the first push says of it and of the second; None where it says nothing."""
+    """Values of the first push's tag for it and for the second push; None if not observed."""
     tag = tag_from_push(record_of(first))
     row: dict = {"moved": tag.fixed is False}
     for name, field in FIELDS.items():

@@ -23,7 +23,7 @@ WRONG_PX = 2.0
 
 
 def measure(seen: View) -> dict:
-    """What the tracker says of one view."""
+    """Result of the tracker for one view."""
     found = align(EsmTemplate.from_image(seen.template), seen.image, seen.start)
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]) * (len(seen.template) - 1)
     off = (mapped(found.homography, square) - seen.corners).ravel()

@@ -21,7 +21,7 @@ ROOMS = 10
 
 
 def run(rooms: int = ROOMS, first: int = 0) -> list[dict[str, Any]]:
-    """Intersection over union around the contacts, and whether movable things are kept apart."""
+    """Intersection over union around the contacts, and whether movable objects are separated."""
     started_s = time.process_time()
     trials = [map_virtual_room(seed) for seed in range(first, first + rooms)]
     spent_s = (time.process_time() - started_s) / rooms

@@ -17,7 +17,7 @@ __all__ = ["DampedIteration", "damped_iteration"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DampedIteration:
-    """What the published iteration came to."""
+    """Result of the published iteration."""
 
     displacement: Float[np.ndarray, "v 6"]
     gauge_Pa: float

@@ -19,7 +19,7 @@ from visuohaptic.navigation.pushing.quasi_static import RELEASE_M, remaining_m
 
 __all__ = ["CONTACT_RANGE_M", "simulate_impulses"]
 
-#: d_c of Algorithm 2: the robot acts on what is nearer than this (m).
+#: d_c of Algorithm 2: the robot acts on objects nearer than this (m).
 CONTACT_RANGE_M = 0.005
 
 

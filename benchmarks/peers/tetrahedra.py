@@ -82,7 +82,7 @@ def linear_tetrahedra(
     material: IsotropicMaterial | str,
     fixed: Bool[np.ndarray, " n"],
 ) -> Factor:
-    """Factored stiffness, three freedoms per node; ``fixed`` nodes don't move."""
+    """Factored stiffness, three degrees of freedom per node; ``fixed`` nodes do not move."""
     from visuohaptic.deformation.shells._front_kernels import constrain
 
     lame, shear = IsotropicMaterial.of(material).lame_Pa
