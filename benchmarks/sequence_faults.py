@@ -1,6 +1,6 @@
 """Corrupted depth sequences: each has to give a clear error, or frames that are left out and counted; no crash.
 
-python -m benchmarks.sequence_faults --count 200    prints how many were rejected, counted, silent or crashed
+python -m benchmarks.sequence_faults --count 200    prints how many crashed, were accepted silently, or had an unclear error
 """
 
 from __future__ import annotations
