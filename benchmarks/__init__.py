@@ -1,1 +1,1 @@
-"""Every benchmark as a ratio to a named peer in the same process."""
+"""Benchmarks; where a peer exists, a figure is also given as a ratio to the peer, measured in the same process."""

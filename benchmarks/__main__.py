@@ -1,4 +1,4 @@
-"""``python -m benchmarks [names]``: run them, print one table, write ``results/bench.json``."""
+"""``python -m benchmarks [names]``: run benchmarks, print one table, write ``results/bench.json``."""
 
 from __future__ import annotations
 

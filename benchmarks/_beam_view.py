@@ -1,8 +1,8 @@
-"""The beam sensor end to end: rendered pictures of a bending rod, tracked and read; and the bound of that.
+"""The beam sensor end to end: rendered images of a bending rod, tracked and converted; and the Cramer-Rao bound.
 
-The bound is of the pictures themselves: derivatives of the renderer's exact image by all six
-parameters of every template's pose, gain and bias unknown, noise independent in every pixel. Nothing of
-the tracker is in it.
+The bound is that of the images: derivatives of the renderer's exact image with respect to all six
+parameters of every template's pose, gain and bias unknown, noise independent in every pixel. It does not
+use the tracker.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ def pose_bounds(renderer, state: RodState) -> dict[str, np.ndarray]:
 
 
 def _inside(renderer, drawn, pose: Pose) -> np.ndarray:
-    """Pixels of the print itself: its edge against whatever is behind it belongs to no template."""
+    """Pixels of the print itself; its edge against the background is not part of the template."""
     import cv2
 
     rows, columns = drawn.levels.shape
@@ -177,7 +177,7 @@ class Steps:
 
 
 def steps(kind: str, distance_m: float, top_N: float, *, count: int = 5, frames: int = 6) -> Steps:
-    """Forces of 0 ... ``top_N`` ... 0 along Y, read from pictures that a hand-held camera takes."""
+    """Forces of 0 ... ``top_N`` ... 0 along Y, read from images of a hand-held camera."""
     rig = RodRig(distance_m=distance_m)
     virtual = _virtual(kind, rig, "moving")
     rng = np.random.default_rng(38)

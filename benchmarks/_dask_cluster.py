@@ -1,4 +1,4 @@
-"""A scheduler and one-core workers as processes of this machine, which can be killed and started again."""
+"""A scheduler and one-core workers as processes of this machine, which can be killed and restarted."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["DaskCluster", "noted_square"]
 
 
 def noted_square(task: tuple[str, int, float]) -> tuple[int, int]:
-    """A task that tells a folder that it has begun, sleeps [s], and returns its square and its process."""
+    """A task that records its start in a folder, sleeps [s], and returns its square and its process id."""
     folder, number, sleep_s = task
     (Path(folder) / f"{number}-{os.getpid()}").touch()
     time.sleep(sleep_s)
@@ -63,14 +63,14 @@ class DaskCluster:
         self.workers.append(self._started("worker", self.address, "--nthreads", "1", "--no-nanny"))
 
     def kill_worker(self, which: int) -> None:
-        """End a worker without a word, and start another in its place."""
+        """Kill a worker without warning, and start another in its place."""
         process = self.workers.pop(which)
         process.kill()
         process.wait()
         self.add_worker()
 
     def restart_scheduler(self) -> None:
-        """End scheduler and workers without a word, and start both again, as a service manager does."""
+        """Kill scheduler and workers without warning, and restart both, as a service manager does."""
         count = len(self.workers)
         for process in (self.scheduler, *self.workers):
             process.kill()
@@ -80,7 +80,7 @@ class DaskCluster:
         self.__enter__()
 
     def wait(self) -> None:
-        """Until the scheduler answers and all workers have come."""
+        """Wait until the scheduler answers and all workers are connected."""
         import distributed
 
         with distributed.Client(self.address, timeout="60s", set_as_default=False) as client:

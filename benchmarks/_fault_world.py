@@ -1,7 +1,7 @@
-"""Seeded presses of the foam with something going wrong in between, and the truth beside every frame.
+"""Seeded presses into the foam with one fault each, and the ground truth of every frame.
 
-The surroundings (texture, light, lens, noise, shape, place, path) and the fault are all drawn
-from the seed. Nothing here knows how the sensor works.
+The surroundings (texture, light, lens, noise, shape, place, path) and the fault are drawn
+from the seed. This module does not depend on the estimator.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from visuohaptic.simulation.rendering import (
 __all__ = ["KINDS", "Delivery", "Trial", "make_trial"]
 
 FRAME_S = 1.0 / 30.0
-#: Largest move that the foam follows in one step [m].
+#: Maximum motion of the foam in one step [m].
 STEP_M = 2e-4
 OCCLUDERS = ("hand over the front", "hand over the top", "hand over the base", "hand over everything")
 LIGHT = ("light off", "light step", "flicker", "gradient", "hot spot", "shadow")
@@ -130,7 +130,7 @@ class Trial:
             front = state.front_m
             if self.creep_m is not None:
                 normal = self.geometry.normals(strip.s_m)
-                free = np.clip(1.0 - state.delta_m / 1e-3, 0.0, 1.0)  # what is pressed follows the object
+                free = np.clip(1.0 - state.delta_m / 1e-3, 0.0, 1.0)  # pressed foam follows the object
                 front = front - (self.creep_m[i] * free)[:, None] * normal
             objects = tuple(
                 SceneObject(outline.polygon_m(), **body)
@@ -182,7 +182,7 @@ class Trial:
 
 
 def _onto(geometry: FoamStripGeometry, outline, centre_m: float):
-    """An outline that was laid out for the middle, moved along the strip."""
+    """An outline that was defined for the middle, moved along the strip."""
     if np.isinf(geometry.radius_m):
         return outline.moved(0.0, centre_m)
     angle = centre_m / geometry.radius_m
@@ -204,7 +204,7 @@ def _mixed(made: list[Delivery], first: int, last: int, rng: np.random.Generator
             result += [made[i], made[i]]
         elif kind == 2:  # out of order
             result += [made[i], made[i - 2]]
-        elif kind == 3:  # an old picture under a new time stamp: the camera's buffers are mixed up
+        elif kind == 3:  # an old frame with a new time stamp: the camera's buffers are mixed up
             old = result[-min(int(rng.integers(1, 4)), len(result))].frame
             result.append(replace(made[i], frame=Frame(old.image, made[i].frame.t_s, made[i].frame.index)))
         # 4: lost
@@ -284,7 +284,7 @@ def _shape(rng: np.random.Generator) -> PressShape:
 
 
 def _path(rng: np.random.Generator, deepest: float, runs: int) -> np.ndarray:
-    """Free, loading, hold, (part of the way back and again,) unloading, free."""
+    """Free, loading, hold, (partial release and reloading,) unloading, free."""
     parts = [np.full(3, -0.1), np.linspace(-0.001, deepest, 9), np.full(4, deepest)]
     for _ in range(runs - 1):
         parts += [np.linspace(0.4 * deepest, deepest, 4), np.full(2, deepest)]
@@ -420,7 +420,7 @@ def _occluder(
     surface = Surface(grey, float(rng.choice([0.0, rng.uniform(0, 25)])), str(rng.choice(MATERIALS)))
     velocity = rng.uniform(-400, 400, 2) * (rng.random() < 0.6)
     if rng.random() < 0.4:
-        # Comes in from ahead of the strip, 0.1 to 0.5 m/s; slower ones look like a push to any camera.
+        # Comes in from ahead of the strip, 0.1 to 0.5 m/s; a camera cannot distinguish slower ones from a push.
         velocity = np.array([rng.uniform(-300, 300), 10 ** rng.uniform(2.8, 3.5)])
         outline = outline - velocity * min(0.1, 300.0 / velocity[1])
     moving = (float(velocity[0]), float(velocity[1]))

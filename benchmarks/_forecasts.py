@@ -1,4 +1,4 @@
-"""Forecasts of claims beside how often they come true."""
+"""Calibration of forecast probabilities: forecasts compared with observed frequencies."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _bins(forecasts: Sequence[tuple[float, bool]]) -> list[tuple[float, float, i
 
 
 def expected_calibration_error(forecasts: Sequence[tuple[float, bool]]) -> float:
-    """Mean distance of forecasts from how often they come true, weighted by their number.
+    """Expected calibration error: mean distance of forecasts from observed frequencies, weighted by their number.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def expected_calibration_error(forecasts: Sequence[tuple[float, bool]]) -> float
 
 
 def calibration_figure(forecasts: Sequence[tuple[float, bool]]) -> Figure:
-    """How often claims come true over how sure they are said, with the range of nine samples in ten.
+    """Observed frequency over declared probability, with the 90 % range of a calibrated forecast.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def calibration_figure(forecasts: Sequence[tuple[float, bool]]) -> Figure:
     from visuohaptic.report.style import COLOURS, draw_axes
 
     def draw(axes: Axes) -> None:
-        # A column for each bin: most claims are said with more than 0.98, where a scale has no room.
+        # One column per bin: most claims have more than 0.98, which a linear axis cannot resolve.
         rows = list(_bins(forecasts))
         for column, (p, good, count) in enumerate(rows):
             right = round(good * count)

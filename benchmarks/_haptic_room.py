@@ -1,4 +1,4 @@
-"""A small room mapped by touch: truth and contacts made apart from the haptic map."""
+"""A small room mapped by touch: ground truth and contacts generated independently of the haptic map."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ POSE_NOISE = (0.005, 0.005)  #: of odometry and IMU [m, rad]
 
 
 def room(rng: np.random.Generator) -> tuple[Polygon, list[tuple[Point, bool]]]:
-    """Free space inside the walls (with a pillar in a corner), and round things (shape, movable)."""
+    """Free space inside the walls (with a pillar in a corner), and round objects (shape, movable)."""
     wide, deep = rng.uniform(2.6, 3.4), rng.uniform(2.2, 2.8)
     pillar = rng.uniform(0.3, 0.5)
     inner = box(0, 0, wide, deep).difference(box(wide - pillar, deep - pillar, wide, deep))
@@ -29,7 +29,7 @@ def room(rng: np.random.Generator) -> tuple[Polygon, list[tuple[Point, bool]]]:
 def touch(
     inner: Polygon, things: list[tuple[Point, bool]], place: np.ndarray, yaw: float, rng: np.random.Generator
 ) -> HapticContact | None:
-    """Drive straight on until something is touched; what the strip feels, fitted."""
+    """Drive straight until contact; return the primitive fitted to the contact."""
     solid = [(inner.exterior, False), *((thing.exterior, movable) for thing, movable in things)]
     ahead = np.array([np.cos(yaw), np.sin(yaw)])
     side = np.array([-ahead[1], ahead[0]])
@@ -44,7 +44,7 @@ def touch(
             if not hit.is_empty and (far := hit.distance(Point(start))) < reach[number]:
                 reach[number], which[number] = far, index
     front = reach.min()
-    # The foam gives way by 1.5 cm: what is farther back is not touched.
+    # The foam deflects by 1.5 cm: surfaces farther back are not touched.
     felt = (reach < front + 0.015) & (which == which[int(np.argmin(reach))])
     if not np.isfinite(front) or felt.sum() < 5:
         return None
@@ -56,7 +56,7 @@ def touch(
         parameters = np.array([level, 0.0, np.arctan2(1.0, slope)])
         primitive = Primitive(PrimitiveKind.LINE, parameters, np.eye(3), 0.9)
     else:
-        # Radius to five per cent, the centre behind the tip.
+        # Radius to 5 %, the centre behind the tip.
         radius = np.sqrt(things[index - 1][0].area / np.pi) * (1 + 0.05 * rng.standard_normal())
         tip = points[int(np.argmin(points[:, 0]))]
         primitive = Primitive(
@@ -71,7 +71,7 @@ def touch(
 def explore(
     rng: np.random.Generator, contacts: int = 22, resolution_m: float = 0.025
 ) -> tuple[HapticMap, Polygon, list[tuple[Point, bool]]]:
-    """Along the circumference, a contact every so often, square to the wall within a few degrees."""
+    """Contacts at regular intervals along the circumference, perpendicular to the wall within a few degrees."""
     inner, things = room(rng)
     left, low, right, high = inner.bounds
     haptic = HapticMap.empty((left - 0.5, low - 0.5), (right - left + 1.0, high - low + 1.0), resolution_m)
@@ -95,7 +95,7 @@ def explore(
 
 
 def iou(haptic: HapticMap, inner: Polygon, things: list[tuple[Point, bool]], wall_m: float = 0.1) -> float:
-    """Of occupied space: walls as thick as ``wall_m``, the things, and nothing outside the walls."""
+    """IoU of occupied space: walls of thickness ``wall_m`` and the objects; space outside the walls is ignored."""
     rows, columns = haptic.static.shape
     x = haptic.origin_m[0] + (np.arange(columns) + 0.5) * haptic.resolution_m
     y = haptic.origin_m[1] + (np.arange(rows) + 0.5) * haptic.resolution_m

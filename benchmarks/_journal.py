@@ -1,4 +1,4 @@
-"""Rows of a long campaign, kept line by line so that a stopped one goes on where it was."""
+"""Rows of a long campaign, saved line by line, so that an interrupted campaign can be continued."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ class Journal:
         return key in self.rows
 
     def put(self, key: str, row: Any) -> None:
-        """Keep a row, on disk before this returns."""
+        """Store a row; it is on disk when this returns."""
         self.rows[key] = json.loads(json.dumps(row))
         if self.path is not None:
             with self.path.open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps({"key": key, "row": row}) + "\n")
 
     def fill(self, function: Callable[[Any], Any], tasks: Mapping[str, Any], workers: int | str = 1) -> None:
-        """Compute the rows that are missing, each from its task; on processes or a cluster as :func:`map_tasks` says."""
+        """Compute the rows that are missing, each from its task; on processes or a cluster, see :func:`map_tasks`."""
         missing = [key for key in tasks if key not in self]
         found = map_tasks(function, [tasks[key] for key in missing], name="campaign", workers=workers)
         for done, (number, row) in enumerate(found, 1):

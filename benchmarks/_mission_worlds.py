@@ -1,4 +1,4 @@
-"""Missions in drawn houses: every claim judged, and what a second visit costs."""
+"""Missions in random houses: evaluation of every claim, and the cost of a second visit."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def worlds(
 
 
 def _second(days: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """Touches and seconds of later visits by those of the first, where both came to the same chapter."""
+    """Touches and duration of later visits relative to the first, where both reached the same chapter."""
     pairs = [
         (house[0], later) for house in days for later in house[1:] if house[0]["ended"] == later["ended"]
     ]

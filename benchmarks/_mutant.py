@@ -1,16 +1,16 @@
-"""The constants of a module, and a module with one of them multiplied.
+"""Find the constants of a module, and import a module with one of them multiplied.
 
-Copied as ``sitecustomize.py`` into a folder on ``PYTHONPATH``, it acts on every process of a test run, those that
-the tests start as well, as the environment variable ``CONSTANTS_RUN`` says (JSON):
+Copied as ``sitecustomize.py`` into a folder on ``PYTHONPATH``, it acts in every process of a test run, including those that
+the tests start, as defined by the environment variable ``CONSTANTS_RUN`` (JSON):
 
 - ``{"module", "name", "up", "marks"}``: when the module is imported, every number of the constant is multiplied in
-  its syntax tree, so that ``from module import NAME``, default arguments and compiled functions see nothing else.
-  A file in the folder ``marks`` tells whether the import went well (``loaded``) or not (``crashed``).
-- ``{"source", "marks"}``: a file in ``marks`` lists the files below ``source`` of which a function was called, by test,
-  with the seconds and the outcome of each test (JSON; as a plugin of pytest, ``-p sitecustomize``). What is called
-  while a test is set up may be a fixture that others share: it counts for all tests of its file.
+  its syntax tree, so that ``from module import NAME``, default arguments and compiled functions use the new value.
+  A file in the folder ``marks`` records whether the import succeeded (``loaded``) or failed (``crashed``).
+- ``{"source", "marks"}``: a file in ``marks`` lists, for each test, the files below ``source`` of which a function was called,
+  with the duration and the outcome of the test (JSON; as a plugin of pytest, ``-p sitecustomize``). Calls during the set-up of
+  a test may come from shared fixtures and count for all tests of its file.
 
-Uses the standard library alone, and no other file of this folder.
+Uses only the standard library and no other file of this folder.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def _assigned(statement: ast.stmt) -> Iterator[tuple[str, ast.expr]]:
 
 
 def _are_labels(values: list[ast.expr]) -> bool:
-    """Whether names are numbered through: three or more consecutive integers, or 0 and 1, or 1 and 2."""
+    """Whether names are an enumeration: three or more consecutive integers, or 0 and 1, or 1 and 2."""
     integers = sorted(
         node.value for node in values if isinstance(node, ast.Constant) and type(node.value) is int
     )
@@ -201,7 +201,7 @@ class _Loader(SourceFileLoader):
         vars(module)["__multiplied__"] = partial(multiplied, up=self._run.get("up"))
         try:
             super().exec_module(module)
-        except ImportError:  # a library is missing: it is without the change, too
+        except ImportError:  # a library is missing, with or without the change
             raise
         except BaseException:
             _mark(self._run["marks"], "crashed")
@@ -227,7 +227,7 @@ class Finder:
 
 
 def _mark(folder: str, text: str) -> None:
-    """One more file in a folder that every process of the run writes to."""
+    """A new file in a folder that every process of the run writes to."""
     with tempfile.NamedTemporaryFile("w", dir=folder, delete=False, encoding="utf-8") as stream:
         stream.write(text)
 
@@ -247,12 +247,12 @@ _RECORD = _Record()
 
 
 def pytest_runtest_logstart(nodeid: str) -> None:
-    """While a test is set up, what is called is of its file."""
+    """During the set-up of a test, calls count for its file."""
     _RECORD.now = nodeid.partition("::")[0]
 
 
 def pytest_runtest_call(item: Any) -> None:
-    """Now it is of the test."""
+    """From now on, calls count for the test."""
     _RECORD.now = item.nodeid
 
 

@@ -1,9 +1,9 @@
-"""Small mistakes that a programmer makes, put into the syntax tree of a module one at a time.
+"""Typical programming mistakes, applied to the syntax tree of a module one at a time.
 
-Operators: a comparison takes or leaves its border or is turned round; ``+ -``, ``* /``, ``and or`` and their kin are
-exchanged; ``not`` is lost; True is False; an integer is one more, a float is multiplied by 1.25; a call whose result
-nobody takes is left out. What only words see is left alone: messages of errors and of logs, texts, annotations,
-decorators, ``__all__``; so are compiled functions, which are held by their twins.
+Operators: the boundary of a comparison is included or excluded, or the comparison is inverted; ``+ -``, ``* /``, ``and or`` and
+similar pairs are exchanged; ``not`` is removed; True becomes False; an integer is incremented, a float is multiplied by 1.25; a
+call whose result is not used is removed. Texts are not changed: messages of errors and logs, strings, annotations,
+decorators, ``__all__``. Neither are compiled functions, which are tested against plain twins.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _COUNTED: dict[type[ast.operator], type[ast.operator]] = {
     ast.LShift: ast.RShift,
     ast.RShift: ast.LShift,
 }
-#: Fields of a node that no test could see, or that are texts.
+#: Fields of a node that no test can observe, or that are texts.
 _SILENT = {"annotation", "returns", "decorator_list", "type_params", "type_comment"}
 _WORDS = ("_log", "logging", "warnings", "typing", "__")
 
@@ -75,7 +75,7 @@ _Site = tuple[Mutation, Callable[[], None]]
 
 
 def mutations(tree: ast.Module) -> list[Mutation]:
-    """All of a module, in the order of its text; ``tree`` is left as it is.
+    """All mistakes of a module, in the order of its text; ``tree`` is not changed.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def _sites(node: ast.AST, place: _Place) -> Iterator[_Site]:
     for name, value in ast.iter_fields(node):
         if name in _SILENT:
             continue
-        # Default values are made when the module is imported.
+        # Default values are evaluated when the module is imported.
         here = _Place(place.statement) if isinstance(node, ast.arguments) else place
         for number, child in enumerate(value if isinstance(value, list) else [value]):
             if not isinstance(child, ast.AST):
@@ -122,7 +122,7 @@ def _sites(node: ast.AST, place: _Place) -> Iterator[_Site]:
 
 
 def _is_silent(node: ast.AST) -> bool:
-    """Whether nothing of a node is a mistake that a test should see."""
+    """Whether no change of a node is a mistake that a test should notice."""
     if isinstance(node, ast.Raise | ast.Assert | ast.JoinedStr | ast.Import | ast.ImportFrom):
         return True
     if isinstance(node, ast.FunctionDef) and is_compiled(node):
@@ -158,7 +158,7 @@ def _of(node: ast.AST, place: _Place) -> Iterator[_Site]:
 
 
 def _replacement(node: ast.AST) -> ast.AST | None:
-    """What stands for a whole node."""
+    """Replacements of a whole node."""
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
         return node.operand
     if isinstance(node, ast.Expr) and not _is_silent(node):
@@ -174,7 +174,7 @@ def _replacement(node: ast.AST) -> ast.AST | None:
 
 
 def _is_text(node: ast.BinOp) -> bool:
-    """Whether an operator joins texts."""
+    """Whether an operator concatenates strings."""
     return any(
         isinstance(one, ast.JoinedStr) or (isinstance(one, ast.Constant) and isinstance(one.value, str))
         for one in (node.left, node.right)

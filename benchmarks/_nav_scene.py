@@ -1,4 +1,4 @@
-"""Scenes on windows of real maps: movable things in the way, tags, and a truth that differs from them."""
+"""Scenes on windows of real maps: movable obstacles on the path, their tags, and true properties that differ from the tags."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ MAPS: tuple[tuple[str, float | None], ...] = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """One problem as it is told, and as it is."""
+    """One problem as given to the planner, and its ground truth."""
 
     index: int
     name: str  #: of the map
@@ -69,7 +69,7 @@ class Scene:
 
 
 def make_scene(folder: Path, index: int) -> Scene:
-    """Scene of a number; always the same."""
+    """Scene of a number; deterministic."""
     rng = np.random.default_rng([SEED, index])
     names = _maps(folder)
     blocked = bool(rng.random() < BLOCKED_SHARE)
@@ -155,7 +155,7 @@ def _window(grid: OccupancyMap, rng: np.random.Generator) -> OccupancyMap | None
     cells = grid.cells[r0 : r0 + size, c0 : c0 + size].copy()
     if (cells == 0).mean() < 0.1:
         return None
-    # What was never seen is in the way of a robot that knows nothing else; the window is closed.
+    # Unknown cells are obstacles for the robot; the border of the window is closed.
     cells[(cells != 0)] = 100
     cells[[0, -1]] = 100
     cells[:, [0, -1]] = 100
@@ -166,7 +166,7 @@ def _window(grid: OccupancyMap, rng: np.random.Generator) -> OccupancyMap | None
 
 
 def _ends(walls: OccupancyMap, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Start, goal, and the way between them while nothing stands there."""
+    """Start, goal, and the path between them without obstacles."""
     distance = grid_layers(walls, SpeedLimits(ROBOT.radius_m)).distance_m
     places = np.argwhere((distance >= 0.3) & (walls.cells == 0))
     if len(places) < 50:
@@ -196,7 +196,7 @@ def _ends(walls: OccupancyMap, rng: np.random.Generator) -> tuple[np.ndarray, np
 def _places(
     walls: OccupancyMap, start: np.ndarray, goal: np.ndarray, way: np.ndarray, rng: np.random.Generator
 ) -> list[tuple[np.ndarray, float]]:
-    """Outlines: the first where the way is narrow, others on it or near it."""
+    """Outlines: the first at a narrow place of the path, the others on or near the path."""
     import shapely
 
     distance = grid_layers(walls, SpeedLimits(ROBOT.radius_m)).distance_m
@@ -212,7 +212,7 @@ def _places(
     for number in range(int(rng.integers(1, 7))):
         for _ in range(60):
             candidates = np.flatnonzero(inside)
-            if number == 0 or rng.random() < 0.5:  # where it is narrow
+            if number == 0 or rng.random() < 0.5:  # at a narrow place
                 narrow = candidates[np.argsort(clear[candidates])[: max(5, len(candidates) // 4)]]
                 centre = way[rng.choice(narrow)] + rng.normal(0, 0.1, 2)
             else:
@@ -266,7 +266,7 @@ def _shape(rng: np.random.Generator) -> tuple[Float[np.ndarray, "p 2"], float]:
 def _thing(
     id: str, outline: np.ndarray, round_m: float, rng: np.random.Generator
 ) -> tuple[FloorObject, HapticTag | None, HapticTag]:
-    """Physics, the tag that was observed, and the tag that is true."""
+    """Physics, the observed tag, and the true tag."""
     kind = rng.random()
     told_N = float(rng.uniform(25.0, 45.0) if kind < 0.1 else rng.uniform(2.0, 18.0))
     true_N = max(0.5, told_N * (1.0 + FRICTION_SPREAD * float(rng.standard_normal())))

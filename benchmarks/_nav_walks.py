@@ -1,4 +1,4 @@
-"""Ways through maps, odometry that drifts, and what is left of a map: shared by tests and benchmarks."""
+"""Paths through maps, drifting odometry, and comparison of maps: shared by tests and benchmarks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from visuohaptic.io.maps import OccupancyMap
 
 
 def smooth_way(grid: OccupancyMap, corners_m: list[tuple[float, float]], step_m: float = 0.08) -> np.ndarray:
-    """Poses (x, y, yaw) on a way through corners that keeps off the walls."""
+    """Poses (x, y, yaw) on a path through corners, away from the walls."""
     from skimage.graph import route_through_array
 
     clear = ndimage.distance_transform_edt(grid.cells == 0) * grid.resolution_m
@@ -54,7 +54,7 @@ def drifted(
 
 
 def agreement(built: OccupancyMap, truth: OccupancyMap) -> dict[str, float]:
-    """IoU of free space where the built map knows something, and of walls to within a cell."""
+    """IoU of free space where the built map is known, and of walls to within a cell."""
     rows, columns = np.indices(built.shape)
     true = truth.value_at(built.world_from_cell(np.stack([rows, columns], axis=-1)))
     near = np.ones((3, 3), bool)

@@ -1,8 +1,8 @@
-"""The beam sensor that carries the opener, made of its images: built, calibrated with weights, zeroed, read.
+"""The beam sensor on the opener, simulated through its images: built, calibrated with weights, zeroed, read.
 
-Nothing of the true wrench reaches the task but through what a camera sees of the bending rod: prints are
-rendered, tracked, and read with the compliance that a calibration found. The rod is not quite that of its
-data sheet; the calibration has to find out.
+The task gets the wrench only from camera images of the bending rod: templates are
+rendered, tracked, and converted with the compliance of a calibration. The true rod deviates from its
+data sheet; the calibration has to estimate the difference.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ __all__ = ["OpenerSensor"]
 
 #: Largest weight on each axis of the sensor in the calibration [N, Nm]: within the travel of the springs.
 WEIGHTS = (15.0, 15.0, 40.0, 0.5, 2.0, 1.5)
-#: Images of each weight; the first ones show how the tracker finds the rod again.
+#: Images of each weight; during the first ones the tracker re-detects the rod.
 HELD_FRAMES, FOUND_FRAMES = 4, 2
-#: What is wrong with a rod and its springs: length [m], and relative.
+#: Errors of a rod and its springs: length [m], and relative.
 LENGTH_SIGMA_M, DIAMETER_SIGMA, YOUNGS_SIGMA, SPRING_SIGMA = 2e-4, 0.003, 0.01, 0.05
-#: A wrench below this is none: the image of rest, with noise of its own, is taken [N, Nm].
+#: Below this wrench the image at rest is used, with new noise [N, Nm].
 NOTHING = 1e-4
 ZERO_FRAMES = 20
 
@@ -112,7 +112,7 @@ class OpenerSensor:
         def feel(frame: Frame) -> Wrench:
             try:
                 exact = self._exact(to_sensor @ cell.wrench_tool)
-            except InputError:  # no shape of the rod carries this
+            except InputError:  # no equilibrium of the rod for this load
                 nothing = np.full(3, np.nan)
                 return Wrench(
                     frame.t_s, False, Reason.SATURATED, nothing, nothing.copy(), np.full((6, 6), np.nan), "tool"
@@ -145,7 +145,7 @@ class OpenerSensor:
         return sensor
 
     def _calibrate(self, rng: np.random.Generator) -> BeamCalibration:
-        """Weights on each axis, both ways, half and whole, and none between."""
+        """Loads on each axis, in both directions, half and full, with unloaded images in between."""
         loads = [np.zeros(6)]
         for axis, most in enumerate(WEIGHTS):
             for fraction in (-1.0, -0.5, 0.5, 1.0):

@@ -1,4 +1,4 @@
-"""The campaigns of ``plan_evidence``: what each plays for a key, and the rows of its table."""
+"""Campaigns of ``plan_evidence``: the run of each key, and the rows of the table."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LIMITS_S = (0.15, 0.3, 0.6)
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """What is played."""
+    """One campaign."""
 
     keys: Callable[[list[int]], list[str]]
     play: Callable[[Planner, str], Row]
@@ -209,7 +209,7 @@ def _compare_table(rows: Rows) -> list[Row]:
 
 
 def _campus(planner: Planner, key: str) -> Row:
-    planner.close()  # a fresh process: its peak of memory is this plan's
+    planner.close()  # a fresh process, so that its peak memory is that of this plan
     world = campus(int(key))
     row = asked(planner, world, 0.05)
     late = [
@@ -326,7 +326,7 @@ def _route_table(rows: Rows) -> list[Row]:
     ]
 
 
-# -- scenes of others ----------------------------------------------------------------------------------------------
+# -- third-party scenes ----------------------------------------------------------------------------------------------
 
 
 def _scene_keys(seeds: list[int]) -> list[str]:

@@ -1,6 +1,6 @@
-"""Planning calls in a child process that has a memory limit and is ended when its time of the CPU is over.
+"""Planning calls in a child process with a memory limit, which is killed when its CPU time is used up.
 
-Only the public names of ``visuohaptic.navigation`` are called. Requests and answers are lines of JSON.
+Only public names of ``visuohaptic.navigation`` are called. Requests and answers are lines of JSON.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ __all__ = ["Planner", "described", "problem_of"]
 ONE_THREAD = dict.fromkeys(
     ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
 )
-#: Address space beside what a plan may take: the interpreter, compiled code and libraries [bytes].
+#: Address space beyond the limit of a plan: the interpreter, compiled code and libraries [bytes].
 OVERHEAD_BYTES = 3 << 30
-#: A call that waits for so many times its budget of CPU time is ended, too: a hundred others may share the machine.
+#: A call is also killed after this many times its CPU budget of wall time: up to a hundred other processes may share the machine.
 WALL_OF_CPU = 100.0
 
 
@@ -146,7 +146,7 @@ def problem_of(data: dict[str, Any]) -> Any:
                 falls=False,
                 explored=1,
             ),
-            pose_sigma=(0.0, 0.0),  # outlines are told as they are
+            pose_sigma=(0.0, 0.0),  # outlines are exact
         )
         for entry in data["objects"]
     )
@@ -168,7 +168,7 @@ def _plan(request: dict[str, Any]) -> dict[str, Any]:
     from visuohaptic.navigation.planning import make_plan
     from visuohaptic.navigation.planning.search import SearchLimits
 
-    # The problem is made anew for every call: what is remembered of the last one is not a first plan.
+    # The problem is rebuilt for every call, so that nothing cached from the last one speeds up the plan.
     problem = problem_of(request["problem"])
     if "limit_s" in request:
         limits = SearchLimits(request["limit_s"])
@@ -272,7 +272,7 @@ def main() -> None:
     """Answer requests until there are no more."""
     from visuohaptic.navigation.planning.search import push_states
 
-    # A budget ends on the wall, too, which on a busy machine says nothing of the planner.
+    # The planner's budget includes wall time, which is meaningless on a busy machine.
     push_states.WALL_PER_CPU = WALL_OF_CPU
     limit = int(sys.argv[1])
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
@@ -292,7 +292,7 @@ def main() -> None:
             answer = {"status": "answered", **calls[request["do"]](request)}
         except MemoryError:
             answer = {"status": "memory"}
-        except ValueError as error:  # a refusal of the library
+        except ValueError as error:  # an error of the library
             answer = {"status": type(error).__name__, "message": str(error)[:300]}
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         print(json.dumps(answer), flush=True)

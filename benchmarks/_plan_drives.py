@@ -1,4 +1,4 @@
-"""What a search may take for the cost of a drive in each configuration: the field on its lattice."""
+"""Cost of a drive as the search uses it, in each configuration of the objects: the field on its lattice."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def measured(request: dict[str, Any]) -> dict[str, Any]:
 
 
 def drives_table(rows: Rows) -> list[Row]:
-    """How far off the costs are, and what they cost."""
+    """Errors of the costs, and their computing time."""
     pairs = [pair for row in rows.values() for pair in zip(row["lattice"], row["exact"], strict=True)]
     off = quantile((100 * abs(cost / exact - 1) for cost, exact in pairs), 0.5)
     times = quantile((1e3 * row["lattice_cpu_s"] for row in rows.values()), 0.5)

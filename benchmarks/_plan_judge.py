@@ -1,4 +1,4 @@
-"""One planning call and what it is worth: answer, faults in polygons, cost on exact distances."""
+"""One planning call and its evaluation: answer, collisions in exact polygons, cost on exact distances."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def answer_of(reply: dict[str, Any]) -> str:
 
 
 def judged(world: World, resolution_m: float, reply: dict[str, Any]) -> Row:
-    """The answer in short; a plan is played in polygons and its driving priced on exact distances."""
+    """Summary of the answer; a plan is checked in polygons and its drives are costed on exact distances."""
     row: Row = {"answer": answer_of(reply)}
     row |= {name: reply[name] for name in ("cpu_s", "wall_s", "peak_MB", "message") if name in reply}
     if row["answer"] != "plan":
@@ -51,7 +51,7 @@ def judged(world: World, resolution_m: float, reply: dict[str, Any]) -> Row:
 
 
 def _true_cost(floor: Floor, tasks: list[Row], world: World) -> float:
-    """Seconds of a plan with its drives priced on exact distances; pushes as they were declared."""
+    """Cost of a plan [s] with its drives on exact distances; pushes as declared."""
     from shapely.affinity import translate
 
     total = 0.0
@@ -67,13 +67,13 @@ def _true_cost(floor: Floor, tasks: list[Row], world: World) -> float:
 
 
 def asked(planner: Planner, world: World, cell_m: float, **options: Any) -> Row:
-    """Plan a world on cells of a size, and judge the answer."""
+    """Plan a world with a given cell size, and evaluate the answer."""
     reply = planner.ask({"do": "plan", "problem": described(world, cell_m), **options})
     return judged(world, cell_m, reply)
 
 
 def quantile(values: Iterable[float], part: float) -> float | None:
-    """Sorted value at a part of the count; None of nothing."""
+    """Quantile of the values without interpolation; None if there are none."""
     values = sorted(values)  # an unanswered call is infinitely slow: no interpolation
     return float(values[min(int(part * len(values)), len(values) - 1)]) if values else None
 

@@ -1,4 +1,4 @@
-"""Plans executed in physics that is not the planner's, and the campaigns that need it."""
+"""Plans executed in a simulation that is independent of the planner, and the campaigns that use it."""
 
 from __future__ import annotations
 
@@ -52,19 +52,19 @@ def execute(planner: Planner, world: World, cell_m: float) -> Row:
 
 
 def _done(physics: FloorPhysics, world: World, task: Row) -> bool:
-    """One task; whether things are as the plan says afterwards."""
+    """Execute one task; whether the state afterwards is as planned."""
     path = np.array(task.get("path_m", ())).reshape(-1, 2)
     if len(path) < 2:
         return True
     if task["kind"] == "navigate":
-        # The mean speed that the plan counts on.
+        # The mean speed assumed by the plan.
         arrived = physics.drive(path, max(task["length_m"] / task["cost_s"], 0.05))
     elif task["kind"] == "push":
         arrived = physics.drive(path[:2], world.robot.v_push_m_s) and physics.drive(path[1:], 0.1)
     else:
         return True
     if not arrived:
-        # Back off from what was met, as far as it is free.
+        # Back off from the obstacle, as far as space is free.
         here = physics.robot_m
         back = here - path[min(len(path) - 1, 1)]
         physics.drive(np.array([here, here + 0.05 * back / max(float(np.hypot(*back)), 1e-9)]), 0.05)
@@ -95,7 +95,7 @@ def room(planner: Planner, key: str) -> Row:
     cell_m = float(world.notes.get("cell_m", 0.05))
     row = {"bodies": len(world.bodies), **execute(planner, world, cell_m)}
     if not row["reached"]:
-        # Whether anybody could: a search that has minutes, takes any plan, and shares nothing with the planner.
+        # Whether the scene is solvable: an independent search with minutes of time that accepts any plan.
         row["solvable"] = bool(
             np.isfinite(solve(world, cell_m, step_m=0.1, max_expansions=300, weight=3.0).cost_s)
         )
@@ -103,7 +103,7 @@ def room(planner: Planner, key: str) -> Row:
 
 
 def rooms_table(rows: Rows) -> list[Row]:
-    """Reached, of those that somebody solves; time of the first plans."""
+    """Fraction reached of the scenes that are solvable; time of the first plans."""
     solvable = [row for row in rows.values() if row["reached"] or row["solvable"]]
     first = [row["plans"][0] for row in rows.values()]
     times = [1e3 * (plan["cpu_s"] if plan["answer"] == "plan" else np.inf) for plan in first]
@@ -175,7 +175,7 @@ def push_ends(planner: Planner, key: str) -> Row:
 
 
 def _steered(world: World, push: Row) -> tuple[float, float]:
-    """Distance from its goal [m] and turn [rad] of an object that is pushed as a plan is executed: seen, and steered by."""
+    """Distance from its goal [m] and turn [rad] of an object pushed as during execution: observed, and with feedback."""
     from visuohaptic.navigation.pushing import PushModel
     from visuohaptic.tasks.mobile import PushSettings, SteeredPush
     from visuohaptic.tasks.mobile.travel.travel_pushes import ASIDE_SIGMAS
@@ -212,7 +212,7 @@ def _steered(world: World, push: Row) -> tuple[float, float]:
 
 
 def push_ends_table(rows: Rows) -> list[Row]:
-    """Errors of the ends, and how often the declared ellipse holds them."""
+    """Errors of the final positions, and coverage of the declared ellipse."""
     done = [row for row in rows.values() if "off_m" in row]
     long = [row for row in done if row["length_m"] >= 0.4]
     squares = np.array([row["squared"] for row in done if "squared" in row])
@@ -285,7 +285,7 @@ def push_ends_table(rows: Rows) -> list[Row]:
 
 
 def oracle(planner: Planner, key: str) -> Row:
-    """A plan beside the optimum, both priced on exact distances."""
+    """A plan and the optimum, both costed on exact distances."""
     world, cell_m = small_room(int(key)), 0.05
     best = solve(world, cell_m, max_expansions=400)
     known = {
@@ -297,7 +297,7 @@ def oracle(planner: Planner, key: str) -> Row:
 
 
 def oracle_table(rows: Rows) -> list[Row]:
-    """Ratio of the costs where the oracle came to its end."""
+    """Ratio of the costs where the oracle terminated."""
     ended = [row for row in rows.values() if row["finished"]]
     both = [row for row in ended if row["oracle_s"] and row["answer"] == "plan"]
     ratios = [row["true_cost_s"] / row["oracle_s"] for row in both]

@@ -1,8 +1,8 @@
-"""Views of a plane with exact sub-pixel truth, for figures of the planar tracker.
+"""Views of a plane with exact sub-pixel truth, for the figures of the planar tracker.
 
-One photograph is made continuous by a cubic spline; the template and every frame
-are samples of that one function, so that the true homography is known exactly. Nothing
-of the tracker is used here.
+A photograph is interpolated by a cubic spline; the template and every frame
+are samples of this continuous function, so that the true homography is known exactly. The
+tracker is not used here.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class PlaneView:
         return np.clip(np.round(self._sample(x, y)), 0, 255).astype(np.uint8)
 
     def continuous(self, homography: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-        """What an ideal camera sees: (height, width), no noise, not rounded."""
+        """Image of an ideal camera: (height, width), no noise, not rounded."""
         y, x = np.mgrid[: size[0], : size[1]].astype(np.float64)
         p = np.stack([x.ravel(), y.ravel(), np.ones(x.size)])
         q = np.linalg.inv(homography) @ p

@@ -1,4 +1,4 @@
-"""What visual evidence is worth, from examples (maximum a posteriori with the log loss as likelihood)."""
+"""Weights of visual evidence, estimated from examples (maximum a posteriori with the log loss as likelihood)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["Example", "calibrate_prior"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Example:
-    """Something seen, and what it is, to calibrate with."""
+    """An observation and its true object, for calibration."""
 
     truth: str  #: id, or :data:`UNKNOWN`
     image: UInt8[np.ndarray, "height width *colours"] | None = None
@@ -27,7 +27,7 @@ class Example:
 
 
 def calibrate_prior(prior: VisualPrior, examples: Sequence[Example]) -> PriorSettings:
-    """What evidence is worth, by the smallest mean log loss of the examples; set it as ``prior.settings``.
+    """Weights of evidence with the smallest mean log loss of the examples; assign to ``prior.settings``.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def calibrate_prior(prior: VisualPrior, examples: Sequence[Example]) -> PriorSet
     unknowns = sum(one.truth == UNKNOWN for one in examples)
     old = replace(prior.settings, unknown_prior=(unknowns + 1) / (len(examples) + 2))
     if with_shape:
-        # From 14 on nothing is ever cut off, and the search would not find the way down.
+        # From 14 on nothing is cut off: the gradient is zero and the search would not decrease it.
         old = replace(old, max_residual_penalty=min(old.max_residual_penalty, 3.0))
     names_free = ["matches_exponent", "matches_neutral", "no_match_penalty"] * with_image
     names_free += ["residual_exponent", "residual_neutral_m", "max_residual_penalty"] * with_shape
@@ -70,7 +70,7 @@ def calibrate_prior(prior: VisualPrior, examples: Sequence[Example]) -> PriorSet
         now = settings(logs)
         fractions = [posterior(look, now)[i] for look, i in zip(looks, truth, strict=True)]
         # The most probable values, where each is expected within a factor of e of where it starts:
-        # a few examples must not make evidence worth anything.
+        # a few examples must not lead to extreme weights.
         pull = 0.5 * float(np.sum((logs - start) ** 2)) / len(looks)
         return float(-np.mean(np.log(np.maximum(fractions, 1e-9)))) + pull
 

@@ -1,6 +1,6 @@
-"""Things to recognise: drawn labels in scenes, and containers as a depth camera sees them.
+"""Objects to recognise: synthetic labels in scenes, and containers as a depth camera sees them.
 
-The clouds come from rays through a pinhole that end on the triangles, not from the points that are stored.
+The point clouds come from rays of a pinhole camera that are intersected with the triangles, not from the stored points.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def containers(variants: int, seed: int = 1, classes: tuple[str, ...] = ()) -> d
 def seen_cloud(
     mesh: SurfaceMesh, rng: np.random.Generator, *, noise_m: float = 0.0015, spacing_m: float = 0.003
 ) -> np.ndarray:
-    """What a depth camera sees of it from a random direction above: noise along the rays, a hole, lost rays."""
+    """Points that a depth camera measures from a random direction above: noise along the rays, a hole, lost rays."""
     import trimesh
 
     distance_m = rng.uniform(0.5, 1.0)
@@ -52,13 +52,13 @@ def seen_cloud(
     points = points + rays[ray] * rng.normal(0, noise_m, (len(points), 1))
     kept = rng.random(len(points)) > 0.1
     kept &= np.linalg.norm(points - points[rng.integers(len(points))], axis=1) > 0.02
-    # In the frame of the camera, which stands anywhere.
+    # In the frame of the camera, at a random pose.
     turned, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     return (points[kept] - origin) @ (turned * np.sign(np.linalg.det(turned))).T
 
 
 def label(number: int, size: tuple[int, int] = (240, 320)) -> np.ndarray:
-    """A drawn product label, told by its number."""
+    """A synthetic product label, defined by its number."""
     rng = np.random.default_rng(number)
     image = np.full(size, rng.integers(60, 200), np.uint8)
     for _ in range(12):
@@ -80,7 +80,7 @@ def label(number: int, size: tuple[int, int] = (240, 320)) -> np.ndarray:
 
 
 def scene_with(image: np.ndarray, rng: np.random.Generator, *, hardness: float = 1.0) -> np.ndarray:
-    """A label somewhere in a scene with other drawn things: tilted, turned, blurred, noisy, half covered."""
+    """A label in a scene with other synthetic objects: tilted, rotated, blurred, noisy, half covered."""
     size = (360, 480)
     scene = cv2.resize(label(int(rng.integers(10**8, 2 * 10**8))), size[::-1])
     h, w = image.shape
@@ -96,7 +96,7 @@ def scene_with(image: np.ndarray, rng: np.random.Generator, *, hardness: float =
     warped = cv2.warpPerspective(image, matrix, size[::-1], flags=cv2.INTER_AREA)
     mask = cv2.warpPerspective(np.full_like(image, 255), matrix, size[::-1]) > 127
     scene[mask] = warped[mask]
-    if rng.random() < 0.5 * hardness:  # something stands in front of it
+    if rng.random() < 0.5 * hardness:  # an occluder
         x = int(rng.integers(100, 340))
         scene[:, x : x + 60] = int(rng.integers(0, 256))
     scene = cv2.GaussianBlur(scene, (0, 0), float(rng.uniform(0.4, 1.4) * hardness + 0.1))

@@ -1,4 +1,4 @@
-"""Direct pushes on the simulated floor: a thing at the origin, pushed along x through its centroid."""
+"""Direct pushes in the floor simulation: an object at the origin, pushed along x through its centroid."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FOOT_SHARE = 0.8  #: of the way from centroid to corner: where the floor world h
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DirectCase:
-    """A thing, and where the platform touches it."""
+    """An object, and where the platform touches it."""
 
     outline_m: Float[np.ndarray, "p 2"]  #: about its centroid
     item: FloorObject
@@ -59,7 +59,7 @@ def random_direct(rng: np.random.Generator) -> DirectCase:
 
 
 def drive_direct(case: DirectCase, length_m: float, *, see: bool) -> Float[np.ndarray, "3"]:
-    """Way and turn of the thing in MuJoCo."""
+    """Displacement and rotation of the object in MuJoCo."""
     empty = OccupancyMap(np.zeros((80, 80), dtype=np.int8), 0.05, (-2.0, -2.0, 0.0))
     stand = np.array([-case.away_m - 0.03, 0.0])
     world = FloorWorld(empty, [case.item], (*stand, 0.0))
@@ -76,7 +76,7 @@ def drive_direct(case: DirectCase, length_m: float, *, see: bool) -> Float[np.nd
 
 
 def predicted(case: DirectCase, length_m: float) -> Float[np.ndarray, "3"]:
-    """The same by the quasi-static model that is told feet, centre and friction."""
+    """The same by the quasi-static model with known feet, centre and friction."""
     feet = FOOT_SHARE * case.outline_m + np.array(case.item.centre_offset_m)
     model = PushModel(case.outline_m, feet, np.full(len(feet), 1 / len(feet)), case.item.contact_friction)
     begin = np.array([-case.away_m - 0.03, 0.0])

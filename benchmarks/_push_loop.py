@@ -1,4 +1,4 @@
-"""Sideward pushes of boxes that are not as believed, driven as planned and with correction."""
+"""Sideward pushes of boxes with wrong prior parameters, open loop and with feedback."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NOISE_M = 0.004
 
 @dataclass(frozen=True, slots=True)
 class LoopTrial:
-    """One box, twice."""
+    """One box, pushed open loop and with feedback."""
 
     plain: bool  #: dropped when the plan is driven as it is
     corrected: bool  #: dropped when the path is corrected on the way
@@ -28,7 +28,7 @@ class LoopTrial:
 
 
 def closed_loop(seed: int) -> LoopTrial | None:
-    """Believed: flat, mass in the middle, friction 0.15. True: feet, mass and friction anywhere.
+    """Prior: flat, mass in the middle, friction 0.15. Truth: random feet, mass and friction.
 
     ``None`` where no drive with a drop 5 to 20 cm before its end was found.
     """

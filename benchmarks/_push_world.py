@@ -1,4 +1,4 @@
-"""Random things and drives for the sideward push, and MuJoCo's answer to each."""
+"""Random objects and paths for the sideward push, and MuJoCo's result for each."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ KINDS = ("box", "disc", "polygon", "ell")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PushCase:
-    """One drive of a metre against one thing."""
+    """One drive of a metre against one object."""
 
     kind: str
     thing: FloorBody
@@ -27,7 +27,7 @@ class PushCase:
     path_m: Float[np.ndarray, "k 3"]
 
     def truth(self, **options: float) -> FloorTrace:
-        """MuJoCo's answer."""
+        """Result of MuJoCo."""
         world = FloorPush(self.thing, self.start_m, self.path_m[0], RADIUS_M, **options)
         return world.drive(self.path_m)
 
@@ -66,7 +66,7 @@ def random_case(rng: np.random.Generator, index: int) -> PushCase:
     turn = 0.0 if index % 2 == 0 else float(rng.uniform(-0.9, 0.9))
     path = arc_path(np.zeros(2), np.array([1.0, 0.0]), turn, 0.01)
     yaw = float(rng.uniform(-math.pi, math.pi))
-    # Beside the path's first part, so that it is met between centre and edge of the rim.
+    # Beside the first part of the path, so that contact is between centre and edge of the rim.
     width = model.reach_m
     lateral = float(rng.uniform(-1, 1)) * (0.8 * RADIUS_M + 0.5 * width)
     ahead = RADIUS_M + width + 0.03

@@ -1,4 +1,4 @@
-"""Seeds of a campaign: even ones are open to whoever tunes a method, odd ones are closed until its figures are reported."""
+"""Seeds of a campaign: even seeds are open and used for tuning, odd seeds are closed until the final figures are reported."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ __all__ = ["add_seeds", "seeds_of"]
 
 
 def seeds_of(kind: str, count: int, first: int = 0) -> list[int]:
-    """So many seeds that are ``open`` (even) or ``closed`` (odd), from the one numbered ``first`` among them."""
+    """``count`` seeds that are ``open`` (even) or ``closed`` (odd), from the one numbered ``first`` among them."""
     return [2 * index + (kind == "closed") for index in range(first, first + count)]
 
 

@@ -1,13 +1,13 @@
-"""What no recogniser could do better: "unknown" by stiffness alone, and explorations with the fewest touches.
+"""Bounds for any recogniser: detection of the unknown class by stiffness alone, and explorations with the fewest touches.
 
-How often could stiffness alone say that a container is of no trained class? Classifiers that were shown the unknown kinds.
+``bound``: how often could stiffness alone detect that a container belongs to no trained class? Classifiers are trained with the
+unknown kinds. They learn many members of each class and of each unknown kind of container, under all conditions, from readings
+at fixed places; each member is classified by classifiers that were trained on others. A recogniser without examples of
+the unknown kinds cannot be expected to do better. Solids are left out, because they are detected without exception.
 
-They learn many members of each class and of each other kind of container, under all conditions, from readings at fixed
-places; each member is judged by classifiers that saw others. No recogniser that has to call unknown what it has not seen can
-be asked for more. Solids are left out: they are told without exception.
-
-How few touches could an exploration take? The shortest one that is sure of the right class is looked for in hindsight, with
-all readings and the answer known. A planner, which sees neither, needs more; by random orders it is the room there is.
+``orders``: how few touches could be sufficient? The shortest sequence of touches that reaches the required confidence in the
+right class is searched in hindsight, with all readings and the true class known. A planner knows neither and needs more;
+the ratio to random orders is the possible improvement.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from visuohaptic.recognition.touch.bayes import TOUCHES as PLACES
 
 from ._shell_readings import AXES, MAX_TOUCHES, both_sides, explore_object, touch_of
 
-#: Numbers of touches, spread over heights and axes: as many as the planner may make, and all.
+#: Numbers of touches, spread over heights and axes: the planner's maximum, and all.
 TOUCHES = (10, 32)
 #: Fraction of the members of classes that may be called unknown: the mean of the floors of the three conditions.
 FALSE_UNKNOWN = (0.02 + 0.04 + 0.07) / 3
 FOLDS = 6
 
 
-#: Explorations that are carried on at each length.
+#: Beam width: explorations kept at each length.
 BEAM = 6
 
 
@@ -74,7 +74,7 @@ def order_row(
 
 
 def order_figures(rows: Sequence[dict[str, Any]], label: str) -> list[dict[str, Any]]:
-    """The fewest touches in hindsight by those of random orders and of the tree: no planner is below."""
+    """The fewest touches in hindsight relative to random orders and the tree: a lower bound for any planner."""
     mean = {
         name: float(np.mean([row[name] for row in rows]))
         for name in ("fewest", "random", "tree", "tree_right")
@@ -90,7 +90,7 @@ def order_figures(rows: Sequence[dict[str, Any]], label: str) -> list[dict[str, 
 
 @one_blas_thread()
 def bound_rows(chosen: Sequence[int], cache: Path) -> list[dict[str, Any]]:
-    """Of each number of touches, condition and classifier: fraction of unknown containers that are called so."""
+    """Fraction of unknown containers detected, for each number of touches, condition and classifier."""
     members = [
         (name, condition, seed, _profile(member(name, seed, condition, cache), seed))
         for seed in chosen
@@ -136,7 +136,7 @@ def bound_figures(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _profile(thing: TouchedObject, seed: int) -> np.ndarray:
-    """Logarithms of the stiffness at all places, as read (64,); what hardly moves is as stiff as can be seen."""
+    """Logarithms of the measured stiffness at all places (64,), limited to the highest measurable stiffness."""
     out = []
     for height in range(1, 17):
         for axis in AXES:
@@ -148,7 +148,7 @@ def _profile(thing: TouchedObject, seed: int) -> np.ndarray:
 
 
 def _unknown_scores(table: np.ndarray, names: np.ndarray, groups: np.ndarray) -> dict[str, np.ndarray]:
-    """Probability that each row is of no class, by classifiers that were trained on other seeds."""
+    """Probability that each row is of the unknown class, by classifiers trained on other seeds."""
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
     from sklearn.model_selection import GroupKFold, cross_val_predict
     from sklearn.neural_network import MLPClassifier

@@ -1,4 +1,4 @@
-"""Stiffness that the library gives for the meshes of ``tests/worlds/shell_meshes.py``."""
+"""Stiffness that the library computes for the meshes of ``tests/worlds/shell_meshes.py``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BANDS = (0.02, 0.01)
 
 
 def mesh_row(kind: str, seed: int) -> dict[str, Any]:
-    """A mesh file read, mapped and asked at its heights as a user would."""
+    """Read a mesh file, compute its map and look up its heights as a user would."""
     case = mesh_case(kind, seed)
     row: dict[str, Any] = {"kind": kind, "faces": len(case.faces), "truth": case.stiffness_N_per_m.tolist()}
     started = time.process_time()
@@ -45,7 +45,7 @@ def mesh_row(kind: str, seed: int) -> dict[str, Any]:
 
 
 def refused_row(kind: str, seed: int) -> dict[str, Any]:
-    """Whether what is no container is refused, with the reason."""
+    """Whether a mesh that is not a container is rejected, with the reason."""
     vertices, faces = refused_mesh(kind, seed)
     with TemporaryDirectory() as folder:
         try:
@@ -62,7 +62,7 @@ def _written(folder: Path, vertices: np.ndarray, faces: np.ndarray) -> Path:
 
 
 def mesh_figures(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Heights within each band, the worst, and what each kind came to."""
+    """Heights within each band, the worst, and the result of each kind."""
     asked = [row for row in rows if row["kind"] in KINDS]
     others = [row for row in rows if row["kind"] in REFUSED]
     errors = {

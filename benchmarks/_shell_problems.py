@@ -21,7 +21,7 @@ X, Y, Z, RX, RY, RZ = range(6)
 
 
 def held(mesh: ShellMesh, *rules: tuple[np.ndarray, tuple[int, ...]]) -> np.ndarray:
-    """Mask of fixed freedoms from (vertices, freedoms) rules."""
+    """Mask of fixed degrees of freedom from (vertices, degrees of freedom) rules."""
     out = np.zeros((len(mesh.vertices_m), 6), dtype=bool)
     for where, freedoms in rules:
         for freedom in freedoms:
@@ -219,7 +219,7 @@ COURSE: dict[str, Callable[[int], float]] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Walked:
-    """A computed path beside the tabulated one: load over the largest, and displacements."""
+    """A computed path and the tabulated one: load relative to the largest, and displacements."""
 
     load: np.ndarray  #: (k,)
     shown: np.ndarray  #: (k, m)

@@ -1,4 +1,4 @@
-"""Recognition of the objects of ``tests/worlds/shell_touches.py``: what the library answers, and what its peers do."""
+"""Recognition of the objects of ``tests/worlds/shell_touches.py`` by the library and by its peers."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ AXES = "xy"
 
 
 def train(cache: Path, variants: int = VARIANTS) -> HapticClassifier:
-    """A classifier of the classes as a user gets one: descriptions with ranges, built and fitted."""
+    """A classifier of the classes, built and fitted as by a user: from descriptions with ranges."""
     kept = cache / f"training-heights-{variants}.npz"
     if not kept.exists():
         found = [
@@ -53,7 +53,7 @@ def train(cache: Path, variants: int = VARIANTS) -> HapticClassifier:
 def touch_of(
     thing: TouchedObject, height: int, axis: str, rng: np.random.Generator, sides: Sequence[int] = (0, 1)
 ) -> TouchReading:
-    """What the library reads of one touch; None for a side where it sees no push."""
+    """Reading of one touch by the library; None for a side without a detected contact."""
     first = 2 * AXES.index(axis)
     read: list[Any] = [None, None]
     for side in sides:
@@ -72,7 +72,7 @@ def explore_object(
     use_width: bool,
     order: Sequence[tuple[int, str]] | None = None,
 ) -> tuple[Any, list[TouchReading]]:
-    """Touch until the classifier is sure: where it asks to, or in a given order."""
+    """Touch until the classifier is confident: where it proposes, or in a given order."""
     readings: list[TouchReading] = []
     found = classifier.predict(readings, use_width=use_width)
     while not (readings and found.confident) and len(readings) < MAX_TOUCHES:
@@ -161,7 +161,7 @@ def unknown_row(
 
 @one_blas_thread()
 def few_row(seed: int, cache: Path | None) -> dict[str, Any]:
-    """Six objects learned from five curves each, and asked for by five others."""
+    """Six objects learned from five curves each, and tested with five others."""
     squeezed = squeezed_objects(seed, FEW_OBJECTS, FEW_CURVES, cache)
     rng = np.random.default_rng([seed, 33])
     sessions = [
@@ -207,7 +207,7 @@ def _voted(model: Any, trained: np.ndarray, labels: Sequence[str], test: Sequenc
 
 
 def both_sides(reading: TouchReading) -> tuple[float, float]:
-    """Stiffness [N/m] of both sides; one that was not read is as the other, both unread are as stiff as can be."""
+    """Stiffness [N/m] of both sides; a missing side is replaced by the other, two missing ones by the highest measurable stiffness."""
     read = [math.nan if one is None else one.i_N_per_m for one in reading.sides]
     values = [value for value in read if math.isfinite(value)] or [1e6]
     first, second = (value if math.isfinite(value) else values[0] for value in read)
@@ -215,7 +215,7 @@ def both_sides(reading: TouchReading) -> tuple[float, float]:
 
 
 def peer_models(neighbours: int = 3) -> dict[str, Any]:
-    """Standard classifiers, on features of unit deviation."""
+    """Standard classifiers, on features of unit standard deviation."""
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
     from sklearn.ensemble import RandomForestClassifier
     from sklearn.gaussian_process import GaussianProcessClassifier
@@ -236,7 +236,7 @@ def peer_models(neighbours: int = 3) -> dict[str, Any]:
 
 
 def peers_on(data: FeatureSet, readings: Sequence[TouchReading], *, use_width: bool) -> dict[str, str]:
-    """What the peers answer, trained on the same objects at the places that were touched."""
+    """Results of the peers, trained on the same objects at the touched places."""
     columns, row = [], []
     for reading in readings:
         first, level = 2 * AXES.index(reading.axis), reading.height - 1
@@ -292,7 +292,7 @@ def reading_figures(
 
 
 def unknown_figures(rows: Sequence[dict[str, Any]], label: str, limits: tuple[float, float]) -> list[dict]:
-    """Fraction of unknown objects that are called so."""
+    """Fraction of unknown objects that are reported as unknown."""
     wrong = ", ".join(
         f"{row['kind']} as {row['answer']} {row['confidence']:.2f}"
         for row in rows

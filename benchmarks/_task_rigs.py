@@ -1,7 +1,7 @@
-"""Every task on its simulated robot behind a supervisor, with one fault between robot and supervisor.
+"""Every task on its simulated robot under a supervisor, with one fault between robot and supervisor.
 
-The worlds say what is true: the force on the robot, whether it moves, what was to be found. What the faults
-change is only what the robot is told; a bump moves the world.
+The worlds provide the ground truth: the force on the robot, whether it moves, the correct result. Faults
+change only the data and commands between both, except for a bump, which moves the robot in the world.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ from visuohaptic.tasks.mobile.travel import TravelSettings, travel
 
 __all__ = ["FAULTS", "STOPPING", "TASKS", "Claim", "Fault", "Record", "Rig"]
 
-#: Sources that fail for good, after which nothing may move.
+#: Permanent failures, after which nothing may move.
 STOPPING = (
     "camera frozen", "camera stops", "state frozen", "pose frozen", "force unread", "clock stops", "clock jumps",
 )  # fmt: skip
@@ -83,13 +83,13 @@ class Fault:
         return self.kind in kinds and self.clock() >= self.at_s
 
     def time_s(self, name: str, t_s: float) -> float:
-        """What a clock says."""
+        """Reading of a clock."""
         if self.on("clock stops"):
             return self._last.setdefault(f"{name} time", t_s)
         return t_s + self._jump_s if self.on("clock jumps") else t_s
 
     def state(self, name: str, state: Any) -> Any:
-        """What a part says of itself."""
+        """State reported by a part."""
         if self.on("state frozen", "pose frozen"):
             frozen = self._last.setdefault(name, state)
             t_s = frozen.t_s if self.kind == "state frozen" else state.t_s
@@ -102,7 +102,7 @@ class Fault:
         return replace(state, t_s=self.time_s(name, state.t_s))
 
     def force(self, value: Any) -> Any:
-        """What a force sensor says: a number or a vector [N]."""
+        """Reading of a force sensor: a number or a vector [N]."""
         if self.on("force unread"):
             return value * math.nan
         if self.on("force outliers") and self.rng.random() < 0.05:
@@ -110,7 +110,7 @@ class Fault:
         return value
 
     def frames(self, source: Any) -> Iterator[Frame]:
-        """What a camera delivers; its pictures have noise of their own."""
+        """Frames of a camera; each image has its own noise."""
         held: list[tuple[int, Frame]] = []
         last: Frame | None = None
         for k, true in enumerate(source):
@@ -135,7 +135,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """How a task ended, and whether what it says is true."""
+    """Ending of a task, and whether its claims are true."""
 
     success: bool
     outcome: str
@@ -145,7 +145,7 @@ class Claim:
 
 @dataclass(slots=True)
 class Record:
-    """What truly happened, tick by tick."""
+    """Ground truth of a run, tick by tick."""
 
     t_s: list[float] = field(default_factory=list)
     force_N: list[float] = field(default_factory=list)
@@ -164,7 +164,7 @@ class Record:
 
 
 class Rig(ABC):
-    """A task, its world, and what is true of it."""
+    """A task, its world, and the ground truth."""
 
     name = ""
     limits = SafetyLimits()
@@ -182,14 +182,14 @@ class Rig(ABC):
 
     @abstractmethod
     def bump(self) -> None:
-        """Somebody pushes it aside."""
+        """An external push displaces the robot."""
 
     @abstractmethod
     def attempt(self, guard: Supervisor, fault: Fault, record: Record) -> Claim:
         """Do the task under the supervisor, with the fault in between."""
 
     def watch(self, guard: Supervisor, fault: Fault, record: Record) -> None:
-        """What happens as the world's time passes: the supervisor's check, and the record."""
+        """Called as the world's time advances: the supervisor's check, and the record."""
         guard.check()
         if fault.on("bumped") and "bump" not in fault._last:
             fault._last["bump"] = True
@@ -219,7 +219,7 @@ class Rig(ABC):
 
 
 class _Device:
-    """A part whose readings go through a fault; the rest is the part's own."""
+    """A part whose readings pass through a fault; other members are forwarded."""
 
     def __init__(self, part: Any, fault: Fault) -> None:
         self._part, self._fault = part, fault
@@ -243,7 +243,7 @@ class _ArmState:
 
 
 class Travel(Rig):
-    """Through a door in which a stool stands, with or without its tag."""
+    """Navigation through a door blocked by a stool, with or without its tag."""
 
     name = "travel"
 
@@ -264,7 +264,7 @@ class Travel(Rig):
 
     def tick(self) -> tuple[float, bool]:
         base = self.world.base
-        # What lasts: the blows of a rigid contact are shorter than any reading.
+        # Sustained force: the impacts of a rigid contact are shorter than any reading.
         return abs(self.world._back_N), bool(base.target_speed_m_s or base.target_turn_rate_rad_s)
 
     def bump(self) -> None:
@@ -303,7 +303,7 @@ class Travel(Rig):
 
 
 def _tag_right(tag: Any, friction_N: float, limit_N: float) -> bool:
-    """Whether what a tag says is true of something that slides at ``friction_N``."""
+    """Whether a tag is true for an object that slides at ``friction_N``."""
     if tag is None:
         return True
     bound, felt = tag.min_static_friction_N, tag.static_friction_N
@@ -365,7 +365,7 @@ class Explore(Rig):
         found = explore_obstacle(*self.parts(guard, fault, record), settings)
         right = _tag_right(found.tag, self.bin.static_friction_N, 20.0)
         if found.tag.fixed is not None:
-            # What takes more than the platform has is fixed for it.
+            # An object that needs more force than the platform has is fixed for it.
             right &= found.tag.fixed == (self.bin.static_friction_N > 0.9 * 20.0)
         return Claim(found.ending.success, found.ending.outcome, found.ending.why, right)
 
@@ -456,7 +456,7 @@ class Squeeze(Table):
 
 
 class Grasp(Table):
-    """Grasp and lift, with another grasp behind it."""
+    """Grasp and lift, with an alternative grasp."""
 
     name = "grasp"
 
@@ -468,7 +468,7 @@ class Grasp(Table):
 
 
 class Complete(Rig):
-    """Touch a bottle where nobody has seen it."""
+    """Touch the hidden part of a bottle."""
 
     name = "complete"
     # 30 mm/s against 2 N/mm: what is not read for 0.1 s and a frame has become 8 N more.

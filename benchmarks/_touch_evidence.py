@@ -1,4 +1,4 @@
-"""Planned touches on clear vessels of the ray caster, and on scanned objects of which a part is hidden."""
+"""Planned touches on clear vessels of the ray caster, and on scanned objects with a hidden part."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Probe = Callable[[np.ndarray, np.ndarray], np.ndarray | None]
 def _explore(
     completion: Completion | BodyCompletion, probe: Probe, truth_m: np.ndarray, rng: np.random.Generator
 ) -> dict[str, Any]:
-    """Error of the surface against true points and declared deviation there, before and after planned touches."""
+    """Error of the surface at true points and declared standard deviation there, before and after planned touches."""
     rows: dict[str, Any] = {"rms_m": [], "declared_m": [], "met": 0, "planned": 0, "problem": ""}
 
     def measured() -> None:
@@ -62,7 +62,7 @@ def _nearest_vertices(points_m: np.ndarray, vertices_m: np.ndarray) -> np.ndarra
 
 
 def touch_vessel(found: Reconstruction, vessel: Vessel, seed: int) -> dict[str, Any]:
-    """Six planned touches on a fully clear vessel, in the region that was found or, where there is none, a given one."""
+    """Six planned touches on a fully clear vessel, in the detected region or, if there is none, a given one."""
     rng = np.random.default_rng([seed, 11])
     truth = vessel.surface(rng, 1500)
     truth = truth[truth[:, 2] > 0.004]
@@ -94,7 +94,7 @@ def touch_vessel(found: Reconstruction, vessel: Vessel, seed: int) -> dict[str, 
 
 
 def touch_object(seen: PartlySeen, seed: int) -> dict[str, Any]:
-    """Six planned touches on the hidden part of an object; the region is nine tenths of what is hidden."""
+    """Six planned touches on the hidden part of an object; the region is nine tenths of the hidden part."""
     rng = np.random.default_rng([seed, 12])
     middle = seen.hidden_m.mean(axis=0)
     row: dict[str, Any] = {"object": seen.name}
@@ -134,13 +134,13 @@ def vessel_figures(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def object_figures(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Figures of objects by what is hidden."""
+    """Figures of objects by their hidden part."""
     parts = [[row for row in rows if row["hidden"] == hidden] for hidden in HIDDEN]
     return [figure for part in parts if part for figure in _object_figures(part)]
 
 
 def _object_figures(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Figures of objects of which the same part is hidden."""
+    """Figures of objects with the same hidden part."""
     what = f"objects, {rows[0]['hidden']} hidden"
     done = _done(rows)
     before, after = (np.array([row["rms_m"][k] for row in done]) for k in (0, 1))

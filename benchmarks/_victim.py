@@ -1,9 +1,9 @@
-"""Children of this process that are killed without warning at a chosen point of their work.
+"""Child processes that are killed without warning at a chosen point of their work.
 
-A fork has the libraries loaded, so that a kill takes a tenth of a second. Two ways choose the point:
+A fork has the libraries loaded already, so that a trial takes a tenth of a second. The point is chosen in two ways:
 
-- after a time of the processor: the same amount of work, however busy the machine is;
-- at a size of a file: the kernel ends the process inside of the ``write`` that goes beyond it, whoever calls that.
+- after a CPU time: the same amount of work, independent of the load of the machine;
+- at a size of a file: the kernel kills the process inside the ``write`` that exceeds it, whichever code calls it.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from dataclasses import dataclass
 
 __all__ = ["Say", "Victim"]
 
-#: A child that works longer than this hangs, and is ended by SIGALRM [s].
+#: A child that runs longer than this hangs, and is killed by SIGALRM [s].
 MAX_S = 600
 
-#: Says a line that the parent reads: what is said has been acknowledged.
+#: Sends a line to the parent: its contents have been acknowledged.
 Say = Callable[[str], object]
 
 
@@ -64,13 +64,13 @@ class Victim:
             work(lambda line: os.write(writer, f"{line}\n".encode()))
             code = 0
         finally:
-            # A fork must not go on in its parent's frames, whatever has happened.
+            # A fork must never return into its parent's stack frames.
             if code:
                 traceback.print_exc()
             os._exit(code)
 
     def end(self) -> tuple[list[str], int]:
-        """Whole lines that it had said when it ended, and how it did: 0, an exit code, or minus the signal."""
+        """Complete lines sent before the end, and the exit status: 0, an exit code, or minus the signal."""
         with os.fdopen(self.reader) as pipe:
             lines = [line[:-1] for line in pipe if line.endswith("\n")]
         return lines, os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])

@@ -1,19 +1,20 @@
-"""What a stranger's machine lacks: installations of a wheel, run where little is writable and little is set.
+"""Installations on a minimal machine: a wheel is installed and run with few writable folders and few variables set.
 
     python -m benchmarks.bare --pythons python3.11 python3.12 python3.13 --report bare.jsonl
+                                      prints for each Python and case which command failed, and why
 
-For each Python a virtual environment is made and a wheel of this checkout is installed into it with what the two
-commands need; then ``visuohaptic demo --quick``, and the foam of the README (``example``, ``calibrate``, ``sense``),
+For each Python, a virtual environment is created and a wheel of this checkout is installed into it with the dependencies of the
+two commands; then ``visuohaptic demo --quick``, and the foam example of the README (``example``, ``calibrate``, ``sense``),
 run in an empty folder:
 
 - *plain*;
-- *no home*: neither ``HOME`` nor any other variable than ``PATH``, in the C locale;
-- *read-only*: a user without an entry in the password file and without a home, who can write nothing but the folder
-  that he is in (needs root to become that user);
-- *read-only C*: the same in the C locale without UTF-8 mode, and with no place for temporary files but that folder.
+- *no home*: only ``PATH`` is set, not even ``HOME``; C locale;
+- *read-only*: a user without an entry in the password file and without a home, who can write only to the current
+  folder (needs root to become that user);
+- *read-only C*: the same in the C locale without UTF-8 mode, with temporary files in that folder only.
 
-A command works when it ends with 0, prints no traceback, and its files are there. Other systems than this one, and
-machines without numba's processor features, are not tried.
+A command passes if it exits with 0, prints no traceback, and its files exist. Other operating systems, and
+processors without the features that numba needs, are not covered.
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ from typing import Any
 from ._journal import Journal
 from .house import ROOT
 
-#: No such user: passwords, groups and homes do not know it.
+#: A user id without an entry in the password and group files, and without a home.
 STRANGER = 54321
-#: Of one command, which may compile all that it needs [s].
+#: Time limit of one command, including compilation [s].
 LIMIT_S = 900
 COMMANDS: dict[str, list[tuple[str, str]]] = {
     "demo --quick": [("demo --quick --out quick", "quick/report.html")],
@@ -86,7 +87,7 @@ def trial(command: Path, case: str, steps: list[tuple[str, str]], folder: Path) 
             return {"tried": 0, "why": "only root can become a user without a home"}
         user = STRANGER
         for place in (folder, folder.parent):
-            place.chmod(0o755)  # he may look, and nothing more: all of it belongs to root
+            place.chmod(0o755)  # readable by that user, but owned by root
         os.chown(here, STRANGER, STRANGER)
     for words, file in steps:
         try:
@@ -126,7 +127,7 @@ def cases(pythons: list[str], names: list[str]) -> Iterator[tuple[str, str, str,
 
 
 def main() -> None:
-    """Run, or continue, and say what did not work."""
+    """Run, or continue, and print what failed."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

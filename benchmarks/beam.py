@@ -1,6 +1,8 @@
-"""The beam sensor of Alt 2016, Sec. 3.6.1, on a simulated large-deflection rod.
+"""The beam sensor of Alt 2016, Sec. 3.6.1, on a simulated rod with large deflections: noise, error and crosstalk of the wrench.
 
-End to end on rendered pictures (``_beam_view``), and from poses alone where the figure is of the mechanics.
+    python -m benchmarks beam      noise per frame compared with its bound, errors of figure 3.8, calibration, CPU time
+
+End to end on rendered images (``_beam_view``), and from poses alone for the figures of the mechanics.
 """
 
 from __future__ import annotations
@@ -23,9 +25,9 @@ from visuohaptic.simulation.beam import POSE_NOISE, ElasticRod, PoseNoise, RodRi
 from . import _beam_view
 from .harness import cpu_seconds
 
-#: Highest force across the rod [N]; 3.3 N bend it for good.
+#: Highest force across the rod [N]; 3.3 N deform it permanently.
 TOP_N = 2.8
-#: A rod that is not the one of the data sheet: longer, thinner, softer, another spring.
+#: A rod that differs from its data sheet: longer, thinner, softer, another spring.
 OTHER_ROD = ElasticRod(
     length_m=0.1205, diameter_m=0.00149, youngs_Pa=203e9, spring_N_per_m=530, spring_Nm_per_rad=0.19
 )
@@ -106,7 +108,7 @@ def _published(bench: _Bench) -> float:
 
 
 def _calibrated(bench: _Bench) -> _Bench:
-    """The same sensor after a session of dead weights of up to 1.5 N, with 0.1 % on the loads."""
+    """The same sensor after a calibration with dead weights of up to 1.5 N, with 0.1 % on the loads."""
     rng = np.random.default_rng(37)
     reach = np.array([3.0, 1.5, 1.5, 0.06, 0.12, 0.12])
     loads = np.vstack([np.diag(reach * fraction) for fraction in (-1.0, -0.5, 0.0, 0.5, 1.0)])
@@ -163,7 +165,7 @@ def _rendered_distances() -> list[dict]:
 
 
 def _rendered_steps() -> list[dict]:
-    """Figure 3.8 from pictures that a hand-held camera takes."""
+    """Figure 3.8 from images of a hand-held camera."""
     rows = []
     for distance in (0.3, 0.6):
         found = _beam_view.steps("tags", distance, TOP_N)

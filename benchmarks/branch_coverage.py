@@ -1,10 +1,11 @@
-"""Branches of each package that its own tests take.
+"""Branch coverage of each package by its own tests.
 
     python -m benchmarks.branch_coverage --packages core io database report viewer cli --report coverage.jsonl
+                                      prints the fraction of branches taken in each package, and its least covered files
 
-Runs ``tests/PACKAGE`` under coverage.py and counts the branches of ``src/visuohaptic/PACKAGE`` alone: what the tests of
-other packages execute of it, and what runs in processes that tests start, does not count. Compiled functions are left
-out, because no tracer sees them; their plain twins in the tests hold them. Needs ``coverage`` (dependency group
+Runs ``tests/PACKAGE`` under coverage.py and counts only the branches of ``src/visuohaptic/PACKAGE``: code executed by the tests of
+other packages, or in processes that tests start, does not count. Compiled functions are excluded,
+because coverage.py cannot trace them; tests compare them with plain twins. Needs ``coverage`` (dependency group
 ``test``).
 """
 
@@ -37,7 +38,7 @@ output = {folder}/report.json
 
 
 def measure(package: str) -> dict[str, Any]:
-    """Branches and lines of one package, those that were executed, and its files with most branches not taken."""
+    """Branches and lines of one package, those executed, and its files with the most missed branches."""
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder, "config")
         source = ROOT / "src" / "visuohaptic" / package

@@ -1,9 +1,10 @@
-"""Builds that are killed, and files that are malformed: nothing lost, one clear line, bounded memory.
+"""Faults of ``objects build``: builds that are killed, and malformed input files.
 
     python -m benchmarks.build_faults --kills 200 --workers 20 --files 300 --report faults.jsonl
+                                      prints lost objects, crashes, unclear messages and peak memory
 
-goes on where it was stopped; every row comes from the report. ``python -m benchmarks build_faults`` does the
-same with the report that ``BUILD_FAULTS_JOURNAL`` names.
+An existing report is continued, and every row of the table is computed from it. ``python -m benchmarks build_faults`` does the
+same with the report named by the variable ``BUILD_FAULTS_JOURNAL``.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ classes:
   - {class: elliptic, variants: 40}
 """
 _BUILD = "import sys; from visuohaptic.deformation import *; build(plan_jobs(*load_plan(sys.argv[1])), sys.argv[2])"
-#: Damaged files that one line of the report is about.
+#: Damaged files per line of the report.
 FILES_A_LINE = 50
 #: Address space of the reading process [bytes].
 ROOM_BYTES = 4 << 30
@@ -65,7 +66,7 @@ for line in sys.stdin:
 def run(
     kills: int = 200, workers: int = 20, files: int = 300, report: Path | None = None
 ) -> list[dict[str, Any]]:
-    """Rows of the table; ``report`` keeps what is done, a stopped campaign goes on there."""
+    """Rows of the table; an interrupted campaign is continued from ``report``."""
     named = os.environ.get("BUILD_FAULTS_JOURNAL")
     done = Journal(
         report or (Path(named) if named else None),
@@ -75,7 +76,7 @@ def run(
 
 
 def _rounds(kind: str, count: int, done: Journal, attempt: Callable[..., dict[str, Any]]) -> list[Any]:
-    """Builds that are killed at most so often, until there are enough kills; each is a line of the report.
+    """Builds that are killed repeatedly, until there are enough kills; each build is a line of the report.
 
     ``attempt`` takes the plan's file, its jobs, a folder, the number of the round, how many kills are
     left, and the hash of a build that nobody disturbed.
@@ -112,12 +113,12 @@ def _kills(count: int, done: Journal) -> dict[str, Any]:
 def _killed_build(
     plan: Path, jobs: Sequence[BuildJob], folder: Path, number: int, left: int, whole: str
 ) -> dict[str, Any]:
-    """One build, killed after every object or two until it is complete or was killed often enough."""
+    """One build, killed after every one or two objects until it is complete or the number of kills is reached."""
     rng = np.random.default_rng([SEED, number])
     kills, left_over = 0, 0
     while kills < left:
         before = _written(folder)
-        # Forks save the start of an interpreter; every tenth is one of its own.
+        # Forks avoid the start of an interpreter; every tenth is a new interpreter.
         fresh = kills % 10 == 9
         process: Any
         if fresh:
@@ -170,7 +171,7 @@ def _worker_kills(count: int, done: Journal) -> dict[str, Any]:
 def _cluster_build(
     _plan: Path, jobs: Sequence[BuildJob], folder: Path, number: int, left: int, whole: str
 ) -> dict[str, Any]:
-    """A scheduler and two workers as processes of their own; a worker is killed -9 and another comes."""
+    """A scheduler and two workers as processes of their own; a worker is killed (SIGKILL) and replaced."""
     rng = np.random.default_rng([SEED, number])
     with tempfile.TemporaryDirectory() as scratch, DaskCluster(2, Path(scratch)) as cluster:
         kills = 0
@@ -257,7 +258,7 @@ def _read_files(some: Sequence[tuple[str, bytes]], begin: int) -> dict[str, Any]
 
 
 def malformed(rng: np.random.Generator, count: int) -> list[tuple[str, bytes]]:
-    """Cut, changed, stretched and swapped files of every kind; some may still hold a container."""
+    """Cut, changed, stretched and swapped files of every kind; some may still contain a valid container."""
     import io
 
     import trimesh

@@ -1,8 +1,10 @@
-"""Whole chain at 1600 x 896: JPEG, foam, scene and two templates, on two threads; peer: one after the other.
+"""The whole chain at 1600 x 896: JPEG, foam, scene and two templates, on two threads; the peer processes frames sequentially.
 
-Frames are rendered once and compressed; what is measured begins with the JPEG in memory and ends with force,
-surroundings and two 6D poses. One thread decodes the next frame and follows the templates while the
-other reads the foam of this one and then, with its contacts, the scene.
+    python -m benchmarks chain     prints the frame rate, and the CPU time per frame of each part
+
+Frames are rendered and compressed in advance; the measurement begins with the JPEG in memory and ends with force,
+surroundings and two 6D poses. One thread decodes the next frame and tracks the templates while the
+other reads the foam of the current frame and then, using its contacts, the scene.
 """
 
 from __future__ import annotations
@@ -28,13 +30,13 @@ from visuohaptic.tracking.templates import Template, TemplateTracker
 __all__ = ["Chain", "Recording", "run"]
 
 _SEED, _RATE_HZ, _FRAMES = 20161123, 30.0, 70
-#: Side of the templates in the picture, and where on the robot's body they are [px].
+#: Side of the templates in the image, and their positions on the robot's body [px].
 _SIDE, _PLACES = 190, ((150.0, 690.0), (1260.0, 690.0))
 
 
 @dataclass
 class Recording:
-    """JPEG pictures of a push and what the base told meanwhile."""
+    """JPEG images of a push and the odometry of the base."""
 
     files: list[np.ndarray]
     states: list[BaseState]
@@ -44,7 +46,7 @@ class Recording:
 
 @dataclass
 class Chain:
-    """All that looks at a frame, and the CPU time that each part took [s]."""
+    """All processing stages of a frame, and the CPU time of each [s]."""
 
     recording: Recording
     spent: dict[str, list[float]] = field(default_factory=dict)
@@ -65,7 +67,7 @@ class Chain:
         self.spent.setdefault(name, []).append(time.thread_time() - begin)
 
     def decode(self, index: int) -> Frame:
-        """Picture and templates of one frame."""
+        """Image and templates of one frame."""
         import cv2
 
         with self._clock("JPEG"):
@@ -104,7 +106,7 @@ def record(folder: str, frames: int = _FRAMES) -> Recording:
         image = renderer.render(world.scene(), rng=rng)
         for template, place in zip(templates, _PLACES, strict=True):
             size = template.image.shape[0]
-            # They tremble as things on a driving robot do.
+            # They vibrate as on a driving robot.
             wobble = 1.5 * np.sin(0.7 * index + np.arange(8)).reshape(4, 2)
             square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
             target = (np.array(place) + _SIDE * square + wobble).astype(np.float32)
@@ -128,7 +130,7 @@ def in_turn(chain: Chain) -> float:
 
 
 def side_by_side(chain: Chain) -> float:
-    """The next frame is decoded, and its templates followed, while this one is read; time of all but the first [s]."""
+    """The next frame is decoded, and its templates tracked, while the current one is read; time of all but the first [s]."""
     last = len(chain.recording.files) - 1
     with ThreadPoolExecutor(1, thread_name_prefix="decoder") as decoder:
         # The first frame, in which the templates are searched for everywhere, happens once.

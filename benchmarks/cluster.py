@@ -1,10 +1,10 @@
-"""Every long verb on a cluster of which a worker is killed: the same bytes as here; and how much faster more workers are.
+"""Every long verb on a cluster with a worker that is killed: is the output identical to a local run, and how does it scale?
 
-    python -m benchmarks.cluster               # needs pip install 'visuohaptic[cluster]'
-    python -m benchmarks.cluster --only "map build" "classify train"
+    python -m benchmarks.cluster               all verbs, and the speed; needs pip install 'visuohaptic[cluster]'
+    python -m benchmarks.cluster --only "map build" "classify train"    these verbs only
 
-Scheduler and workers are processes of this machine. The speed is that of tasks which sleep: the load of cores that this
-machine may not have, so that only what the distribution itself costs is measured.
+Scheduler and workers are processes of this machine. Speed is measured with tasks that sleep, which emulates
+more cores than this machine may have; thus only the overhead of the distribution is measured.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ from ._dask_cluster import DaskCluster, noted_square
 PLAN = "seed: 3\naround: 16\nband: false\nclasses: [{class: cup, variants: 6}]\n"
 #: Sleeping tasks, and how long each is [s].
 TASKS, SLEEP_S = 40, 0.2
-#: Times of the study, which are never the same.
+#: Durations of the study, which differ between runs.
 MEASURED_TIMES = ("step_s",)
-#: Modules with few kernels, which are compiled anew.
+#: Modules with few kernels, which are recompiled.
 WARM_MODULES = ("visuohaptic.database._search_kernels", "visuohaptic.recognition.trees._tree_kernels")
 
 
@@ -95,7 +95,7 @@ def _classify_tune(workers: int | str, folder: Path) -> str:
 
 
 def _containers() -> FeatureSet:
-    """Twelve objects of three classes, which differ in how soft their upper end is."""
+    """Twelve objects of three classes, which differ in the stiffness of their upper end."""
     rng, height = np.random.default_rng(0), np.linspace(0, 1, 16)
     top = np.repeat([500.0, 4e3, 2e4], 12)
     profile = 8e3 * (top[:, None] / 8e3) ** height * rng.lognormal(0, 0.3, (36, 1))
@@ -110,13 +110,13 @@ def _saved(classifier: HapticClassifier, folder: Path) -> str:
 
 
 def _warmup(workers: int | str, folder: Path) -> str:
-    """Names of the machine code that was written: each is the digest of what it was made from."""
+    """Names of the machine code that was written: each is the digest of its inputs."""
     packages = [module.partition(".")[2].rpartition(".")[0] for module in WARM_MODULES]
     _verb("warmup", *packages, workers=2 if workers == 1 else workers)
     return _digest(path.name.encode() for path in sorted(folder.rglob("visuohaptic.*")))
 
 
-#: What takes long -> its run, of which the digest is returned.
+#: Long verb -> its run, which returns a digest.
 LONG: dict[str, Callable[[int | str, Path], str]] = {
     "objects build": _objects_build,
     "reproduce": _reproduce,
@@ -144,7 +144,7 @@ def _digest(parts: Any) -> str:
 
 @contextmanager
 def _killer(cluster: DaskCluster) -> Iterator[list[int]]:
-    """Kill the first worker that has something to do; the list has its number then."""
+    """Kill the first worker that has a task; its number is appended to the list."""
     import distributed
 
     killed: list[int] = []
@@ -169,7 +169,7 @@ def _killer(cluster: DaskCluster) -> Iterator[list[int]]:
 
 
 def same_bytes(only: Sequence[str] = ()) -> list[dict[str, Any]]:
-    """Each of :data:`LONG` here and on two workers of which one is killed: were the bytes the same?"""
+    """Run each of :data:`LONG` locally and on two workers of which one is killed; compare the bytes."""
     rows = []
     for name in only or LONG:
         with TemporaryDirectory() as here, TemporaryDirectory() as there:
@@ -190,7 +190,7 @@ def _cache(name: str, folder: str) -> dict[str, str]:
 
 
 def speed(counts: Sequence[int] = (1, 2, 4)) -> dict[int, float]:
-    """Wall time of the sleeping tasks on so many workers [s]."""
+    """Wall time of the sleeping tasks on a number of workers [s]."""
     times = {}
     for count in counts:
         with TemporaryDirectory() as text, DaskCluster(count, Path(text)) as cluster:

@@ -1,13 +1,13 @@
-"""What a first use costs: the command's prompt, the kernels, and whether their cache survives many writers.
+"""Cost of the first use: the start of the command, the compilation of kernels, and the safety of the cache with many writers.
 
-``run`` times ``visuohaptic --help``: wall time of a fresh process, because that is what a person waits for. The
-peer is a fresh process that only imports NumPy: what the command would cost at least if it were not lazy.
+``run`` times ``visuohaptic --help``: wall time of a fresh process, as the user experiences it. The
+peer is a fresh process that only imports NumPy, which is the least that the command would cost without lazy imports.
 
-Two campaigns are run by name, each with an empty cache of its own:
+Two campaigns are run by name, each with its own empty cache:
 
-- ``python -m benchmarks.cold_start compile``: CPU time of all kernels, of every import, and of the first verbs;
-- ``python -m benchmarks.cold_start saves --seeds open --count 1000``: processes that save signatures of one kernel at
-  once, while another loads them: every one that is loaded must be the right one, and none may be lost.
+- ``python -m benchmarks.cold_start compile``: prints the CPU time of all kernels, of all imports, and of the first verbs;
+- ``python -m benchmarks.cold_start saves --seeds open --count 1000``: several processes save signatures of one kernel at
+  the same time while another one loads them; prints how many loaded signatures were wrong and how many were lost.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from .harness import median
 
 REPEATS = 15
 
-#: Types of the arguments whose code is saved at once; the value tells one from the other.
+#: Argument types whose code is saved concurrently; the value identifies the signature.
 ARGUMENTS = (1.0, 3, np.float32(2.0), np.int32(5), True, np.uint8(7))
 
 #: Imports every module.
@@ -98,7 +98,7 @@ def cold_rows() -> Iterator[tuple[str, float]]:
 
 
 def first_verbs(folder: Path) -> Iterator[tuple[str, list[str]]]:
-    """Verbs of a first hour, each of which is run with an empty cache."""
+    """Verbs that a new user runs first, each with an empty cache."""
     grid = folder / "room.pgm"
     cells = np.full((120, 160), 254, np.uint8)
     cells[[0, -1], :] = cells[:, [0, -1]] = 0
@@ -134,7 +134,7 @@ def _halved() -> Any:
 
 
 def _save(folder: str, seeds: Sequence[int], own: int, start: Any, end: Any) -> None:
-    """One writer: at each start it saves all signatures, in an order and with pauses of its own."""
+    """One writer: at each start it saves all signatures, in random order and with random pauses."""
     os.environ["VISUOHAPTIC_CACHE_DIR"] = f"{folder}/writer{own}"  # of the compilation
     function = _halved()
     for value in ARGUMENTS:
@@ -152,7 +152,7 @@ def _save(folder: str, seeds: Sequence[int], own: int, start: Any, end: Any) -> 
 
 
 def saves(seeds: Sequence[int], folder: Path, writers: int = 2) -> Iterator[tuple[int, int, int]]:
-    """Save at once from several processes, and load meanwhile; (seed, loaded meanwhile, wrong or lost) of each."""
+    """Save from several processes concurrently while loading; (seed, loaded, wrong or lost) of each."""
     context = multiprocessing.get_context("spawn")
     start, end = context.Barrier(writers + 1), context.Barrier(writers + 1)
     others = [

@@ -1,10 +1,11 @@
-"""Completion by touch: 700 parametric bottles, and the time of every part.
+"""Completion by touch: accuracy on 700 parametric bottles, and the computing time of every part.
 
-Of each bottle the middle 46 % of the height is cut out and touched, as planned
-and at random. The error is the mean square distance of a regular grid of the
+The middle 46 % of the height of each bottle is hidden and touched, at planned
+and at random places. The error is the mean square distance of a regular grid on the
 true wall from the estimated surface.
 
-    python -m benchmarks.completion --objects 700 --report out.json   # goes on where it was stopped
+    python -m benchmarks completion                                   a slice of the study, and the times
+    python -m benchmarks.completion --objects 700 --report out.json   the study: touches needed, error against sigma; resumable
 """
 
 from __future__ import annotations
@@ -98,11 +99,11 @@ def _explored(task: tuple[int, int, str], *, priors: bool, touches: int) -> dict
     found = explore(bottle, rng, planned=name == "planned", priors=priors, touches=touches, on_plan=compare)
     hidden = [(told[missing], true[missing]) for told, true, missing in stages]
     found["spearman"] = [float(spearmanr(told, true).statistic) for told, true in hidden]
-    #: With the visible band around the hole, which is a part of the surface that is told.
+    #: With the visible band around the hole, which is part of the completed surface.
     found["spearman_with_band"] = [float(spearmanr(told, true).statistic) for told, true, _ in stages]
     found["told_over_true"] = [float(np.sqrt(np.mean(told**2) / np.mean(true**2))) for told, true in hidden]
     if stages:
-        # All stages of one exploration together: does it fall as and where the error falls?
+        # All stages of one exploration together: does sigma decrease when and where the error does?
         told, true = (np.concatenate(part) for part in zip(*hidden, strict=True))
         found["spearman_all"] = float(spearmanr(told, true).statistic)
     return found
@@ -207,7 +208,7 @@ def speeds() -> list[dict[str, Any]]:
 
 
 def argmax_agreement(count: int, seed: int = SEED) -> float:
-    """Share of meshes on which the fast score and all exact distances name the same vertex."""
+    """Fraction of meshes on which the fast score and all exact distances select the same vertex."""
     from visuohaptic.reconstruction.surfaces import BiharmonicMesh
 
     equal = 0
@@ -219,7 +220,7 @@ def argmax_agreement(count: int, seed: int = SEED) -> float:
         known = np.flatnonzero(low | (vertices[:, 2] > HOLE[1] * bottle.height_m))
         touched = rng.choice(len(vertices), int(rng.integers(0, 12)), replace=False)
         supports = np.union1d(rng.choice(known, 200), touched)
-        # A bottle of stacked equal rings has many equal places: roughness as a fused surface has it.
+        # A bottle of equal stacked rings has many equivalent places: add the roughness of a fused surface.
         mesh = BiharmonicMesh(vertices + rng.normal(0, 2e-4, vertices.shape), faces)
         exact = mesh.distance(np.arange(len(vertices)), supports).min(axis=1)
         best = int(np.argmax(mesh.score(supports)))

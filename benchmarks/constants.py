@@ -1,38 +1,40 @@
-"""Which constants could be something else without any test noticing.
+"""Mutation test of constants: which constants can change without a failing test.
 
-    python -m benchmarks.constants --list                 the constants, nothing is run
-    python -m benchmarks.constants --only 'sensing.*'     those of modules (or module:NAME) that match
-    python -m benchmarks.constants --jobs 2               all of them: many hours; a stopped one goes on where it was
+    python -m benchmarks.constants --list                 list the constants, run nothing
+    python -m benchmarks.constants --only 'sensing.*'     constants of matching modules (or module:NAME)
+    python -m benchmarks.constants --jobs 2               all constants: takes many hours; can be resumed
     python -m benchmarks.constants --near 4 --sample 12 --only '^visuohaptic.core'    a dozen, in minutes
-    python -m benchmarks.constants --near 4 --most 12    all of them, each by at most a dozen tests
+    python -m benchmarks.constants --near 4 --most 12    all of them, at most a dozen tests each
+
+Prints the constants of each package by result, and the list of those that are not noticed.
 
 A constant is a name at module level that is assigned a number, a tuple, list, set or dict with numbers, an array
 made of literals, or the call of a constructor with numbers among its arguments. Arithmetic of literals and
-conversions (``np.deg2rad(8.0)``, ``2.0 * math.pi``) are one number; what is computed from other names is derived and
-not a constant. All numbers of one name are multiplied together; the keys of a dict are labels and stay. Not
-constants: zeros, names numbered through (``A, B, C = 0, 1, 2`` or ``range(3)``), type aliases, shapes
+conversions (``np.deg2rad(8.0)``, ``2.0 * math.pi``) are one number; values computed from other names are derived and
+not constants. All numbers of one name are multiplied together; the keys of a dict are labels and remain unchanged. Not
+constants: zeros, enumerated names (``A, B, C = 0, 1, 2`` or ``range(3)``), type aliases, shapes
 (``np.zeros((2, 3))``), versions of formats (``..._FORMAT``), and special names (``__all__``).
 
 One constant at a time is multiplied by 0.8 and by 1.25 when its module is imported (integers are rounded away from
-the value), and the tests that execute the module run, the quickest first, until one fails. They were found by
-running every test file once and looking which functions of the package each test calls, also in processes that it
-starts; a module is executed when a function of its own, or of a module that imports it (also through packages, compiled
-modules and modules without functions), is called. Tests that fail without any change are left out, and files without
-any other are named. Compiled functions are kept in a cache of their own, which begins as that of the user: only those
-that can see the constant are compiled anew. ``--most N`` stops after the N quickest tests of a constant.
+the value), and the tests that execute the module run, fastest first, until one fails. They are determined by
+running every test file once and recording which functions of the package each test calls, also in processes that it
+starts; a module is executed if one of its functions, or of a module that imports it (also through packages, compiled
+modules and modules without functions), is called. Tests that fail without any change are excluded, and files without
+any other tests are listed. Compiled functions are kept in a separate cache, which starts as a copy of the user's: only
+functions that depend on the constant are recompiled. ``--most N`` stops after the N fastest tests of a constant.
 
 - *noticed*: a test fails, or the test run crashes;
 - *crashed*: the module cannot be imported with the value;
 - *undecided*: the tests took longer than ``--seconds``, or never imported the module with the new value;
 - *unnoticed*: no test fails, or no test executes the module.
 
-With ``--near N`` no test is run to see what it calls: the judges of a constant are the N test files that import its
-module, or one of its folder that imports it, the most special first (those that import the fewest modules). What
-they notice is noticed; what they do not may still be noticed by others. With ``--most`` as well, only the test files
-near the constants are run to see what their tests call. ``--sample`` draws constants with a seed.
+With ``--near N``, calls are not recorded: a constant is tested with the N test files that import its
+module, or a module of its folder that imports it, the most specific first (those that import the fewest modules). A
+constant that they do not notice may still be noticed by other tests. With ``--most`` as well, calls are recorded only for
+the test files near the constants. ``--sample`` draws constants with a seed.
 
-A constant in the table counts by the less noticed of its two changes. Each change is a line in the report, with
-digests of its module and of its tests: when they are edited, it is done again.
+In the table, the less noticed of its two changes counts for a constant. Each change is a line in the report, with
+digests of its module and of its tests; after an edit of either, it is tested again.
 """
 
 from __future__ import annotations
@@ -131,7 +133,7 @@ class Project:
         ]
 
     def run(self, tests: Iterable[str], order: dict[str, Any], private: bool = False) -> dict[str, Any]:
-        """Run test files under an order for :mod:`benchmarks._mutant`; tells what came of it.
+        """Run test files with an instruction for :mod:`benchmarks._mutant`; returns the result.
 
         Returns
         -------
@@ -208,7 +210,7 @@ class Project:
         return row | {"result": result, "by": why, "seconds": seen["seconds"]}
 
     def executing(self, name: str, known: dict[str, dict[str, Any]], most: int | None) -> list[str]:
-        """Tests that pass and execute a module, the quickest first, at most so many."""
+        """Tests that pass and execute a module, fastest first, up to a maximum number."""
         users = _closure({name}, self._importers, lambda other: other == name or other in self._passed_on)
         found = {
             node: test["seconds"]
@@ -219,7 +221,7 @@ class Project:
         return sorted(found, key=found.__getitem__)[:most]
 
     def importing(self, name: str, count: int) -> list[str]:
-        """Test files that import a module or what imports it in its folder, at most ``count``, the most special first."""
+        """Test files that import a module or what imports it in its folder, at most ``count``, the most specific first."""
         folder = name.rpartition(".")[0]
 
         def beside(other: str) -> bool:  # in its folder, or the package itself where it imports its modules
@@ -257,7 +259,7 @@ class Project:
 
 
 def _closure(start: set[str], edges: dict[str, set[str]], followed: Callable[[str], bool]) -> set[str]:
-    """All that is reached along edges, through nodes that are followed."""
+    """All nodes reached along edges, through nodes that are followed."""
     found: set[str] = set()
     waiting = list(start)
     while waiting:
@@ -311,7 +313,7 @@ def _finish(
 
 
 def _fill(journal: Journal, work: dict[str, Callable[[], dict[str, Any]]], jobs: int) -> None:
-    """Put the rows that a journal lacks, as they come."""
+    """Add the rows that a journal lacks, as they are computed."""
     pool = ThreadPoolExecutor(jobs)
     try:
         rows = {pool.submit(job): key for key, job in work.items() if key not in journal}
@@ -329,7 +331,7 @@ def _told(row: dict[str, Any]) -> str:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """Per package the constants by result, and the list of those that are not noticed."""
+    """Constants of each package by result, and the list of those that are not noticed."""
     changes: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for row in rows:
         changes[row["title"]].append(row)

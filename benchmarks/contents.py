@@ -1,4 +1,7 @@
-"""Open, air, water: how much stiffer an enclosed volume makes a wall, and whether Boyle is obeyed."""
+"""Open containers, air and water: stiffening of a wall by an enclosed volume, and agreement with Boyle's law.
+
+python -m benchmarks contents    stiffness ratios, gas law under large deformation, order of figure 3.13b, CPU time
+"""
 
 from __future__ import annotations
 
@@ -83,7 +86,7 @@ def _boyle() -> list[dict[str, Any]]:
             shell = CorotationalShell(model, lid=thing.lid)
             gradient = shell.volume_gradient(point.state)
             free = ~model.fixed
-            # What the wall needs for its equilibrium besides the tips.
+            # Load for the equilibrium of the wall in addition to the tips.
             rest = CorotationalShell(model).internal_force(point.state) - point.load * pinch_load(
                 model, tips, 0
             )

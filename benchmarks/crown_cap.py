@@ -1,8 +1,10 @@
-"""Crown caps opened by touch (Alt 2016, Sec. 3.6.5): 50 bottles, start errors 1 cm on each axis and 5 degrees.
+"""Crown caps opened by touch (Alt 2016, Sec. 3.6.5): 50 bottles, start errors of 1 cm on each axis and 5 degrees.
 
-python -m benchmarks crown_cap                                       the wrench is the truth with noise
-python -m benchmarks.crown_cap --seeds 50 --first 1000               other bottles
-python -m benchmarks.crown_cap --beam --sight start --seeds 10       the wrench is read from pictures of the rod
+Each command prints the fraction of bottles that were opened.
+
+    python -m benchmarks crown_cap                                       the wrench is the truth with noise
+    python -m benchmarks.crown_cap --seeds 50 --first 1000               other bottles
+    python -m benchmarks.crown_cap --beam --sight start --seeds 10       the wrench is read from images of the rod
 """
 
 from __future__ import annotations
@@ -37,7 +39,7 @@ def run(
     half: bool = False,
     sights: tuple[str, ...] = (),
 ) -> list[dict[str, Any]]:
-    """Bottles opened, by how well the camera sees them."""
+    """Bottles opened, by visibility to the camera."""
     rows: list[dict[str, Any]] = []
     wrong = 0
     camera = Camera.simple(800, 448, 900.0) if half else None

@@ -1,6 +1,6 @@
-"""The same input, other hash seeds, numbers of threads and cores: every verb has to write the same bytes.
+"""Determinism: with other hash seeds, numbers of threads and cores, every verb has to write the same bytes.
 
-python -m benchmarks.reliability --items 11 --scale 3 --report rows.jsonl
+python -m benchmarks.reliability --items 11 --scale 3 --report rows.jsonl    prints the number of runs that differ
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ _CLASSES = "{seed: 1, around: 32, states: [{closed: false}], classes: [{class: b
 _GLASS = "example glass --out try"
 _FUSE = "--voxel-m 0.006 --space -0.4 -0.4 -0.02 0.4 0.4 0.3"
 
-#: What is prepared, the verb, and the files that it writes; ``{out}`` is a new name each time, and without files it is what
-#: the verb says in JSON.
+#: Preparation, verb, and the files that it writes; ``{out}`` is a new name each time, and without files it is the
+#: JSON output of the verb.
 VERBS: dict[str, tuple[tuple[str, ...], str, tuple[str, ...]]] = {
     "sense foam": (
         (
@@ -103,7 +103,7 @@ def _write_inputs(here: Path) -> None:
 
 
 def _digest(paths: list[Path]) -> str:
-    """Of the names and bytes of files, and of those in folders; a build's notes of its duration are left out."""
+    """Digest of the names and bytes of files, also in folders; a build's durations are left out."""
     digest = hashlib.sha256()
     for path in paths:
         for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
@@ -115,7 +115,7 @@ def _digest(paths: list[Path]) -> str:
 
 
 def _without_times(data: bytes) -> bytes:
-    """JSON lines without what was measured of the run itself: durations, and the name of what was written."""
+    """JSON lines without data about the run itself: durations, and the names of output files."""
     kept = []
     for line in (
         [data] if data.lstrip()[:1] in (b"{", b"[") and data.count(b"\n}") <= 1 else data.splitlines()

@@ -1,12 +1,13 @@
-"""Doors on floors of buildings: recall, precision, and whether the confidence is a probability.
+"""Door detection on floors of buildings: recall, precision, and calibration of the confidence.
 
     python -m benchmarks.doors_evidence generated real --seeds open --count 30 --report out.jsonl
+                                      prints recall, precision and calibration error for generated and real floors
 
-Even seeds are buildings to train on, odd ones (``--seeds closed``) those that are reported. Of the real buildings, the
-one whose doors were drawn by others and those of ``real_doors.yaml`` with ``use: training`` train, the others report:
-open floors are in the fit, and what holds on a building that is not is printed by ``benchmarks.doors_training``. A door
-counts as found when its middle is within 0.75 m of the true one's, one to one. Closed doors are wall on a map, and are
-no truth; what is found at an unclear opening counts neither way.
+Even seeds are buildings for training, odd ones (``--seeds closed``) those that are reported. Of the real buildings, the
+one with third-party door annotations and those of ``real_doors.yaml`` with ``use: training`` are for training, the others for
+reporting. Open floors are part of the fit; ``benchmarks.doors_training`` prints results for buildings that are left out. A door
+counts as found when its middle is within 0.75 m of the true one's, one to one. Closed doors are wall on a map and not part of
+the truth; detections at an ambiguous opening are ignored.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ BINS = (0.0, 0.5, 0.7, 0.9, 1.0)
 
 
 def real_names(seeds: str) -> list[str]:
-    """Real floors for training (open) or reporting (closed) that are there."""
+    """Available real floors for training (open) or reporting (closed)."""
     use = {"open": "training", "closed": "reporting"}[seeds]
     names = [name for name, entry in yaml.safe_load(TRUTH.read_text()).items() if entry["use"] == use]
     return [name for name in names if (data_folder() / name).exists()]
@@ -80,7 +81,7 @@ def judged(found: DoorMap, jambs_m: np.ndarray, unclear_m: np.ndarray) -> Row:
 
 
 def _at(found: DoorMap, jambs_m: np.ndarray, level: float) -> list[float]:
-    """Level, hits and number of the doors above a confidence, matched anew."""
+    """Level, hits and number of the doors above a confidence, matched again."""
     sure = DoorMap(tuple(door for door in found.doors if door.confidence >= level), found.rooms)
     hits = len(matched(sure, jambs_m)) if len(jambs_m) and sure.doors else 0
     return [level, hits, len(sure.doors)]

@@ -1,11 +1,12 @@
-"""Weights of the log-odds that an opening is a door: logistic regression on buildings that are open to training.
+"""Weights of the log-odds that an opening is a door: logistic regression on the buildings for training.
 
     python -m benchmarks.doors_training --count 24 --write
+                                      prints cross-validated recall and precision and the weights, and stores them
 
-Floors, their truth and how they are counted are those of :mod:`benchmarks.doors_evidence`: even seeds and the real
-buildings for training. The printed table is of floors whose building was left out of the fit; ``--write`` stores the
-weights of the fit to all. The sign of a weight is known beforehand where the measure has a meaning; a fit without
-signs learns from generated buildings that clutter is straight, and fails on the real ones.
+Floors, their truth and the counting are those of :mod:`benchmarks.doors_evidence`: even seeds and the real
+buildings for training. The table is of floors whose building was left out of the fit; ``--write`` stores the
+weights of the fit to all. The sign of a weight is prescribed where the measure has a physical meaning; a fit without
+prescribed signs learns from generated buildings that clutter is straight, and fails on the real ones.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ class Labelled:
 
 
 def labelled(key: str, fold: str) -> Labelled:
-    """Openings of a floor: each true door's own is one; others near it, or near an unclear one, do not count."""
+    """Openings of a floor: the opening of each true door is positive; others near it, or near an ambiguous one, are ignored."""
     kind, grid, jambs_m, unclear_m = floor(key)
     found = door_candidates(grid, DoorSettings())
     cells = np.array([opening.middle for opening in found[1]]).reshape(-1, 2)
@@ -107,7 +108,7 @@ def fit_to(floors: list[Labelled]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def left_out(floors: list[Labelled]) -> list[Row]:
-    """Each floor with the weights of the other buildings, judged."""
+    """Each floor evaluated with the weights of the other buildings."""
     rows = []
     for one in floors:
         by_shape, in_plan = fit_to([other for other in floors if other.fold != one.fold])
@@ -118,7 +119,7 @@ def left_out(floors: list[Labelled]) -> list[Row]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Fit, print what holds on buildings that were left out, store."""
+    """Fit, print the results on buildings that were left out, store."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,9 +1,9 @@
-"""A thousand robots that share what they know, on paper: what is stored where, what it costs, what breaks first.
+"""Extrapolation to a thousand robots with a shared database: storage, load, and the first bottleneck.
 
-    python -m benchmarks.fleet --robots 1000 --objects 1e8
+    python -m benchmarks.fleet --robots 1000 --objects 1e8    prints storage, CPU time and traffic with their limits
 
-Bytes and CPU time of one object are measured on a small database and a few robots that synchronise with it in turn; all
-else is multiplied from them, and printed as such. The server is a file here: a PostgreSQL server is not faster.
+Bytes and CPU time of one object are measured on a small database and a few robots that synchronise with it in turn;
+all other figures are extrapolated and marked as such. The server is a file here; a PostgreSQL server is not faster.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .objects_faults import make_object
 SAMPLE, TURNS, LEARNT = 2000, 4, 100
 #: Objects that one robot meets in its building, and how often it synchronises [s].
 OWN, EVERY_S = 20_000, 600.0
-#: A server's cores and memory, and what a robot's computer has for this [bytes].
+#: A server's cores and memory, and the memory of a robot's computer [bytes].
 CORES, SERVER_BYTES, ROBOT_BYTES = 32, 256e9, 16e9
 
 

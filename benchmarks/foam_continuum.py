@@ -1,6 +1,8 @@
-"""Force from the contours of a continuum simulation that shares nothing with our models, through the camera.
+"""Force from the contours of a continuum simulation that is independent of the library, through the camera.
 
-Needs ``foam_continuum`` of the real and foreign data (``VISUOHAPTIC_DATA`` or ``../shared/data``).
+    python -m benchmarks foam_continuum    worst and mean force error of each body and boundary law, also from images
+
+Needs ``foam_continuum`` of the third-party data (``VISUOHAPTIC_DATA`` or ``../shared/data``).
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ WIDTH_M, HEIGHT_M, LENGTH_M = 0.02, 0.01, 0.25
 
 
 def data_folder() -> Path | None:
-    """Where the records are, if they are anywhere."""
+    """Folder of the records, if it exists."""
     named = os.environ.get("VISUOHAPTIC_DATA")
     folder = (Path(named) if named else ROOT.parent / "shared" / "data") / "foam_continuum"
     return folder if folder.is_dir() else None
@@ -55,7 +57,7 @@ def scene(s_m: np.ndarray, delta_m: np.ndarray) -> FoamScene:
 
 
 def run() -> list[dict]:
-    """Worst error beyond 1 mm for each body, with each boundary law, tension once calibrated and once not."""
+    """Worst error beyond 1 mm for each body, with each boundary law, with and without calibrated tension."""
     folder = data_folder()
     if folder is None:
         return [

@@ -1,6 +1,7 @@
-"""The foam sensor in a world that shares nothing with it: phantom forces, disturbances, force, faults, segments.
+"""The foam sensor in an independent simulation: phantom forces, disturbances, force, faults, segments.
 
-``python -m benchmarks.foam_evidence shadows --seeds open --count 20 --report shadows.jsonl``
+python -m benchmarks.foam_evidence shadows --seeds open --count 20 --report shadows.jsonl
+                                  prints the figures of one campaign: e.g. valid frames, force errors, errors over sigma
 """
 
 from __future__ import annotations
@@ -49,14 +50,14 @@ def sensor_for(world: foam.World, folder: Path, *, encoding_known: bool = False)
 
 
 def run_sequence(sequence: foam.Sequence, *, encoding_known: bool = False) -> dict:
-    """What the sensor makes of a sequence: ``frames`` by :data:`COLUMNS`, or why it refused."""
+    """Results of the sensor for a sequence: ``frames`` by :data:`COLUMNS`, or the reason of a rejection."""
     row: dict = {"about": sequence.about, "frames": [], "refused": "", "ends": []}
     with tempfile.TemporaryDirectory() as name:
         sensor = sensor_for(sequence.world, Path(name), encoding_known=encoding_known)
         try:
             sensor.zero([Frame(shot.image, shot.t_s, i) for i, shot in enumerate(sequence.zero())])
         except CalibrationError as error:
-            # A zero that is refused reads no frame.
+            # A rejected zero reads no frame.
             row["refused"] = str(error)
             row["frames"] = [[False, "refused", None, None, *_truth(shot)] for shot, _ in sequence.moments]
             return row
@@ -79,7 +80,7 @@ def _number(value: float) -> float | None:
 
 
 def frames_of(rows: list[dict]) -> dict[str, np.ndarray]:
-    """All frames of some rows, column by column; unread forces are NaN, ``seed`` says whose it is."""
+    """All frames of some rows, column by column; invalid forces are NaN, ``seed`` identifies the sequence."""
     frames = [(i, *frame) for i, row in enumerate(rows) for frame in row["frames"]]
     columns = list(zip(*frames, strict=True)) if frames else [[]] * (len(COLUMNS) + 1)
     found = {name: np.array(values) for name, values in zip(("row", *COLUMNS), columns, strict=True)}
@@ -111,7 +112,7 @@ def shadow_figures(rows: list[dict]) -> list[dict]:
 
 
 def disturbance_figures(rows: list[dict]) -> list[dict]:
-    """Frames read, force error and honesty of sigma, by disturbance."""
+    """Valid frames, force error and calibration of sigma, by disturbance."""
     out = []
     for kind in DISTURBANCES:
         if mine := [row for row in rows if row["about"]["kind"] == kind]:
@@ -124,7 +125,7 @@ def disturbance_figures(rows: list[dict]) -> list[dict]:
 
 
 def force_figures(rows: list[dict]) -> list[dict]:
-    """Force error and honesty of sigma, by body and by depth."""
+    """Force error and calibration of sigma, by body and by depth."""
     out = []
     bodies = sorted({row["about"]["body"] for row in rows})
     for body in bodies:
@@ -150,7 +151,7 @@ def force_figures(rows: list[dict]) -> list[dict]:
 
 
 def fault_figures(rows: list[dict]) -> list[dict]:
-    """Frames that are wrong and called valid, by what came first."""
+    """Wrong frames reported as valid, by the first fault."""
     f = frames_of(rows)
     kind = np.array([rows[i]["about"]["kind"] for i in f["row"].astype(int)])
     error = np.abs(f["force_N"] - f["truth_N"])
@@ -191,13 +192,13 @@ def segment_ends(profile: ForceProfile, sequence: foam.Sequence, depth_m: float)
 
 
 def _z(f: dict[str, np.ndarray]) -> np.ndarray:
-    """Errors in declared sigmas, of frames that were read and wanted."""
+    """Errors in declared sigmas, of valid frames of interest."""
     read = f["counted"].astype(bool) & f["valid"].astype(bool)
     return ((f["force_N"] - f["truth_N"]) / f["sigma_N"])[read]
 
 
 def _relative(f: dict[str, np.ndarray], where: np.ndarray) -> np.ndarray:
-    """Relative errors of the force of frames that were read."""
+    """Relative errors of the force of valid frames."""
     read = where & f["counted"].astype(bool) & f["valid"].astype(bool)
     return np.abs(f["force_N"][read] / f["truth_N"][read] - 1)
 

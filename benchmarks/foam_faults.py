@@ -1,6 +1,9 @@
-"""Never silently wrong: seeded faults of light, view, camera, stream and foam against the foam's own force.
+"""Seeded faults of light, view, camera, stream and foam: are wrong forces reported as valid?
 
-A frame is *wrong* when the sensor calls it valid while its force is off by more than
+    python -m benchmarks foam_faults    200 faults: wrong frames reported as valid, lost frames, frames until recovery
+    python -m benchmarks.foam_faults    prints each trial, and a table by kind of fault
+
+A frame is *wrong* when the sensor reports it as valid while its force deviates from the true force of the foam by more than
 5 sigma + 0.3 N (floor) or 4 sigma + 0.3 N (aim).
 """
 
@@ -25,10 +28,10 @@ __all__ = ["Outcome", "campaign", "run", "run_trial"]
 
 #: Seeds of the table; those below 70000 were used to develop the sensor.
 FIRST_SEED, FAULTS, CLEAN = 70000, 200, 20
-#: Error that a sensor may make beside its declared sigma [N].
+#: Error allowed in addition to the declared sigma [N].
 ALLOWED_N = 0.3
 
-#: What an outcome keeps of each frame, in a report.
+#: Fields of each frame in a report.
 COLUMNS = ("valid", "reason", "error_N", "sigma_N", "truth_N", "fault")
 
 log = logging.getLogger(__name__)
@@ -36,7 +39,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(slots=True)
 class Outcome:
-    """What the sensor made of one trial; one entry per delivered frame."""
+    """Results of the sensor for one trial; one entry per delivered frame."""
 
     seed: int
     kinds: tuple[str, ...]  #: of fault; not the trial, whose light of every pixel takes 6 MB
@@ -113,7 +116,7 @@ def campaign(
                 continue
             try:
                 outcomes.append(run_trial(trial, folder))
-            except CalibrationError as error:  # refused aloud: no reading, none wrong
+            except CalibrationError as error:  # rejected with an error: no reading, none wrong
                 log.warning("seed %d: %s", i, error)
                 outcomes.append(Outcome(i, trial.kinds))
             journal.put(str(i), {name: _plain(getattr(outcomes[-1], name)) for name in COLUMNS})
@@ -123,17 +126,17 @@ def campaign(
 
 
 def _plain(values: list) -> list:
-    """Values as JSON knows them."""
+    """Values as JSON types."""
     return [value.item() if isinstance(value, np.generic) else value for value in values]
 
 
 def violations(outcomes: Iterable[Outcome], sigmas: float) -> int:
-    """Frames that are wrong and called valid."""
+    """Wrong frames reported as valid."""
     return sum(int((outcome.excess > sigmas).sum()) for outcome in outcomes)
 
 
 def by_kind(outcomes: Iterable[Outcome]) -> list[dict]:
-    """One line per kind of fault: how often valid, how wrong at worst, how fast back."""
+    """One line per kind of fault: valid frames, largest error, frames until recovery."""
     outcomes = list(outcomes)
     lines = []
     for kind in sorted({kind for outcome in outcomes for kind in outcome.kinds}, key=KINDS.index):

@@ -1,4 +1,7 @@
-"""Force of the test shapes of figure 3.7, read from rendered frames, against the simulated foam's own."""
+"""Force of the test shapes of figure 3.7, read from rendered frames, compared with the true force of the simulated foam.
+
+python -m benchmarks foam_force     error of each shape while loading, noise, declared over true sigma, hysteresis
+"""
 
 from __future__ import annotations
 
@@ -53,7 +56,7 @@ def run() -> list[dict]:
                 noise.append(float(np.std(forces, ddof=1)))
                 declared.append(float(np.mean(sigmas)))
                 pulls.append(error / profile.force_sigma_N)
-                # The floor allows 3 % of the reading or 0.1 N, whichever is more.
+                # The floor allows 3 % of the reading or 0.1 N, whichever is larger.
                 worst = max(worst, abs(error) / max(sample.force_N, 0.1 / 0.03))
                 worst_fraction = max(worst_fraction, abs(error) / sample.force_N)
             rows.append(

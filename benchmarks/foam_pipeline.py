@@ -1,4 +1,7 @@
-"""From a JPEG in memory to force with its uncertainty, and what part of it is the decoding."""
+"""CPU time from a JPEG in memory to the force with its uncertainty, and the part of it that is decoding.
+
+python -m benchmarks foam_pipeline
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ def run() -> list[dict]:
     )
     images = [renderer.render(sample.scene, rng=rng) for sample in samples]
     files = [cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1] for image in images]
-    # More pictures than the sensor remembers: it would take a repeated one for a stuck camera.
+    # More images than the sensor remembers: it would report a repeated one as a frozen camera.
     turns = itertools.count()
 
     def decoded() -> np.ndarray:

@@ -1,4 +1,7 @@
-"""Haptic tags of pushes in the simulated world, read from rendered frames, against the physics' truth."""
+"""Haptic tags of simulated pushes, read from rendered frames, compared with the true physics.
+
+python -m benchmarks foam_tags      error and interval coverage of friction, drift and shape, CPU time per push
+"""
 
 from __future__ import annotations
 
@@ -44,7 +47,7 @@ NINETY = 1.645
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One push to be made."""
+    """One planned push."""
 
     kind: str  #: "movable", "heavy", "fixed" or "door"
     obstacle: SimulatedObstacle
@@ -54,7 +57,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Push:
-    """What was found and what was true; NaN where there was nothing to find."""
+    """Estimates and truth; NaN where a quantity does not exist."""
 
     case: Case
     outcome: ExploreOutcome
@@ -93,10 +96,10 @@ def random_case(rng: np.random.Generator, material: FoamMaterial) -> Case:
     friction, ratio = float(rng.uniform(0.25, 0.6)), float(rng.uniform(1.0, 1.25))
     round_one = rng.random() < 0.4
     width = float(rng.uniform(0.07, 0.2))
-    # A cylinder of radius r that has gone in by d touches about 2 sqrt(2 r d).
+    # The contact width of a cylinder of radius r at depth d is about 2 sqrt(2 r d).
     touched = min(2.0 * math.sqrt(width * 0.005), width) if round_one else min(width, 0.22)
     limit = 0.9 * material.densification_strain
-    mean = 0.6 if round_one else 1.0  # pressure under a round front by that in its middle
+    mean = 0.6 if round_one else 1.0  # mean pressure under a round front relative to its middle
     bears = mean * float(material.stress(np.array(limit))) * material.height_m * touched
     static = bears * float(rng.uniform(0.15, 0.7)) if kind == "movable" else bears * float(rng.uniform(2, 4))
     mass = static / (ratio * friction * 9.81)
@@ -112,7 +115,7 @@ def random_case(rng: np.random.Generator, material: FoamMaterial) -> Case:
 
 
 class _Watched:
-    """A frame source that also writes down the truth between frames."""
+    """A frame source that also records the truth between frames."""
 
     camera = None
     frame_count = None
@@ -241,7 +244,7 @@ def _both(pushes: list[Push], name: str, truth: str) -> list[tuple[Any, float]]:
 
 
 def _errors(pushes: list[Push], name: str, truth: str) -> tuple[np.ndarray, np.ndarray]:
-    """Relative errors, and errors by declared sigma, of what was there to be found."""
+    """Relative errors, and errors over declared sigma, of existing quantities."""
     pairs: list[tuple[Estimate, float]] = [
         (found, true)
         for found, true in _both(pushes, name, truth)

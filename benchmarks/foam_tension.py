@@ -1,8 +1,9 @@
-"""Force over kinds of foam of an independent continuum, with the prior of tension and expansion and calibrated by a plate.
+"""Force on several foams of an independent continuum: with the prior of tension and expansion, and calibrated with a plate.
 
-``python -m benchmarks.foam_tension`` prints, for each foam and depth of a cylinder, the error of the force and how many of
-its own standard deviations it is: first for a material of which only the curve is known, then after a plate was weighed.
-The law's errors are one draw for each kind of foam, so that their ratio to the standard deviation is a figure over foams.
+    python -m benchmarks.foam_tension    prints, for each foam and depth of a cylinder, the force error, absolute and in sigmas
+
+Each case is printed for a material of which only the curve is known, and after a calibration with a plate.
+Each kind of foam is one sample of the law's error, so that its ratio to sigma is a statistic over foams.
 """
 
 from __future__ import annotations

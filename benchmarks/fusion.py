@@ -1,4 +1,4 @@
-"""Surface fusion at 5 mm in 1 m^3: time to integrate a view of 640 x 480 and to mesh.
+"""Surface fusion at 5 mm in 1 m^3: CPU time to integrate a view of 640 x 480, and to extract the mesh.
 
 python -m benchmarks fusion
 """

@@ -1,20 +1,21 @@
-"""Clear glass from few views, in worlds of an independent ray caster (``tests/worlds/rays.py``).
-
-``found``: two or three thin clear vessels on a table, of 48, 24, 12 and 8 views in order, shuffled, and shuffled with
-pose errors of 2 mm and 0.3 degrees per axis. A vessel is found where the centroid of a region lies in its bounding box
-grown by 15 mm; the position error is the horizontal distance of the nearest such centroid from the vessel's axis, for how
-much of the height is found is no error of place. ``false``: the same tables with opaque twins, black and shiny ones,
-and people who walk past; every region is false. ``filled``: vessels with water. Regions that belong to no vessel of a
-clear scene count as false, too. ``dense``, ``dense_false``: the same from a level ring of 120, 60, 30 and 15 views.
+"""Clear glass from few views, in an independent ray caster (``tests/worlds/rays.py``): detection, false alarms, touches.
 
     python -m benchmarks.glass_evidence found false --seeds open --count 50 --cache scenes --report out.json
+                                      prints the fraction found, false regions and position errors of each campaign
 
-``declared``: false regions of opaque scenes at several rates that a user asks for. ``clear_touch``: six planned touches
+``found``: two or three thin clear vessels on a table, from 48, 24, 12 and 8 views in order, shuffled, and shuffled with
+pose errors of 2 mm and 0.3 degrees per axis. A vessel is found if the centroid of a region lies in its bounding box
+enlarged by 15 mm; the position error is the horizontal distance of the nearest such centroid from the vessel's axis, because
+the detected part of the height does not affect the position. ``false``: the same tables with opaque copies, black and shiny
+objects, and people who walk past; every region is false. ``filled``: vessels with water. Regions that belong to no vessel of a
+clear scene count as false, too. ``dense``, ``dense_false``: the same from a level ring of 120, 60, 30 and 15 views.
+
+``declared``: false regions of opaque scenes at several requested false-alarm rates. ``clear_touch``: six planned touches
 on a fully clear vessel of 24 views. ``objects``: six planned touches on scanned objects (``../shared/data/geometry``)
-whose back is hidden to one camera, or whose middle is.
+of which one camera does not see the back, or of which the middle is hidden.
 
-Half of the seeds, the odd ones, are closed: they are for the figures that are reported, not for choosing anything.
-Stopped, a campaign goes on where it was; scenes are rendered once (12 s each) and kept in the folder ``--cache``.
+The odd half of the seeds is closed: for the reported figures, not for tuning.
+An interrupted campaign is continued; scenes are rendered once (12 s each) and kept in the folder ``--cache``.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ from ._touch_evidence import object_figures, touch_object, touch_vessel, vessel_
 from .harness import use_one_thread
 from .transparency import data_folder
 
-#: Of the camera of the world, as `sequence.yaml` would name it.
+#: Camera of the simulation, in the terms of `sequence.yaml`.
 SENSOR = "realsense_d435"
 #: Pose errors per axis [m, rad].
 POSE_NOISE = (0.002, float(np.radians(0.3)))
@@ -84,7 +85,7 @@ FOUND_LIMITS = {
 
 
 def frames_of(scene: GlassSequence) -> list[DepthFrame]:
-    """The views as the library takes them."""
+    """The views as input of the library."""
     camera = Camera(scene.camera.width, scene.camera.height, scene.camera.matrix)
     return [
         DepthFrame(0.1 * k, depth, None, Pose(pose[:3, :3], pose[:3, 3]), camera, k)
@@ -98,11 +99,11 @@ def save_folder(scene: GlassSequence, folder: Path) -> None:
 
 
 def detect(scene: GlassSequence, **options: Any) -> dict[str, Any]:
-    """What is found in a scene, held against the truth; ``options`` are those of ``reconstruct``."""
+    """Detections in a scene compared with the truth; ``options`` are those of ``reconstruct``."""
     started = time.process_time()
     found = reconstruct(frames_of(scene), noise=sensor_noise(SENSOR), **options)
     centroids = np.array([region.centroid_m for region in found.regions]).reshape(-1, 3)
-    # Where a part has an outline, the axis of that is its place.
+    # If a part has an outline, its axis is the position.
     for centroid, region in zip(centroids, found.regions, strict=True):
         if region.body is not None:
             centroid[:2] = region.body.axis_m
@@ -114,7 +115,7 @@ def detect(scene: GlassSequence, **options: Any) -> dict[str, Any]:
     for number, vessel in enumerate(scene.vessels):
         low, high = vessel.bounds_m
         inside = ((centroids > low - GROWN_M) & (centroids < high + GROWN_M)).all(axis=1)
-        # A region between two vessels is one of them, not both.
+        # A region between two vessels belongs to one of them only.
         inside &= away.argmin(axis=1) == number
         own |= inside
         best = int(np.where(inside, away[:, number], np.inf).argmin()) if inside.any() else -1
@@ -144,7 +145,7 @@ def campaign(
     cache: Path | None = None,
     journal: Path | None = None,
 ) -> list[dict[str, Any]]:
-    """Every scene of every number of views in every variant; a stopped one goes on from its journal."""
+    """Every scene, number of views and variant; an interrupted campaign continues from its journal."""
     family, all_views = FAMILY[name]
     done = Journal(journal, {"campaign": f"glass {name}"})
     rows = []
@@ -182,7 +183,7 @@ def declared_campaign(
 
 
 def declared_figures(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """False regions per scene at each rate; held where they are not more than chance allows (Poisson, 95 %)."""
+    """False regions per scene at each rate; met if not significantly higher than declared (Poisson, 95 %)."""
     figures = []
     for rate in RATES:
         chosen = [row for row in rows if row["rate"] == rate]
@@ -199,7 +200,7 @@ def declared_figures(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 def touch_campaign(
     name: str, chosen: Sequence[int], *, cache: Path | None = None, journal: Path | None = None
 ) -> list[dict[str, Any]]:
-    """Touches on a vessel or an object for every seed; a stopped campaign goes on from its journal."""
+    """Touches on a vessel or an object for every seed; an interrupted campaign continues from its journal."""
     done = Journal(journal, {"campaign": f"glass {name}"})
     files = mesh_files(data_folder() / "meshes") if name == "objects" else []
     if name == "objects" and not files:

@@ -1,6 +1,6 @@
-"""One small file of every format, as this version writes it, for later versions to read.
+"""One small file of every format, written by this version, for later versions to read.
 
-Run at a release, into a folder of its own; folders of older versions are never written again.
+Run at a release, into a new folder; folders of older versions are never overwritten.
 
     python -m benchmarks.golden tests/golden/0.1.0
 """
@@ -14,7 +14,7 @@ import numpy as np
 
 from .hostile_files import READERS
 
-#: Formats that the library writes, of those that the campaign of hostile files reads; their name in the folder.
+#: Formats that the library writes, among those of the campaign of hostile files; their name in the folder.
 NAMES = {
     "camera": "camera.yaml",
     "beam": "beam.yaml",
@@ -65,7 +65,7 @@ def write(folder: Path) -> None:
 
 
 def main() -> None:
-    """Write the folder that is named."""
+    """Write the given folder."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     write(parser.parse_args().folder)

@@ -1,4 +1,7 @@
-"""The grasp predictions of Alt 2016, Sec. 6.4.2: on the map, and under large deformation; and what a plan costs."""
+"""The grasp predictions of Alt 2016, Sec. 6.4.2: on the linear map, and under large deformation; CPU time of a plan.
+
+python -m benchmarks grasp     deformation of each grasp, predictions confirmed by map and simulation, times
+"""
 
 from __future__ import annotations
 
@@ -48,7 +51,7 @@ def run() -> list[dict[str, Any]]:
                 rows.append(
                     {
                         "name": f"{case.name}: deformation in the simulation, {case.force_N:g} N",
-                        # A wall that gives way has none: the last deformation that the curve reached.
+                        # A wall that buckles has no solution: use the last deformation of the curve.
                         "ours": 1e3 * min(said.deformation_m, float(said.curve_m[-1])),
                         "unit": "mm",
                         "note": f"{'good' if case.good else 'bad'} in the text; map: score {score:.2f}, "

@@ -1,12 +1,12 @@
-"""Planned grasps lifted in a physics that is not the planner's: how many hold, and is the declared probability true?
+"""Planned grasps lifted in an independent simulation: fraction that holds, and calibration of the declared probability.
 
     python -m benchmarks.grasp_evidence --seeds open --count 50 --report out.json
 
-Containers of twelve kinds are described to the library, which plans the best grasp and its force; the piece that is lifted has
-a wall, a modulus, a fill and a friction of its own (``tests/worlds/lifts.py``). It holds if it comes along upright and its wall
-gives way by less than is allowed. The force has the factor of safety that is the library's default, and two smaller ones, with
-which a good forecaster must expect to fail. ``--rims`` lifts open containers, bowls among them, by a pinch of the wall at the
-mouth where one is offered. Odd seeds are closed. Stopped, a campaign goes on where it was.
+Containers of twelve kinds are described to the library, which plans the best grasp and its force; the lifted object has
+its own wall, modulus, fill and friction (``tests/worlds/lifts.py``). A grasp holds if the object follows upright and its wall
+deforms by less than the limit. The force has the library's default factor of safety, and two smaller ones, for
+which a calibrated forecast must predict failures. ``--rims`` lifts open containers, including bowls, by a pinch of the wall at
+the mouth where the planner offers one. Odd seeds are closed. An interrupted campaign is continued.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def lift_row(
     confirm: bool | None = None,
     rim: bool = False,
 ) -> dict[str, Any]:
-    """The best grasp of a container, or the best by its rim, and what became of it."""
+    """The best grasp of a container, or the best at its rim, and its result."""
     task = GraspTask(closed=thing.fill > 0, fill=thing.fill, handling=Handling(safety=safety))
     plan = plan_grasps(container, task, count=20 if rim else 1, confirm=confirm, surface=surface)
     found = [grasp for grasp in plan.grasps if grasp.rim or not rim]
@@ -54,7 +54,7 @@ def lift_row(
         return row | {"declared": 0.0, "success": False, "offered": False}
     best = found[0]
     lifted, give = carried(thing, best)
-    assert best.approach is not None  # a grasp without a free way is none
+    assert best.approach is not None  # a grasp without a free approach is invalid
     return row | {
         "declared": best.success,
         "success": bool(lifted.held and give < task.parameters.max_deformation_m),
@@ -70,7 +70,7 @@ def lift_row(
 
 
 def carried(thing: LiftObject, best: Grasp) -> tuple[Lifted, float]:
-    """What became of a container, and how far its sides gave way [m]: nothing presses them where the rim is pinched."""
+    """Result of a lift, and deformation of the sides [m], which is zero for a pinch of the rim."""
     height = float(best.first_m[2])
     if not best.rim:
         return lift(thing, height, best.force_N), thing.give_m(height, best.force_N)
@@ -110,7 +110,7 @@ def campaign(
 
 
 def figures(rows: Sequence[dict[str, Any]], *, rim: bool = False) -> list[dict[str, Any]]:
-    """Fraction that holds, and how far the declared probability is from it; by the rim, of those that are offered."""
+    """Fraction that holds, and its difference from the declared probability; for rims, of the grasps offered."""
     out: list[dict[str, Any]] = []
     for safety in SAFETY:
         tried = [row for row in rows if row["safety"] == safety]

@@ -1,9 +1,9 @@
-"""Runs benchmark modules and says on what machine, with what versions, from what commit.
+"""Runs benchmark modules and reports machine, versions and commit.
 
 A benchmark is a module of this folder with ``run() -> list[dict]``. Each dict is
 one row; its keys are those of :class:`Row` (``name``, ``ours`` and ``unit`` are
-needed). Measure CPU time with :func:`cpu_seconds` on one thread, ours and the
-peer's in turn in the same process.
+required). Measure CPU time with :func:`cpu_seconds` on one thread, alternating between ours and the
+peer's in the same process.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ __all__ = [
     "use_one_thread",
 ]  # fmt: skip
 
-#: Campaigns of more than a few minutes: they run when they are named.
+#: Campaigns of more than a few minutes, which run only if named.
 CAMPAIGNS = (
     "beam",
     "build_faults",
@@ -115,14 +115,14 @@ def benchmark_names() -> list[str]:
 
 
 def use_one_thread() -> None:
-    """Hold every library to one thread, so that CPU time means one core."""
+    """Limit every library to one thread, so that CPU time is that of one core."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[name] = "1"
     import cv2
     from numba import config
 
     cv2.setNumThreads(1)
-    # By itself numba looks at its variable when it compiles next: where its threads run by then, it refuses.
+    # numba reads its variable at the next compilation, and raises an error if its threads already run.
     config.reload_config()
 
 
@@ -154,7 +154,7 @@ def cpu_seconds(work: Callable[[], object], *, repeats: int = 7, min_s: float = 
 
 
 def run(names: Iterable[str], package: str = __package__ or "benchmarks") -> Report:
-    """Run benchmarks one after the other; one that fails becomes a row that says so."""
+    """Run benchmarks one after the other; a failure becomes a row of its own."""
     report = Report(
         _machine(),
         _versions(),
@@ -238,7 +238,7 @@ def table(report: Report) -> str:
 
 
 def save(path: Path, report: Report) -> None:
-    """Write the report as JSON, whole or not at all."""
+    """Write the report as JSON, atomically."""
     from visuohaptic.core.files.plain_json import plain
 
     write_text(path, json.dumps(plain(asdict(report)), indent=2) + "\n")
@@ -284,7 +284,7 @@ def comparison(reports: list[tuple[str, dict[str, tuple[float, str]]]]) -> str:
 
 
 def median(values: Iterable[float]) -> float:
-    """The middle one."""
+    """The median element."""
     return float(statistics.median(values))
 
 

@@ -1,12 +1,12 @@
-"""Arrays that no caller should hand over, to every public function that takes one.
+"""Invalid arrays passed to every public function that takes one: crashes, hangs and wrong results.
 
 Walks ``__all__`` of all packages, builds arguments from the shapes in the annotations, and replaces one array after
-the other by NaN, infinity, huge numbers, nothing, other types, byte orders, strides and shapes. A function may give a
-result or refuse with one of the library's errors; any other exception, a crash, a hang, and a result that changes with
-the memory layout of the same numbers are faults. Functions whose other arguments are not known here are listed.
+another by NaN, infinity, huge numbers, empty arrays, other types, byte orders, strides and shapes. A function may return a
+result or raise one of the library's errors; any other exception, a crash, a hang, and a result that changes with
+the memory layout of the same numbers are faults. Functions whose other arguments cannot be built here are listed.
 
-    python -m benchmarks.hostile_arrays --count 40
-    python -m benchmarks.hostile_arrays --names visuohaptic.core.so3_exp --verbose
+    python -m benchmarks.hostile_arrays --count 40     prints functions, cases, and faults by kind
+    python -m benchmarks.hostile_arrays --names visuohaptic.core.so3_exp --verbose    and every case of one function
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ import numpy as np
 
 from ._journal import Journal
 
-#: A function whose cases together take longer hangs [s]; kernels that are compiled on the way are among it.
+#: A function whose cases together take longer hangs [s]; includes the compilation of kernels.
 LIMIT_S = 120.0
 _ARRAY = re.compile(r"(Float|Float32|Int|Int8|UInt8|Bool)\[np\.ndarray, ['\"]([^'\"]*)['\"]\]")
 _SIZES = {"rows": 24, "columns": 32, "height": 24, "width": 32, "h": 24, "w": 32, "f": 20, "q": 20}
@@ -168,7 +168,7 @@ def _read_only(array: np.ndarray) -> np.ndarray:
     return copy
 
 
-#: The same numbers in other memory: the result has to be the same.
+#: The same numbers in another memory layout: the result has to be the same.
 SAME: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "big endian": lambda a: a.astype(a.dtype.newbyteorder(">")),
     "read only": _read_only,
@@ -212,7 +212,7 @@ OTHER: dict[str, Callable[[np.ndarray], Any]] = {
 
 
 def _close(first: Any, second: Any) -> bool:
-    """Whether two results say the same; what cannot be compared does."""
+    """Whether two results are equal; true if they cannot be compared."""
     if isinstance(first, tuple | list):
         return len(first) == len(second) and all(_close(a, b) for a, b in zip(first, second, strict=True))
     if isinstance(first, np.ndarray | float | int) and not isinstance(first, bool):
@@ -257,7 +257,7 @@ def cases(name: str, thing: Callable[..., Any], seed: int) -> Iterator[tuple[str
             if title in SAME and found == "result" == outcome and not _close(expected, result):
                 found, text = "wrong", "another result for the same numbers"
             elif title == "read only" and found == "refused":
-                pass  # it would be changed in place
+                pass  # would be modified in place
             elif title in SAME and found != outcome:
                 found, text = "wrong", f"{found}, expected {outcome}: {text}"
             yield f"{key}: {title}", found, text
@@ -266,7 +266,7 @@ def cases(name: str, thing: Callable[..., Any], seed: int) -> Iterator[tuple[str
 def _work(names: list[str], seed: int) -> None:
     """Print one line before and after each function; a crash takes this process with it."""
     lines = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # what a function prints is no line of ours
+    os.dup2(2, 1)  # separate the output of functions from ours
     functions = public_functions()
     for name in names:
         print(json.dumps([name]), file=lines, flush=True)
@@ -303,7 +303,7 @@ def campaign(names: list[str], seed: int, journal: Journal) -> None:
 
 
 def _listen(worker: subprocess.Popen[str], journal: Journal) -> str:
-    """Take the lines of a worker; the function that it worked at when it ended."""
+    """Read the lines of a worker; returns the function that was running when it ended."""
     import threading
 
     running = ""

@@ -1,11 +1,11 @@
-"""Damaged and hostile files, to every reader: structured mutation of valid files in bounded memory and time.
+"""Damaged and hostile files for every reader: structured mutation of valid files with limited memory and time.
 
-A reader accepts a file or refuses it with one line that names it; any other exception, a crash, more than 2 GB beyond
-the interpreter or more than 20 s are faults. Whether an accepted file was still right cannot be told here: the
-campaigns of single readers (``map_fuzz``, ``sequence_faults``, ``objects_faults``) know what is wrong by construction.
-What was found once is kept in ``tests/corpus``.
+A reader accepts a file or rejects it with one line that names it; any other exception, a crash, more than 2 GB beyond
+the interpreter or more than 20 s are faults. Whether the contents of an accepted file are correct is not tested here: the
+campaigns of single readers (``map_fuzz``, ``sequence_faults``, ``objects_faults``) know by construction what is wrong.
+Files that revealed faults are kept in ``tests/corpus``.
 
-    python -m benchmarks.hostile_files --count 500 --seeds open --report files.jsonl
+    python -m benchmarks.hostile_files --count 500 --seeds open --report files.jsonl    prints files, refusals and faults
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from ._journal import Journal
 
 #: Address space beyond what the interpreter with its libraries has taken [bytes], and time of one file [s].
 ROOM_BYTES, LIMIT_S = 2 << 30, 20
-#: Larger files are not made: what a reader does with sizes, headers tell it as well.
+#: Larger files are not generated: headers test the handling of sizes as well.
 MAX_LENGTH = 2_000_000
 CORPUS = Path(__file__).resolve().parents[1] / "tests" / "corpus"
 
@@ -374,7 +374,7 @@ _BINARY |= {".glb", ".mp4", ".part", ".pgm", ".db3"}
 
 
 def mutated(data: bytes, suffix: str, rng: Rng) -> bytes:
-    """A file that is wrong in one to three ways, by what its format is made of."""
+    """A file with one to three errors specific to its format."""
     for _ in range(int(rng.integers(1, 4))):
         binary = suffix in _BINARY and rng.random() < 0.95
         data = _mutated_bytes(data, rng) if binary or rng.random() < 0.15 else _mutated_text(data, rng)
@@ -385,7 +385,7 @@ def _mutated_bytes(data: bytes, rng: Rng) -> bytes:
     if not data:
         return rng.bytes(9)
     out = bytearray(data)
-    # Headers decide most: half of the changes are in the first 100 bytes.
+    # Headers matter most: half of the changes are in the first 100 bytes.
     place = int(rng.integers(0, min(len(out), 100) if rng.random() < 0.5 else len(out)))
     length = int(rng.integers(1, 40))
     kind = int(rng.integers(8))

@@ -1,12 +1,12 @@
-"""What the house looks like: the figures of its rooms, its words and its documentation.
+"""Metrics of the code base: structure, size, names and documentation.
 
-    python -m benchmarks.house            a table
-    python -m benchmarks.house --list     every place behind each figure
-    python -m benchmarks.house --json     for programs
+    python -m benchmarks.house            print a table
+    python -m benchmarks.house --list     print every location behind each figure
+    python -m benchmarks.house --json     print the figures as JSON
 
-Reads the source as text; runs nothing of it. Dead code is what ``vulture`` finds no use of in ``src``, ``tests`` and
-``benchmarks``, where it is installed (dependency group ``lint``); names that are used in a way that it does not see
-are in ``benchmarks/used_names.txt``, one a line with the reason.
+Reads the source as text and runs none of it. Dead code is what ``vulture`` reports as unused in ``src``, ``tests`` and
+``benchmarks``, if it is installed (dependency group ``lint``); names used in a way that it cannot detect
+are in ``benchmarks/used_names.txt``, one per line with the reason.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Module:
         return self.path.name.endswith("_kernels.py")
 
     def functions(self) -> Iterator[ast.FunctionDef]:
-        """Its functions and methods, the inner ones as well."""
+        """Its functions and methods, including nested ones."""
         return (node for node in ast.walk(self.tree) if isinstance(node, ast.FunctionDef))
 
 
@@ -90,7 +90,7 @@ def code_lines(module: Module) -> int:
 
 
 def imported_modules(module: Module, modules: dict[str, Module]) -> Iterator[str]:
-    """Modules of the package that one imports, names of a package followed to where they are defined.
+    """Modules of the package that a module imports; names of a package are resolved to their definition.
 
     A text ``package.module:function`` names what is started in a process of its own, as in the commands of a verb's help.
     """
@@ -125,7 +125,7 @@ def _defining(module: Module, name: str, modules: dict[str, Module]) -> str:
 
 
 def unreached(modules: dict[str, Module]) -> list[str]:
-    """Modules on the way of no verb (``reproduce`` apart), task, page or ROS node."""
+    """Modules that are not reachable from a verb (except ``reproduce``), task, page or ROS node."""
     package = min(modules, key=len)
 
     def below(name: str, *places: str) -> bool:
@@ -240,7 +240,7 @@ def overridden(classes: dict[str, ast.ClassDef], holder: str, method: str) -> st
 
 
 def measure(source: Path = SOURCE) -> dict[str, list[str]]:
-    """Every figure as the list of the places behind it, for the package in a folder."""
+    """Every figure as the list of its locations, for the package in a folder."""
     modules = read_modules(source)
     found: dict[str, list[str]] = defaultdict(list)
     found["lines of code"] = [f"{name} {code_lines(module)}" for name, module in modules.items()]
@@ -310,7 +310,7 @@ def _quoted(function: ast.FunctionDef) -> int:
 
 
 def figures(found: dict[str, list[str]]) -> dict[str, float]:
-    """One number each."""
+    """One number for each figure."""
     out: dict[str, float] = {}
     for title, places in found.items():
         if title.startswith("lines"):

@@ -1,14 +1,16 @@
 """Published grasps of an iCub hand (Soh, Su and Demiris, 2012), classified by the library and by its peers.
 
     python -m benchmarks.icub_grasps --data ../shared/data/deformation/icub_grasp --report out.json
+                                      prints the accuracy by number of learned trials, and the coverage of the 90 % band
 
 Each of 130 grasps closes five fingers around one of nine objects, or none; a finger has twelve pressure cells, and the hand nine
-joint encoders. An adapter makes two touches of each finger: it stands for a height, its mean and largest pressure for the
-stiffness of two sides, and its joint for the width, all in units of the hand. ``full_coke`` is left out, as its authors advise.
+joint encoders. An adapter converts each finger into two touches: the finger stands for a height, its mean and maximum pressure
+for the stiffness of two sides, and its joint for the width, all in units of the hand. ``full_coke`` is left out, as its authors
+advise.
 
 Each trial is left out in turn (the nth trial of all objects at a time); or only a few trials of each object are learned. The
-peers have the same numbers, scaled to unit deviation. The band: a grasp of a known object is predicted by the others of the
-object; the figure is the fraction of its readings inside the declared 90 %.
+peers get the same numbers, scaled to unit standard deviation. The band: a grasp of a known object is predicted from the other
+grasps of the object; the figure is the fraction of its readings inside the declared 90 % band.
 """
 
 from __future__ import annotations
@@ -29,13 +31,13 @@ from visuohaptic.recognition.touch import evidence
 from ._shell_readings import peer_models
 from .transparency import data_folder
 
-#: Fingers as heights, and the two joints that close each of them (of nine; ring and little finger share one).
+#: Fingers that stand for heights, and the two joints that close each of them (of nine; ring and little finger share one).
 HEIGHTS, JOINTS = (2, 5, 8, 11, 14), ((1, 2), (3, 4), (5, 6), (7, 8), (7, 8))
 #: Slices at the end of a grasp that are averaged, and lines of a slice.
 LAST, LINES = 5, 7
 #: Resting value of a pressure cell, which falls when it is pressed; joints are angles [deg].
 REST, OFFSET_deg, TURN_deg = 255.0, 60.0, 300.0
-#: Where the grasps are, unless said otherwise.
+#: Default folder of the grasps.
 DATA = data_folder().parents[1] / "deformation" / "icub_grasp"
 #: Trials of each object that are learned.
 LEARNED = (2, 3, 6, 12)
@@ -70,7 +72,7 @@ def read_grasps(folder: Path) -> dict[str, list[tuple[TouchReading, ...]]]:
 
 
 def fold(grasps: dict[str, list[tuple[TouchReading, ...]]], trial: int, learned: int) -> dict[str, Any]:
-    """One trial of each object asked for, the next few learned."""
+    """One trial of each object is tested, the next few are learned."""
     count = min(len(one) for one in grasps.values())
     training = [(trial + 1 + k) % count for k in range(min(learned, count - 1))]
     squeezed = [SqueezedObject(name, f"{name}/{k}", grasps[name][k]) for name in grasps for k in training]

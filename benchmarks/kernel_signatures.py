@@ -1,8 +1,8 @@
-"""The signatures of all kernels that users need, found by a small run of each part.
+"""The signatures of all kernels that users need, determined by a small run of each part.
 
 ``python -m benchmarks.kernel_signatures`` runs the parts below and writes the list that ``visuohaptic warmup``
 compiles, ``src/visuohaptic/core/kernel_signatures.txt``. Run it when a kernel was added, moved or takes other
-arguments; a test tells. A new kernel needs a call below, unless an existing part reaches it.
+arguments; a test fails until then. A new kernel needs a call below, unless an existing part reaches it.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from visuohaptic.core import KERNELS
 
 
 def run_objects() -> None:
-    """One search of two vectors, through the door that everybody takes."""
+    """One search of two vectors, through the public entry point."""
     from visuohaptic.database import FeatureIndex
 
     FeatureIndex(["a", "b"], np.eye(2)).nearest(np.zeros(2))
 
 
 def run_tracking() -> None:
-    """Follow a straight edge over a few frames: first search, warm start, and the sub-pixel fit."""
+    """Track a straight edge over a few frames: first search, warm start, and the sub-pixel fit."""
     from visuohaptic.tracking.contours import ConstraintLines, ContourTracker
 
     image = np.full((80, 160), 40, np.uint8)
@@ -95,7 +95,7 @@ def run_beam() -> None:
 
 
 def run_graph() -> None:
-    """Build a small map and ask it."""
+    """Build a small map and query it."""
     from visuohaptic.io.maps import OccupancyMap
     from visuohaptic.navigation.files import route_pieces
     from visuohaptic.navigation.graph import assign_regions, build_graph
@@ -131,7 +131,7 @@ def run_pushing() -> None:
 
 
 def run_planning() -> None:
-    """Plan past a box that stands slantwise in a door, with pushes through its centre and beside it, and a joint graph."""
+    """Plan past a box that stands obliquely in a door, with central and off-centre pushes, and a joint graph."""
     from visuohaptic.navigation.graph import assign_regions, build_graph
     from visuohaptic.navigation.grid import SpeedLimits, grid_layers
     from visuohaptic.navigation.planning import extend_graph, make_plan, plan_off_centre_pushes
@@ -235,7 +235,7 @@ def run_deformation() -> None:
 
 
 def run_simulation() -> None:
-    """Press a box into a short strip and take a small picture of it, grey and in colour."""
+    """Press a box into a short strip and render a small image of it, grey and in colour."""
     from visuohaptic.core.camera import Camera
     from visuohaptic.simulation.foam import FoamStrip, FoamStripGeometry, Outline
     from visuohaptic.simulation.rendering import CameraEffects, FoamScene, Look, SceneObject, SceneRenderer
@@ -257,7 +257,7 @@ def run_simulation() -> None:
 
 
 def run_containers() -> None:
-    """Find the wall of a tube, simplify it, and look whether it touches itself."""
+    """Find the wall of a tube, simplify it, and check it for self-contact."""
     from visuohaptic.deformation.nonlinear import SelfContactGuard
     from visuohaptic.deformation.shapes import ContainerDescription, mesh_container
     from visuohaptic.deformation.shapes.resample import find_wall
@@ -351,7 +351,7 @@ def run_foam() -> None:
     )
 
 
-#: The parts, each with the kernels of its own.
+#: The parts and their kernels.
 PARTS = (
     run_objects,
     run_tracking,
@@ -374,7 +374,7 @@ PARTS = (
 
 
 def main() -> int:
-    """Run the parts and write what they called; the kernels must be in the cache already."""
+    """Run the parts and write the called signatures; the kernels must be in the cache already."""
     for module in pkgutil.walk_packages(visuohaptic.__path__, "visuohaptic."):
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)

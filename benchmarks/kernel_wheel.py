@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.kernel_wheel --out dist`` compiles what ``visuohaptic warmup`` compiles, for every processor with
 AVX2 and FMA, and packs it as a wheel that pins this version of the library and the versions of numba, llvmlite and
-NumPy (its minor version) that it was made with. See ``docs/howto/release.md``.
+NumPy (its minor version) that were used. See ``docs/howto/release.md``.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pathlib import Path
 
 from visuohaptic._version import __version__
 
-#: Says the name of the cache's folder, the name of the folder in the wheel, and the entries that Python asks for.
+#: Prints the name of the cache folder, that of the folder in the wheel, and the entries that Python requests.
 _NAMES = """
 import importlib
 from visuohaptic.cli.verbs.system.warmup import read_signatures
@@ -38,7 +38,7 @@ _INIT = '"""Compiled kernels of visuohaptic: found by ``visuohaptic.core.kernels
 
 
 def main() -> int:
-    """Compile, pack, and say where the wheel is."""
+    """Compile, pack, and print the path of the wheel."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--out", type=Path, default=Path("dist"), help="folder of the wheel (dist)")
     parser.add_argument("--jobs", type=int, help="processes")
@@ -112,7 +112,7 @@ def _python_tag() -> str:
 
 
 def _platform_tags() -> list[str]:
-    """Those of numba's wheel: where numba runs, its code runs."""
+    """Platform tags of numba's wheel: its compiled code runs wherever numba runs."""
     text = importlib.metadata.distribution("numba").read_text("WHEEL") or ""
     return [line.rpartition("-")[2] for line in text.splitlines() if line.startswith("Tag: ")]
 

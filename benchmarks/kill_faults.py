@@ -1,6 +1,6 @@
-"""Recordings whose writer is killed or meets a full disk, and recordings that are cut anywhere.
+"""Recordings whose writer is killed or meets a full disk, and recordings that are truncated anywhere: is anything lost?
 
-python -m benchmarks.kill_faults --count 40
+python -m benchmarks.kill_faults --count 40    prints one line for each fault: acknowledged and lost rows
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ def _views(count: int, say: Say) -> Iterator[DepthFrame]:
     for n in range(count):
         depth_m = rng.uniform(0.5, 3.0, (16, 20)).astype(np.float32)
         yield DepthFrame(0.1 * n, depth_m, None, Pose(np.eye(3), np.array([n, 0.0, 0.0]) * 1e-3), camera)
-        say(f"{n}")  # the next one is asked for when this one is written
+        say(f"{n}")  # the next one is requested when this one is written
 
 
 def write(path: Path, say: Say, count: int = 10**6) -> None:
-    """Write rows 0, 1, ... into a recording, and say each number when it is acknowledged."""
+    """Write rows 0, 1, ... into a recording, and report each number when it is acknowledged."""
     if path.suffix == "":
         write_sequence(path, _views(count, say))
     elif path.suffix == ".mcap":
@@ -68,7 +68,7 @@ def load_libraries() -> None:
 
 
 def kill(path: Path, *, cpu_s: float = 0.0, file_bytes: int = 0) -> int:
-    """Kill a writer without warning; how many rows it had acknowledged by then."""
+    """Kill a writer without warning; returns the number of acknowledged rows."""
     load_libraries()
     lines, code = Victim.start(partial(write, path), cpu_s=cpu_s, file_bytes=file_bytes).end()
     if code not in (-signal.SIGPROF, -signal.SIGXFSZ):
@@ -91,7 +91,7 @@ def fill_disk(path: Path, limit: int) -> tuple[int, str]:
 
 
 def numbers(path: Path) -> list[float]:
-    """Numbers of the rows in a whole recording, by readers that are not ours where there are some."""
+    """Numbers of the rows in a whole recording, by third-party readers where available."""
     if path.suffix == ".csv":
         with path.open(newline="") as stream:
             return [float(row["force_N"]) for row in csv.DictReader(stream)]

@@ -1,9 +1,10 @@
-"""The property tests with many more examples than a test run has time for.
+"""The property tests with many more examples than in a normal test run.
 
     python -m benchmarks.laws --packages core navigation --examples 10000 --seconds 120 --report laws.jsonl
+                                      prints the tests that fail; exit code 1 if there are any
 
-Each test draws so many examples, or as many as it can in so many seconds of the processor. A report is continued where it
-was stopped; what failed keeps the example, which belongs into the tests with its mend.
+Each test draws this number of examples, or as many as it can within this CPU time. An existing report is continued.
+A failure is stored with its example, which should become a test when the fault is fixed.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ class Laws:
         config.hook.pytest_deselected(items=[item for item in items if item not in kept])
         items[:] = kept
         for function in {item.obj for item in kept}:
-            # As Hypothesis says for plugins that wrap what is called with each example.
+            # As documented by Hypothesis for plugins that wrap the function called with each example.
             function.hypothesis.inner_test = self._counted(function.hypothesis.inner_test)
             function._hypothesis_internal_use_settings = settings(
                 getattr(function, "_hypothesis_internal_use_settings", None),
@@ -65,7 +66,7 @@ class Laws:
         self._count, self._end_s = 0, time.process_time() + self._seconds
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Keep what became of a test."""
+        """Store the result of a test."""
         if report.when == "call" or report.failed:
             why = "" if report.passed else str(report.longrepr)[-2000:]
             self._journal.put(report.nodeid, {"tried": self._count, "wrong": int(report.failed), "why": why})
@@ -82,7 +83,7 @@ class Laws:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run the laws of some packages; 1 when one does not hold."""
+    """Run the property tests of some packages; 1 when one fails."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

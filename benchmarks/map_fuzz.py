@@ -1,10 +1,10 @@
-"""Malformed maps: every one refused with one clear line, in bounded memory, none accepted silently.
+"""Malformed maps: each has to be rejected with one clear line, in limited memory, and none accepted silently.
 
-Each file is wrong by construction (a changed pixel of a PGM is another map,
-and no fault). They are read in a process of its own with a limit on its
+Each file is wrong by construction (a changed pixel of a PGM is a different map,
+and not an error). The files are read in a separate process with a limit on its
 address space, and its growth is measured.
 
-    python -m benchmarks.map_fuzz --count 200
+    python -m benchmarks.map_fuzz --count 200    prints how many were rejected, accepted, unclear, and the peak memory
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def _bare_png(columns: int, rows: int, packed: bytes) -> bytes:
 
 
 def cut_picture(folder: Path, rng: Rng) -> None:
-    """The end of the picture is lost, of any format."""
+    """A truncated image of any format."""
     suffix = str(rng.choice([".pgm", ".txt.pgm", ".png", ".bmp", ".jpg"]))
     pixels = _pixels(rng)
     whole = _pgm(pixels, text=suffix == ".txt.pgm") if suffix.endswith(".pgm") else _encoded(pixels, suffix)
@@ -97,7 +97,7 @@ def wrong_size(folder: Path, rng: Rng) -> None:
 
 
 def huge_header(folder: Path, rng: Rng) -> None:
-    """A header that asks for all memory there is."""
+    """A header that requests all available memory."""
     rows, columns = [(100_000, 100_000), (2**31 - 1, 2**31 - 1), (10**9, 1), (99_999_999_999, 3)][
         rng.integers(4)
     ]
@@ -132,7 +132,7 @@ def bomb(folder: Path, rng: Rng) -> None:
 
 
 def bad_number(folder: Path, rng: Rng) -> None:
-    """A field that is no usable number."""
+    """A field that is not a usable number."""
     (folder / "map.pgm").write_bytes(_pgm(_pixels(rng)))
     changes: list[dict[str, str]] = [
         {"origin": "[.nan, 0, 0]"},
@@ -160,7 +160,7 @@ def bad_number(folder: Path, rng: Rng) -> None:
 
 
 def lost_field(folder: Path, rng: Rng) -> None:
-    """A line of the YAML file is lost, or all from one line on."""
+    """A missing line of the YAML file, or a truncated file."""
     (folder / "map.pgm").write_bytes(_pgm(_pixels(rng)))
     names = list(FIELDS)
     place = int(rng.integers(len(names)))
@@ -169,7 +169,7 @@ def lost_field(folder: Path, rng: Rng) -> None:
 
 
 def traversal(folder: Path, rng: Rng) -> None:
-    """A picture outside the folder of the map."""
+    """An image outside the folder of the map."""
     outside = folder.parent / f"outside_{folder.name}.pgm"
     outside.write_bytes(_pgm(_pixels(rng)))
     names = [
@@ -290,7 +290,7 @@ def run(count: int = 200, seed: int = SEED) -> list[dict[str, Any]]:
     """Rows of the table."""
     found = campaign(count, seed)
     files = found["files"]
-    # Clear: one line that names the file and is no dump of it.
+    # Clear: one line that names the file and does not dump its contents.
     unclear = [
         f
         for f in files

@@ -1,4 +1,7 @@
-"""Real container meshes of others: each gives a map, or a refusal that names the defect and its place."""
+"""Third-party container meshes: each has to give a map, or an error that names the defect and its location.
+
+python -m benchmarks mesh_import    meshes with a map or a reason, time of the slowest mesh; needs third-party meshes
+"""
 
 from __future__ import annotations
 

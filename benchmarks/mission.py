@@ -1,18 +1,19 @@
-"""The whole mission: seeds, and every switchable fault; no crash, and no success that is none.
+"""The whole mission: many seeds, and every fault that can be switched on; counts crashes and false claims of success.
 
-``python -m benchmarks.mission`` runs a slice; ``--whole`` runs 20 seeds of the whole story and 20 runs of
-each fault. A fault is run through the chapters it touches and those after them up to the next that
-measures anew: what comes before is filled in from the simulated world.
+``python -m benchmarks.mission`` runs a slice; ``--whole`` runs 20 seeds of the whole mission and 20 runs of
+each fault. A fault is run through the chapters that it affects and those after them up to the next that
+measures again: the results of earlier chapters are taken from the simulated world.
 
-    python -m benchmarks.mission --whole --report mission.jsonl                 all of it
-    python -m benchmarks.mission --whole --part seeds --report seeds.jsonl      the seeds alone
+    python -m benchmarks.mission --whole --report mission.jsonl                 everything
+    python -m benchmarks.mission --whole --part seeds --report seeds.jsonl      the seeds only
     python -m benchmarks.mission --part faults --runs 3 --report faults.jsonl   three runs of each fault
 
-    python -m benchmarks.mission --worlds open --count 10 --report worlds.jsonl  ten drawn houses, judged
-    python -m benchmarks.mission --worlds open --count 5 --visits 2 --report visits.jsonl  and each visited again
+    python -m benchmarks.mission --worlds open --count 10 --report worlds.jsonl  ten random houses, every claim evaluated
+    python -m benchmarks.mission --worlds open --count 5 --visits 2 --report visits.jsonl  each visited twice
     python -m benchmarks.mission --worlds open --count 5 --full --robot-seed 1 --report full.jsonl  as demo --world N does
 
-Every story is a line of the report when it has ended; the same command goes on after the last one.
+Each prints the table of successes, claims and reasons. A finished mission is a line of the report; the same command
+continues after the last one.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ def run(
 
 
 def _seeds(told: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Of whole stories."""
+    """Rows of whole missions."""
     reasons = Counter(one["summary"] for one in told if not one["complete"])
     why = "; ".join(f"{count} {text}" if count > 1 else text for text, count in reasons.items())
     crashes = [one for one in told if "crash" in one]
@@ -119,7 +120,7 @@ def _seeds(told: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _fault(kind: FaultKind, told: list[dict[str, Any]]) -> dict[str, Any]:
-    """Of the runs with one fault."""
+    """Rows of the runs with one fault."""
     bad = sum(bool(one["wrong"]) or "crash" in one for one in told)
     ended = Counter(one["ended"] for one in told)
     note = f"{len(told)} runs: " + ", ".join(f"{n} {name}" for name, n in ended.items())
@@ -141,7 +142,7 @@ def _least(name: str, value: float, note: str, floor: float = 0, aim: float = 0)
 def _told(
     kept: Journal, seed: int, fault: FaultKind | None, chapters: tuple[str, ...] | None
 ) -> dict[str, Any]:
-    """One story, from the journal or told now."""
+    """One mission, from the journal or run now."""
     key = f"{fault.value if fault else 'story'} {seed}"
     if key not in kept:
         begin_s = time.process_time()

@@ -1,9 +1,9 @@
-"""Every task with one fault at a time: crashes, wrong claims, force over the limit, and how soon motion stops.
+"""Every task with one fault at a time: crashes, wrong claims, force above the limit, and time until motion stops.
 
-``python -m benchmarks.mission_faults --seeds open --count 5 --report faults.jsonl``
+``python -m benchmarks.mission_faults --seeds open --count 5 --report faults.jsonl`` prints these figures.
 
-Robots are simulated (:mod:`benchmarks._task_rigs`), behind a supervisor; the fault begins at a random time between
-robot and supervisor. Each run is a line of the report; the same command goes on after the last one. Even seeds are
+Robots are simulated (:mod:`benchmarks._task_rigs`), under a supervisor; the fault begins at a random time between
+robot and supervisor. Each run is a line of the report; the same command continues after the last one. Even seeds are
 open, odd ones closed.
 """
 
@@ -24,9 +24,9 @@ from ._task_rigs import FAULTS, STOPPING, TASKS, Fault, Record, Rig
 
 __all__ = ["figures", "run", "try_task"]
 
-#: By when motion has stopped [s], and what the force may exceed its limit by.
+#: Time until motion has to stop [s], and allowed excess of the force over its limit.
 STOPPED_S, OVER = 0.2, 1.1
-#: The fault begins in this part of a run without one.
+#: The fault begins in this fraction of the duration of a run without faults.
 FROM, TO = 0.1, 0.9
 
 

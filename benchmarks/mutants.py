@@ -1,19 +1,20 @@
-"""Which small mistakes in the code no test notices.
+"""Mutation test of the code: which small mistakes are not noticed by any test.
 
     python -m benchmarks.mutants --packages database recognition --sample 80 --report mutants.jsonl
+                                      prints the score of each package, and the mutants that survived
     python -m benchmarks.mutants --packages sensing.beam --list
 
-First the test files below ``tests/PACKAGE`` run once under ``coverage``, and the report keeps which test executes which
-line of the package. Then mistakes (:mod:`benchmarks._mutations`) drawn at random are made one at a time, in a fork of a
-process that has the libraries loaded, and the tests that execute the line run, the quickest first, until one fails:
+First the test files below ``tests/PACKAGE`` run once under ``coverage``, and the report records which test executes which
+line of the package. Then mutants (:mod:`benchmarks._mutations`) are drawn at random and created one at a time, in a fork of a
+process that has the libraries loaded, and the tests that execute the line run, fastest first, until one fails:
 
-- *killed*: a test fails, the module cannot be imported, or the tests take ten times their time of the processor;
-- *survived*: none fails. Tests that would take longer than ``--seconds`` together are left out, the slowest first,
+- *killed*: a test fails, the module cannot be imported, or the tests take ten times their CPU time;
+- *survived*: no test fails. Tests that would exceed ``--seconds`` together are left out, the slowest first,
   and so are those of other packages, those marked slow and those that need real data: the score is a lower bound;
-- *uncovered*: none executes the line, in its own process.
+- *uncovered*: no test executes the line in its own process.
 
-The score is killed of all. Some survivors are no fault: another way to write the same. A larger ``--sample`` with the
-same seed contains the smaller one, and is continued.
+The score is the fraction that was killed. Some survivors are equivalent to the original code. A larger ``--sample`` with the
+same seed contains the smaller one, and continues it.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ _LIBRARIES = (
 _LIBRARIES += ("pydantic", "yaml", "rich", "jaxtyping", "shapely", "trimesh", "hypothesis", "pytest")
 _LIBRARIES += ("pyarrow.parquet", "sqlalchemy", "skimage.measure", "sklearn.ensemble", "matplotlib.pyplot")
 _OPTIONS = ["-q", "-p", "no:cacheprovider", "-m", "not slow and not data", "--no-header"]
-#: A mistake may make tests this many times slower before it is noticed by that alone.
+#: Tests that become slower than this factor notice a mistake.
 _SLOWER = 10.0
 _START_S = 30.0  #: for imports and for kernels that are not in the cache
 
@@ -79,7 +80,7 @@ def _forked(work: Callable[[], int], folder: Path, seconds: float) -> tuple[int 
         finally:
             sys.stdout.flush()
             os._exit(code)
-    # Tests that wait for one another take no time of the processor.
+    # Tests that wait for each other use no CPU time.
     limit = time.monotonic() + 10.0 * seconds
     while not (done := os.waitpid(child, os.WNOHANG))[0]:
         if time.monotonic() > limit:
@@ -101,7 +102,7 @@ class _Watch:
             self.tests[report.nodeid] = time.process_time() - self.started
 
     def pytest_runtest_setup(self, item: Any) -> None:
-        self.coverage.switch_context("*")  # what fixtures do is the business of every test of the file
+        self.coverage.switch_context("*")  # fixtures count for every test of the file
 
     def pytest_runtest_call(self, item: Any) -> None:
         self.started = time.process_time()
@@ -170,7 +171,7 @@ def _tests_of(mutation: Mutation, file: str, maps: list[dict[str, Any]], seconds
 
 
 def judge(module: Module, number: int, tests: dict[str, float], root: Path = ROOT) -> tuple[str, str]:
-    """What came of a mistake, and the test that noticed it.
+    """Result of a mistake, and the test that noticed it.
 
     Parameters
     ----------
@@ -214,7 +215,7 @@ def _own(package: str, modules: dict[str, Module]) -> list[Module]:
 
 
 def _sample(packages: list[str], modules: dict[str, Module], count: int, seed: int) -> Iterator[Any]:
-    """Per package mistakes of its modules that are drawn, without replacement."""
+    """Random mistakes of the modules of each package, without replacement."""
     for package in packages:
         own = _own(package, modules)
         places = [(one, number, found) for one in own for number, found in enumerate(mutations(one.tree))]

@@ -1,11 +1,11 @@
-"""Doors from the geometry of real maps against doors that people have drawn into them (UT Austin GDC).
+"""Doors detected from the geometry of real maps, compared with third-party annotations (UT Austin GDC).
 
-A door counts as found when its middle is within 0.75 m of the drawn one's,
-one to one. Some openings of the building have no drawn door and some drawn
-doors were closed when the map was made: the figures are told as they are.
+A door counts as found when its middle is within 0.75 m of the annotated one's,
+one to one. Some openings of the building are not annotated, and some annotated
+doors were closed when the map was recorded: the figures are not corrected for this.
 
-    python -m benchmarks nav_doors
-    python -m benchmarks.nav_doors --pictures DIR     # what is found on all real maps
+    python -m benchmarks nav_doors                    recall, precision, rooms on both sides, CPU time
+    python -m benchmarks.nav_doors --pictures DIR     images of the detections on all real maps
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ def drawn_doors(path: Path) -> tuple[np.ndarray, list[list[np.ndarray]]]:
 
 
 def matched(found: DoorMap, corners: np.ndarray) -> list[tuple[int, int]]:
-    """Pairs (found, drawn), one to one, the nearest together."""
+    """Pairs (found, annotated), one to one, nearest first."""
     middles = np.array([door.middle_m for door in found.doors]).reshape(-1, 2)
     return matched_places(middles, corners.mean(axis=1))
 
 
 def matched_places(middles: np.ndarray, true_m: np.ndarray) -> list[tuple[int, int]]:
-    """Pairs (place, true place), one to one, the nearest together."""
+    """Pairs (position, true position), one to one, nearest first."""
     from scipy.optimize import linear_sum_assignment
 
     far = np.hypot(*(middles[:, None] - true_m[None]).transpose(2, 0, 1))

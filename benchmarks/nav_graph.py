@@ -1,11 +1,12 @@
-"""Map to graph to regions: time, memory, topology and edits, beside the public chain.
+"""Map to graph to regions: time, memory, topology and edits, compared with a chain of public libraries.
 
 The public chain is OpenCV's exact distance, scikit-image's thinning and SciPy's multi-source Dijkstra,
-the best of what was tried; its graph step (sknw, skan) is left out. CPU time, one thread. Maps are the
-real ones of the data; the mosaic lays them side by side until 4000 x 4000 cells are full.
+the best of those tried; its graph step (sknw, skan) is left out. CPU time, one thread. Maps are the
+real ones of the data; the mosaic repeats them side by side to fill 4000 x 4000 cells.
 
-``python -m benchmarks.nav_graph topology 10000`` runs the campaign (it goes on where it was stopped, from
-``results/nav_topology.txt``), ``... memory`` measures the peak of a fresh process.
+    python -m benchmarks nav_graph                    the table
+    python -m benchmarks.nav_graph topology 10000     random maps with a wrong graph; resumed from ``results/nav_topology.txt``
+    python -m benchmarks.nav_graph memory             peak memory of a fresh process
 """
 
 from __future__ import annotations
@@ -104,7 +105,7 @@ def public_chain(grid: Any, seeds: np.ndarray) -> None:
 
 
 def cpu_ms(work: Any, repeats: int) -> float:
-    """Median of single runs after one to warm up."""
+    """Median of single runs after one warm-up run."""
     work()
     spent = []
     for _ in range(repeats):
@@ -165,7 +166,7 @@ def topology_errors(count: int, seed: int = _SEED, first: int = 0) -> int:
 
 
 def topology_campaign(count: int, log: Path, part: int = 500) -> tuple[int, int]:
-    """Maps 0 to ``count`` - 1 in parts; each leaves a line in ``log`` and is not done again. Returns wrong, done."""
+    """Maps 0 to ``count`` - 1 in parts; each writes a line to ``log`` and is not repeated. Returns wrong, done."""
     done = {}
     if log.exists():
         for line in log.read_text().splitlines():

@@ -1,10 +1,11 @@
-"""Plans: namosim's scenes, figure 4.6, and 50 objects added to a graph.
+"""Plans: namosim's scenes, figure 4.6, and 50 objects added to a graph: solved scenes, cost and CPU time.
 
-CPU time, one thread, after one warm run. ``python -m benchmarks.nav_plan scenes`` prints one line per scene of others;
-plans beside an optimum that shares nothing with the planner are in ``plan_evidence oracle``.
+CPU time, one thread, after one warm-up run. ``python -m benchmarks nav_plan`` prints the table,
+``python -m benchmarks.nav_plan scenes`` one line per third-party scene;
+plans are compared with an independent optimum in ``plan_evidence oracle``.
 
-The peer's times are those that were measured before with namosim's own pinned versions on the same kind of
-machine (its first plan); it can't be installed beside this library.
+The peer's times were measured earlier with namosim's own pinned versions on the same kind of
+machine (its first plan); it cannot be installed beside this library.
 """
 
 from __future__ import annotations

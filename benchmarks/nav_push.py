@@ -1,6 +1,7 @@
-"""Sideward and direct push against MuJoCo, sideward push against real pushes, its speed, and what watching the contact is worth.
+"""Accuracy of the push models: sideward and direct pushes in MuJoCo and in reality, speed, and the benefit of contact tracking.
 
-``python -m benchmarks.nav_push --count 200`` runs the whole campaign of random things.
+python -m benchmarks nav_push               a slice
+python -m benchmarks.nav_push --count 200   the campaign of random objects: errors of position and turn
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ CENTRE_M = np.array([0.05, 0.05])
 
 
 def sideward_errors(count: int, seed: int = SEED) -> dict[str, np.ndarray]:
-    """Final position (m) and turn (rad) off MuJoCo's, and drops told right, for both models."""
+    """Errors of final position (m) and turn (rad) against MuJoCo, and correctly predicted releases, for both models."""
     rng = np.random.default_rng(seed)
     rows: dict[str, list[float]] = {
         f"{model} {what}": [] for model in ("ours", "algorithm 2") for what in ("position", "turn", "drop")
@@ -115,7 +116,7 @@ def real_ends(folder: Path, samples: int = 400) -> np.ndarray:
 
     What is told to the simulation is the outline alone.
     """
-    # Pusher and object are 1.2 mm apart where they should touch (rms): of the place, along and across.
+    # Pusher and object are 1.2 mm apart (rms) when they should touch: error of the position, along and across.
     known = PushUncertainty(place_m=0.0012, yaw_rad=0.0012 / _triangle(None).gyration_m)
     found = []
     for _, supports, pushes in _real_logs(folder):
@@ -277,7 +278,7 @@ def _loop(count: int) -> list[dict[str, Any]]:
 
 
 def direct_errors(count: int, length_m: float = 0.5) -> dict[str, np.ndarray]:
-    """Direct pushes of boxes and polygons whose mass is not in the middle: off the goal (m) and turn (rad).
+    """Direct pushes of boxes and polygons with off-centre mass: errors of position (m) and turn (rad).
 
     ``steered`` looks at the object and steers, ``straight`` drives as planned,
     ``model`` is what :func:`simulate_push`, told the truth, foresees of the straight one.

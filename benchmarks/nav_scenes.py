@@ -1,10 +1,11 @@
-"""Travels with pushes on real maps, executed in MuJoCo: how many arrive.
+"""Navigation with pushes on real maps, executed in MuJoCo: fraction of goals reached.
 
-``python -m benchmarks.nav_scenes --scenes 300 --report out.json`` runs the campaign; what the report has already is
-not run again. A scene is a window of a real map with 1 to 6 things, one of them where the way is narrow, tagged
-with what was observed once; friction and centre of mass are off by the tag's spread, some things are too heavy,
-some were never touched. It counts as solvable when the planner, told the truth and given more time than on the way, has
-a plan for a robot that is larger by half a cell: a disc of the true radius between squares. The robot knows its place to 6 mm.
+``python -m benchmarks.nav_scenes --scenes 300 --report out.json`` runs the campaign and prints the fractions of goals reached;
+scenes in the report are not run again. A scene is a window of a real map with 1 to 6 objects, one of them at a narrow passage,
+tagged with earlier observations; friction and centre of mass differ from the tag by its standard deviation, some objects are too
+heavy, some were never touched. It counts as solvable when the planner, with the true properties and more time than during
+navigation, has a plan for a robot that is larger by half a cell: a disc of the true radius among square cells. The robot's
+pose is known to 6 mm.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ __all__ = ["play", "run"]
 LIMITS = SearchLimits(budget_s=2.0)
 
 
-#: What a scene is called solvable with: more than the travels have.
+#: Budget for deciding whether a scene is solvable: larger than during navigation.
 PATIENT = SearchLimits(budget_s=20.0)
 
 
@@ -46,7 +47,7 @@ def plan(problem: PlanningProblem) -> Any:
 
 
 def execute(scene: Scene) -> tuple[Travel, FloorWorld]:
-    """One travel in physics."""
+    """One navigation run in physics."""
     problem = scene.problem
     world = FloorWorld(
         scene.walls,
@@ -59,7 +60,7 @@ def execute(scene: Scene) -> tuple[Travel, FloorWorld]:
 
 
 def play(folder: Path, index: int, *, hopeless: bool = True) -> dict[str, Any]:
-    """Plan and execute one scene; where no plan exists with the truth it is executed if ``hopeless``."""
+    """Plan and execute one scene; if no plan exists for the true scene, it is executed only if ``hopeless``."""
     begin_s = time.process_time()
     scene = make_scene(folder, index)
     made_s = time.process_time()
@@ -100,7 +101,7 @@ def play(folder: Path, index: int, *, hopeless: bool = True) -> dict[str, Any]:
 def campaign(
     indices: Sequence[int], report: Path | None = None, *, verbose: bool = False, hopeless: bool = True
 ) -> list[dict[str, Any]]:
-    """Play scenes that the report does not have yet."""
+    """Run scenes that are not in the report yet."""
     logging.getLogger("visuohaptic").setLevel(logging.ERROR)
     known: dict[int, dict[str, Any]] = {}
     if report is not None and report.exists():

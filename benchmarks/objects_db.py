@@ -1,10 +1,10 @@
-"""A database of 10^5 objects or more: import, read, nearest-feature search and synchronisation.
+"""A database of 10^5 objects or more: time of import, reading, nearest-feature search and synchronisation.
 
     python -m benchmarks.objects_db --objects 1000000 --folder F --seconds 120
-    python -m benchmarks.objects_db --objects 1000000 --vectors
+    python -m benchmarks.objects_db --objects 1000000 --vectors        the search among vectors only
 
-The database is kept in the folder (10 GB for 10^6 objects, 5 GB of memory); each call imports for as many seconds
-more, and the one that has imported all measures the rest.
+The database is kept in the folder (10 GB for 10^6 objects, 5 GB of memory); each call continues the import for this number of
+seconds, and the call that completes it runs the other measurements and prints the table.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def imported(folder: Path, count: int, seconds: float) -> tuple[float, float] | 
 
 
 def linear_scan(ids: Sequence[str], vectors: np.ndarray, query: np.ndarray, count: int) -> list[str]:
-    """The nearest, each vector compared in full."""
+    """The nearest objects by a full comparison of all vectors."""
     known = ~np.isnan(query)
     distances = [
         np.linalg.norm(vectors[start : start + 4096, known] - query[known], axis=1)
@@ -74,7 +74,7 @@ def search_rows(ids: Sequence[str], vectors: np.ndarray) -> list[dict[str, Any]]
     index_s = time.process_time() - began_s
     searches, walls, same = [], [], True
     for number in range(SEARCHES):
-        # An object that is known, felt once more: half of its features, with an error.
+        # A known object measured again: half of its features, with errors.
         again = vectors[rng.integers(count)] + rng.normal(0, 0.1, n)
         again[rng.random(n) < 0.5] = np.nan
         began_s, began_wall_s = time.process_time(), time.perf_counter()
@@ -200,7 +200,7 @@ def synchronised_changes(shared: ObjectDatabase, folder: Path, count: int) -> tu
 
 
 def _felt(number: int) -> VisuoHapticObject:
-    """An object that was touched once more."""
+    """An object that was touched again."""
     felt = Evidence("tag.stiffness_N_per_m", Estimate(1000.0, 10.0), key=str(number))
     return add_evidence(VisuoHapticObject(f"o{number:07d}"), felt)
 

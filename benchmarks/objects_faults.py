@@ -1,7 +1,9 @@
-"""Databases under fire: writers that are killed, a disk that is full, sixteen writers at once (issue: database).
+"""Database faults: writers that are killed, a full disk, sixteen concurrent writers. Counts lost and half-written objects.
 
-Nothing acknowledged may be lost, nothing may be half-written, and the integrity check must be clean.
-The disk is a small memory file system, which needs the right to mount one; without it that row is left out.
+    python -m benchmarks objects_faults
+
+No acknowledged object may be lost, none half-written, and the integrity check must pass.
+The disk is a small memory file system, which requires the right to mount one; otherwise this row is left out.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from ._victim import Say, Victim
 
 
 def make_object(number: int, vertices: int = 60) -> VisuoHapticObject:
-    """An object that is told by its number alone."""
+    """An object defined by its number."""
     rng = np.random.default_rng(number)
     surface = StiffnessMap(
         rng.normal(size=(vertices, 3)),
@@ -67,7 +69,7 @@ def _load_libraries() -> None:
 
 
 def kills(folder: Path, count: int, rng: random.Random) -> dict[str, int]:
-    """Kill an import ``count`` times: after a time of the processor, or inside of a ``write`` to one of its files."""
+    """Kill an import ``count`` times: after a CPU time, or inside a ``write`` to one of its files."""
     _load_libraries()
     with open_database(folder):
         pass
@@ -109,7 +111,7 @@ def kills(folder: Path, count: int, rng: random.Random) -> dict[str, int]:
 def writers(
     folder: Path, processes: int = 16, objects: int = 40, kill_rng: random.Random | None = None
 ) -> dict[str, int]:
-    """Many at once: objects of their own, and evidence on one that all share; with ``kill_rng`` all are killed."""
+    """Concurrent writers: each adds its own objects and evidence on a shared one; with ``kill_rng`` all are killed."""
     _load_libraries()
     with open_database(folder):
         pass
@@ -173,7 +175,7 @@ def full_disk(count: int, rng: random.Random) -> dict[str, int] | None:
 
 
 def run(kill_count: int = 200, disk_count: int = 20) -> list[dict[str, Any]]:
-    """All rows; with ``OBJECTS_FAULTS_JOURNAL`` naming a file, a stopped campaign goes on where it was."""
+    """All rows; with ``OBJECTS_FAULTS_JOURNAL`` naming a file, an interrupted campaign is continued."""
     named = os.environ.get("OBJECTS_FAULTS_JOURNAL")
     about = {"campaign": "objects faults", "kills": kill_count, "disks": disk_count}
     done = Journal(Path(named) if named else None, about)

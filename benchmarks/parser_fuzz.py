@@ -1,13 +1,13 @@
-"""Coverage-guided fuzzing of the parsers that are this library's own, with atheris.
+"""Coverage-guided fuzzing, with atheris, of the parsers that this library implements itself.
 
     python -m benchmarks.parser_fuzz --seconds 60 --corpus results/corpus --report fuzz.jsonl
     python -m benchmarks.parser_fuzz --targets ply bag --seconds 3600
 
-Each target starts from a valid file, or from the corpus that an earlier run has left, and mutates what reaches new
-branches of the library's Python code (compiled kernels, and C libraries below, are not watched). An input is accepted
-or refused by an error of the library with one line; any other exception, 2 GB, or 20 s for one input end the target,
-and the input is kept beside the corpus as ``TARGET-crash-...``. Without that, rows say how many inputs were tried and how
-many branches were reached. atheris is no dependency of this project: ``pip install atheris``.
+Each target starts from a valid file, or from the corpus of an earlier run, and mutates inputs that reach new
+branches of the library's Python code (compiled kernels and C libraries are not instrumented). An input is accepted
+or rejected by an error of the library with one line; any other exception, 2 GB, or 20 s for one input end the target,
+and the input is saved beside the corpus as ``TARGET-crash-...``. The rows report the number of inputs and of
+branches reached. atheris is not a dependency of this project: ``pip install atheris``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ._journal import Journal
 from .hostile_files import LIMIT_S, READERS, ROOM_BYTES
 from .house import is_compiled, read_modules
 
-#: Readers whose parser is ours, from the first byte or behind a library that gives plain data.
+#: Readers with our own parser, from the first byte or after a library that returns plain data.
 FILES = (
     "camera",
     "robot",
@@ -177,7 +177,7 @@ def fuzz(name: str, seconds: int, corpus: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Run, or continue, the targets that a report lacks."""
+    """Run the targets that are missing in a report."""
     if sys.argv[1:2] == ["--work"]:
         _work(sys.argv[2], sys.argv[3:])
         return

@@ -1,10 +1,11 @@
-"""Plans on floors made apart from the planner: how soon, how good, how sure, and whether they hold in physics.
+"""Plans on floors generated independently of the planner: time, cost, bounds, and execution in physics.
 
     python -m benchmarks.plan_evidence resolution idle --seeds open --count 10 --report out.jsonl
     python -m benchmarks.plan_evidence all --seeds closed --count 100 --report closed.jsonl
+                                      print the table of each campaign
 
-Each planning call runs in a child process, on one thread, with a hard limit of CPU time and memory; times are CPU times. Rows are written as they are made
-and not made again. Even seeds are open to whoever tunes the planner, odd ones are opened once, at the end.
+Each planning call runs in a child process, on one thread, with a hard limit of CPU time and memory; times are CPU times. Rows
+are saved as they are computed and are not repeated. Even seeds are open for tuning, odd ones are opened once, at the end.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Primitives on 500 random contacts: right kind, radius, time; peer: the rule as printed (score 3.11)."""
+"""Primitives fitted to 500 random contacts: correct kind, radius, time; peer: the score as printed (3.11).
+
+python -m benchmarks primitives
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,7 @@ def run(count: int = 500, seed: int = SEED, *, verbose: bool = False) -> list[di
         right_printed += peer is not None and peer.kind == truth.kind
         if truth.kind == "circle":
             true = truth.truth["radius_m"]
-            # Algebraic circle through the whole deformation set, flanks included.
+            # Algebraic circle fit to the whole deformation set, including flanks.
             radius_peer.append(abs(fit_circle_algebraic(truth.points_m)[2] / true - 1))
             if fit.best is not None and kind == "circle":
                 found = fit.best.parameters[2]

@@ -1,6 +1,8 @@
-"""The visual prior: is the right object among the candidates, are the probabilities right, how long it takes.
+"""The visual prior: is the true object among the candidates, are the probabilities calibrated, CPU time of a query.
 
-``PRIOR_OBJECTS`` (default 1000, the campaign 10000) is the number of objects for the time of one question.
+    python -m benchmarks prior
+
+The variable ``PRIOR_OBJECTS`` (default 1000, the campaign 10000) is the number of objects for the time of a query.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ def run() -> list[dict[str, Any]]:
 
 
 def shapes(variants: int = 6, looks: int = 160, seed: int = 3) -> list[dict[str, Any]]:
-    """Containers by their clouds; cups of both kinds are unknown.
+    """Containers by their point clouds; cups of both kinds are unknown.
 
     A cup with a rim beside stored cups would be no test: a rim is what sight cannot tell and touch is for.
     """
@@ -69,7 +71,7 @@ def pictures(count: int = 150, looks: int = 600, seed: int = 4) -> list[dict[str
 
 
 def times(count: int, seed: int = 5) -> list[dict[str, Any]]:
-    """One question to many objects: made-up features and views of the size of real ones."""
+    """One query against many objects: random features and views of realistic size."""
     rng = np.random.default_rng(seed)
     prior = VisualPrior()
     bank = np.concatenate([_features(number).descriptors for number in range(40)])
@@ -127,7 +129,7 @@ def _views(rng: np.random.Generator) -> list[ShapeViews]:
 def _judged(
     kind: str, prior: VisualPrior, looks: list[Example], group: Callable[[str], str]
 ) -> list[dict[str, Any]]:
-    """Calibrated on the one half of the looks, judged on the other."""
+    """Calibrated on one half of the views, evaluated on the other."""
     half = len(looks) // 2
     prior.settings = calibrate_prior(prior, looks[:half])
     first, third, classes, listed, confidence, right, rejected = [], [], [], [], [], [], []

@@ -1,8 +1,10 @@
-"""Open or closed at the best place, for objects whose wall and modulus are known to 10 %.
+"""Classification of open and closed containers at the best place, with wall and modulus known to 10 %.
 
-``python -m benchmarks.recog_state --variants 12 --objects elliptic,isana,cien,palmo,smoothie`` is the
-campaign; ``run()`` is a slice. Test curves are of other walls and moduli and of a finer mesh, with
-noise of both sensors.
+    python -m benchmarks recog_state            a slice
+    python -m benchmarks.recog_state --variants 12 --objects elliptic,isana,cien,palmo,smoothie    the campaign
+
+Prints the fraction classified correctly. Test curves are of other walls and moduli and of a finer mesh, with
+the noise of both sensors.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ def run() -> list[dict[str, Any]]:
 
 
 def campaign(names: tuple[str, ...], *, variants: int, tests: int, seed: int = 0) -> list[dict[str, Any]]:
-    """Share right at the best place, two states and three."""
+    """Fraction correct at the best place, for two and three states."""
     rows = []
     for count in (2, 3):
         states = dict(list(STATES.items())[:count])

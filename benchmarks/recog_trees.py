@@ -1,7 +1,7 @@
 """Table 6.1: cross-validated losses of nine trees on our data set.
 
-``python -m benchmarks.recog_trees --objects FOLDER`` takes a build of 50-100 variants a class (or
-the NPZ that recog_table62 keeps); ``run()`` builds 50 variants of the shipped classes itself.
+python -m benchmarks recog_trees                      builds 50 variants of the shipped classes itself
+python -m benchmarks.recog_trees --objects FOLDER     a build of 50-100 variants per class, or the NPZ of recog_table62
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from visuohaptic.reproduce.worlds import virtual_containers as world
 
 from .harness import cpu_seconds
 
-#: The elliptic bottles of the table are one class where they are not told apart.
+#: The elliptic bottles of the table form one class where they are not distinguished.
 GROUPS = {"elliptic": world.GROUPS["elliptic"]}
 FIVE = ("bottle", "cup", "cup-rim", "elliptic", "smoothie")
 #: Tree -> classes, scheme of scaling, printed loss [%].
@@ -95,7 +95,7 @@ def table(data: FeatureSet, groups: dict[str, Any] | None = None) -> list[dict[s
 
 
 def main() -> None:
-    """Of a build that is there."""
+    """Table of an existing build."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.recog_trees", description=__doc__)
     parser.add_argument("--objects", type=Path, required=True)
     parser.add_argument("--alone", action="store_true", help="elliptic is its own class only")

@@ -1,12 +1,12 @@
-"""The table of what was tried against this library, and what came of it.
+"""The table of the robustness tests of this library and their results.
 
     python -m benchmarks.reliability                            a slice of every row, in minutes
-    python -m benchmarks.reliability --items 1 5 --scale 10 --report rows.jsonl    ten times as much of two rows
+    python -m benchmarks.reliability --items 1 5 --scale 10 --report rows.jsonl    ten times as many cases of two rows
     python -m benchmarks.reliability --report rows.jsonl --also fuzz.jsonl bare.jsonl --page docs/reliability.md
 
-Campaigns with a report of their own (:data:`TAKEN`, ``mutants``, ``branch_coverage``) are taken in by ``--also``.
+Campaigns with their own report (:data:`TAKEN`, ``mutants``, ``branch_coverage``) are included by ``--also``.
 
-Each case is kept in the report as it is done; a stopped run goes on where it was. A row that was not run says so.
+Each case is saved in the report as it is completed, and an interrupted run is continued. A row that was not run is marked.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from ._journal import Journal
 
 Rng = np.random.Generator
 ROOT = Path(__file__).resolve().parents[1]
-#: Files that were faults; they belong into ``tests/corpus`` when they are mended.
+#: Files that caused faults; they are moved to ``tests/corpus`` when the fault is fixed.
 KEPT = ROOT / "results" / "hostile"
 #: Figures of a case; a case of a row has those that apply.
 FIGURES = ("tried", "crashed", "hung", "wrong", "lost")
@@ -113,7 +113,7 @@ def _cuts(scale: int) -> Iterator[Case]:
 
 
 def _tested(*files: str) -> subprocess.CompletedProcess[str]:
-    """What files of tests say, in a process of their own."""
+    """Results of test files, run in a separate process."""
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *files]
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
 
@@ -148,7 +148,7 @@ def _server(scale: int) -> Iterator[Case]:
 
 
 def serve_and_attack(count: int, rng: Rng) -> dict[str, int]:
-    """Malformed and foreign requests to a live page: which were answered, and does it still serve afterwards?"""
+    """Malformed and foreign requests to a live page: which were answered, and whether it still serves afterwards."""
     from visuohaptic.viewer import LivePage
 
     answered = 0
@@ -323,7 +323,7 @@ TAKEN: dict[str, tuple[int, Callable[[dict[str, Any]], dict[str, int]]]] = {
 
 
 def take_in(paths: list[Path], journal: Journal) -> dict[str, dict[str, Any]]:
-    """Put the cases of other reports into the rows that they belong to; those of tables of their own are returned."""
+    """Add the cases of other reports to their rows; returns those that have their own table."""
     apart: dict[str, dict[str, Any]] = {}
     for path in paths:
         campaign, rows = _read_other(path)
@@ -336,7 +336,7 @@ def take_in(paths: list[Path], journal: Journal) -> dict[str, dict[str, Any]]:
 
 
 def _of_tests(apart: dict[str, dict[str, Any]]) -> list[str]:
-    """Tables of the tests themselves: mistakes that they notice, and branches that they take."""
+    """Tables about the tests: mutants that they kill, and branches that they cover."""
     lines = []
     if mistakes := apart.get("mutants"):
         lines += [

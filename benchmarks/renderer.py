@@ -1,6 +1,6 @@
-"""CPU time of a rendered frame, as a ratio to what plain OpenCV needs for a warped, blurred, noisy picture.
+"""CPU time of a rendered frame, as a ratio to a warped, blurred, noisy image in plain OpenCV.
 
-Run ``python -m benchmarks.renderer`` from the repository.
+python -m benchmarks.renderer    prints the CPU time of each case, and its ratio to OpenCV
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ FRAMES = 15
 
 
 def pressed(t_s: float, objects: int = 3) -> FoamScene:
-    """A bent strip that is pressed against a box, a cylinder and a table leg while the robot drives."""
+    """A bent strip pressed against a box, a cylinder and a table leg while the robot drives."""
     y = np.linspace(-0.125, 0.125, 171)
     back = np.column_stack([-(y**2), y])
     front = back + np.array([0.02, 0.0])

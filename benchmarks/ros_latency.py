@@ -1,11 +1,11 @@
-"""Images of a camera to wrenches on a topic, over DDS: latency, loss, and what a node survives.
+"""Camera images to wrenches on a topic, over DDS: latency, loss, and robustness of a node.
 
-python -m benchmarks.ros_latency --seconds 30               30 Hz of 1600 x 896 images to the node foam
-python -m benchmarks.ros_latency --kill 100 --malformed 2000
+    python -m benchmarks.ros_latency --seconds 30               30 Hz of 1600 x 896 images to the node foam
+    python -m benchmarks.ros_latency --kill 100 --malformed 2000    and cameras that are killed, and malformed messages
 
-A node is a process of its own (``visuohaptic ros node foam``); images are rendered by the simulation before. Latency is from
-the moment at which an image is handed to DDS to that at which its wrench has come back, so it has two passages over DDS.
-What else runs on the machine is told as its load.
+A node is a separate process (``visuohaptic ros node foam``); images are rendered in advance. Latency is the time
+from passing an image to DDS until its wrench is received, and thus includes two transfers over DDS.
+The load of the machine is reported, too.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ TOPIC, WRENCH, KIND = "/bumper/image", "geometry_msgs/msg/WrenchStamped", "senso
 RATE_HZ = 30.0
 PATIENCE_S = 60.0
 
-#: A camera that publishes until it is killed, and listens to what becomes of its images.
+#: A camera that publishes until it is killed, and receives the resulting wrenches.
 _PEER = """
 import sys, time, numpy as np
 from visuohaptic.io.ros import ros_messages as messages
@@ -96,7 +96,7 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """A wrench that came back."""
+    """A received wrench."""
 
     at_s: float
     valid: bool
@@ -116,13 +116,13 @@ class Heard:
         )
 
     def take(self, stamp_ns: int) -> Answer | None:
-        """The answer to an image; what is older goes, others' and those of silence."""
+        """The wrench of an image; older ones are discarded, also those of other cameras and of start-up."""
         for old in [stamp for stamp in list(self._answers) if stamp < stamp_ns]:
             del self._answers[old]
         return self._answers.pop(stamp_ns, None)
 
     def wait(self, count: int, timeout_s: float) -> bool:
-        """Whether so many have come in time."""
+        """Whether this number has arrived in time."""
         end = time.monotonic() + timeout_s
         while len(self._answers) < count and time.monotonic() < end:
             time.sleep(0.01)
@@ -135,7 +135,7 @@ def latency(node: TopicNode, heard: Heard, images: list[np.ndarray], seconds: fl
     heard.wait(1, PATIENCE_S)  # stale: it runs
     camera.wait_until_heard(PATIENCE_S)
     raw = [messages.image(0.0, image, "bumper") for image in images]
-    # To and fro, as a hand that presses; the first second is for discovery and is not counted.
+    # Forwards and backwards, as a hand that presses; the first second is for discovery and is not counted.
     order = [*range(len(raw)), *range(len(raw) - 2, 0, -1)]
     sent: dict[int, float] = {}
     begin = time.perf_counter()
@@ -161,7 +161,7 @@ def latency(node: TopicNode, heard: Heard, images: list[np.ndarray], seconds: fl
 
 
 class Malformed:
-    """Sends bytes that are no image on the images' topic: cut, spoilt, or too long."""
+    """Sends invalid messages on the image topic: truncated, corrupted, or too long."""
 
     def __init__(self, node: RclpyNode) -> None:
         self._rng = np.random.default_rng(4)

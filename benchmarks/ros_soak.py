@@ -1,12 +1,13 @@
-"""An hour of a node over DDS: memory, handles and threads, with peers that are killed and messages that are none.
+"""An hour of a node over DDS: memory, handles and threads, with peers that are killed and malformed messages.
 
     python -m benchmarks.ros_soak                                  a slice of two minutes
     python -m benchmarks.ros_soak --minutes 60 --report hour.jsonl
 
-The node is a process of its own (``visuohaptic ros node foam``), fed with rendered raw images of 1600 x 896 at 10 Hz, which is enough
-for the foam to tell a contact from something that covers it. Killed peers and malformed messages are spread evenly over the time. A row a minute is kept, with
-the number of the node's process; a run that was stopped goes on with a new process, and growth is told of each process apart.
-The figures start after the first two minutes of a process, when its buffers and adaptive models are filled.
+The node is a separate process (``visuohaptic ros node foam``), fed with rendered raw images of 1600 x 896 at 10 Hz, which is
+sufficient for the sensor to distinguish a contact from an occluder. Killed peers and malformed messages are spread evenly over the
+time. A row per minute is stored with the number of the node's process; an interrupted run continues with a new process, and
+growth is reported for each process separately. The figures start after the first two minutes of a process, when its buffers and
+adaptive models are filled.
 """
 
 from __future__ import annotations
@@ -55,17 +56,17 @@ class Campaign:
         self._number = 0
 
     def minute(self, kills: int, malformed: int) -> dict[str, Any]:
-        """A minute of images with its part of what goes wrong; what came back, and what the node has in use then."""
+        """One minute of images with its fraction of the faults; returns the received wrenches and the node's resource usage."""
         killer = threading.Thread(target=lambda: [kill_a_peer(self.domain) for _ in range(kills)])
         killer.start()
-        order = [*range(len(self.images)), *range(len(self.images) - 2, 0, -1)]  # as a hand that presses
+        order = [*range(len(self.images)), *range(len(self.images) - 2, 0, -1)]  # forwards and backwards
         ticks, sent, spoilt = round(60.0 * self.rate_Hz), [], 0
         begin = time.perf_counter()
         for tick in range(ticks):
             time.sleep(max(0.0, begin + tick / self.rate_Hz - time.perf_counter()))
             now_s = time.time()
             image = self.images[order[self._number % len(order)]]
-            # Noise: the very same image again would be stale.
+            # New noise: an identical image would be stale.
             image[0] ^= self._rng.integers(0, 2, image.shape[1], np.uint8)
             self._camera.publish(messages.image(now_s, image, "bumper"))
             sent.append(messages.stamp_ns(now_s))

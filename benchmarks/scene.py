@@ -1,4 +1,8 @@
-"""Obstacles, ego-motion over a metre, falls in simulated pushes."""
+"""Sensing of the scene: CPU time of obstacle detection, errors of ego-motion over a metre, falls detected in simulated pushes.
+
+python -m benchmarks.scene                prints all rows; the pushes take some minutes
+python -m benchmarks.scene --count 12     twelve pushes
+"""
 
 from __future__ import annotations
 
@@ -24,7 +28,7 @@ FIRST = 1000
 
 
 def obstacles() -> list[dict[str, object]]:
-    """CPU time of a frame at 640 x 480 that is compared with an earlier one; others are not even prepared."""
+    """CPU time of a frame at 640 x 480 that is compared with an earlier one; other frames are not processed."""
     from .harness import cpu_seconds
 
     camera, c, s = Camera.simple(640, 480, 560.0), math.cos(math.pi / 4), math.sin(math.pi / 4)
@@ -45,7 +49,7 @@ def obstacles() -> list[dict[str, object]]:
 
 
 def ego_motion(floor: str, wrong: float = 0.4, step_m: float = 0.005) -> tuple[float, float, float, float]:
-    """Over one metre: relative error of the way, error of the heading [deg], CPU time per frame [ms], share valid."""
+    """Over one metre: relative error of the distance, error of the heading [deg], CPU time per frame [ms], fraction valid."""
     rig, rng = SensorRig(), np.random.default_rng(SEED)
     render = scenes.renderer(rig, replace(Look.photo(), floor=Surface(112.0, 10.0, floor)))
     view = scenes.floor_view(rig)
@@ -61,7 +65,7 @@ def ego_motion(floor: str, wrong: float = 0.4, step_m: float = 0.005) -> tuple[f
         image = render.render(scenes.scene(i / 30, scenes.planar(*pose)), rng=rng)
         begin = time.process_time()
         step = points.update(image, regions)
-        # Wrong for as long as they live: half stand still in the picture, half jump about.
+        # Outliers over their whole life: half are static in the image, half jump randomly.
         bad = (step.ids * 2654435761 % 1000) / 1000 < wrong
         jump = np.where((step.ids % 2 == 0)[:, None], 0.0, rng.normal(0, 15, step.after_px.shape))
         after = np.where(bad[:, None], step.before_px + jump, step.after_px)

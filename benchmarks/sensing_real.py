@@ -1,7 +1,9 @@
-"""Trackers on real recordings, each against a truth that was published or is measured another way.
+"""Trackers on real recordings, each compared with a published truth or an independent measurement.
 
-Needs ``sensing`` of the real data (``VISUOHAPTIC_DATA`` or ``../shared/data``). The truths err as well,
-often by more than the tracker: each row's note says by how much.
+    python -m benchmarks sensing_real
+
+Needs ``sensing`` of the real data (``VISUOHAPTIC_DATA`` or ``../shared/data``). The references have errors as well,
+often larger than the tracker's: the note of each row states them.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from .harness import ROOT
 
 
 def data_folder() -> Path | None:
-    """Where the recordings are, if they are anywhere."""
+    """Folder of the recordings, if it exists."""
     named = os.environ.get("VISUOHAPTIC_DATA")
     folder = (Path(named) if named else ROOT.parent / "shared" / "data") / "sensing"
     return folder if folder.is_dir() else None
@@ -97,7 +99,7 @@ def dots(folder: Path) -> Iterator[dict]:
             blur = matching_blur(template, image, found, start=blur)
             expected = apply_homography(homography, marks - low)
             distance = np.linalg.norm(expected[:, None] - dot_centres(image)[None], axis=2).min(axis=1)
-            # A dot that a threshold cannot separate in this frame says nothing.
+            # A dot that a threshold cannot separate in this frame is skipped.
             errors.extend(distance[distance < 6.0])
     yield _row(
         "visp mire-2: median distance of a dot to its centroid",
@@ -300,7 +302,7 @@ def beam(folder: Path) -> Iterator[dict]:
 
 
 def run() -> list[dict]:
-    """Rows of the table, or one that says that there are no data."""
+    """Rows of the table, or one row if the data are missing."""
     folder = data_folder()
     if folder is None:
         return [

@@ -1,6 +1,6 @@
-"""Corrupted depth sequences: a clear error, or frames left out and counted; nothing crashes.
+"""Corrupted depth sequences: each has to give a clear error, or frames that are left out and counted; no crash.
 
-python -m benchmarks.sequence_faults --count 200
+python -m benchmarks.sequence_faults --count 200    prints how many crashed, were accepted silently, or had an unclear error
 """
 
 from __future__ import annotations
@@ -47,19 +47,19 @@ def _picture(folder: Path, rng: Rng) -> Path:
 
 
 def missing_frame(folder: Path, rng: Rng) -> None:
-    """One picture, or several, are lost."""
+    """One or several images are missing."""
     for _ in range(int(rng.integers(1, 4))):
         _picture(folder, rng).unlink(missing_ok=True)
 
 
 def wrong_size(folder: Path, rng: Rng) -> None:
-    """A picture of another camera."""
+    """An image of another camera."""
     shape = (int(rng.integers(1, 90)), int(rng.choice([1, 32, 63, 65, 128])))
     write_depth(_picture(folder, rng), np.full(shape, 1.0))
 
 
 def nan_poses(folder: Path, rng: Rng) -> None:
-    """Numbers of poses that are none, infinite, or no rotation."""
+    """Poses with NaN or infinite numbers, or an invalid rotation."""
     path = folder / "poses.txt"
     lines = path.read_text().splitlines()
     line = int(rng.integers(1, len(lines)))
@@ -88,7 +88,7 @@ def scale_off(folder: Path, rng: Rng) -> None:
 
 
 def cut_png(folder: Path, rng: Rng) -> None:
-    """The end of a picture is lost, or a byte of it changed."""
+    """A truncated image, or one with a changed byte."""
     path = _picture(folder, rng)
     data = bytearray(path.read_bytes())
     if rng.random() < 0.7:
@@ -120,7 +120,7 @@ def campaign(count: int, seed: int = SEED) -> list[dict[str, Any]]:
                 text = "; ".join(sequence.problems)
             except InputError as error:
                 outcome, text = "refused", str(error)
-            except Exception as error:  # noqa: BLE001 - that is what is looked for
+            except Exception as error:  # noqa: BLE001 - these are counted
                 outcome, text = "crashed", f"{type(error).__name__}: {error}"
             if outcome == "refused" and ("\n" in text or len(text) > 1000):
                 outcome = "unclear"

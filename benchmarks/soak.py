@@ -1,14 +1,15 @@
-"""One hour of frames through the whole sensing chain, as fast as it goes: does the memory grow?
+"""One hour of frames through the whole sensing chain, as fast as possible: does the memory grow?
 
-A push is rendered once, compressed, and played there and back: load, unload, rest, again and again, every second
-picture on the way there and the others on the way back, for a picture that comes again soon is told as stale. The
-clock of the frames runs on at 30 Hz. Every frame is decoded, its foam, surroundings and templates are read, contacts
-and events are followed, and what was measured is written to an MCAP file, as on a robot that records.
+A push is rendered once, compressed, and played forwards and backwards repeatedly: load, unload, rest. Every second
+frame is used on the way forwards and the others on the way backwards, because a frame that is repeated soon is rejected as stale.
+The clock of the frames runs on at 30 Hz. Every frame is decoded, its foam, surroundings and templates are read, contacts
+and events are tracked, and the measurements are written to an MCAP file, as on a robot that records.
 
     python -m benchmarks soak                   a slice of one minute
     python -m benchmarks.soak --hours 4 --report soak.jsonl
-                                                in slices of ten minutes of the camera, 18,000 frames each; goes on after
-                                                the last one
+                                                slices of ten minutes of camera time, 18,000 frames each; resumable
+
+Prints the memory growth, open files and threads, and CPU time per frame.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from .chain import Recording, record
 __all__ = ["Soak", "run"]
 
 _RATE_HZ, _SEED = 30.0, 20161123
-#: Frames until caches, pools and adaptive models are filled: six pushes there and back.
+#: Frames until caches, pools and adaptive models are filled: six pushes forwards and backwards.
 _WARM = 420
 _HOUR = int(3600 * _RATE_HZ)
 #: A slice that holds more memory at its end is not flat [MB].
@@ -58,7 +59,7 @@ def handles() -> int:
 
 
 def _trim() -> None:
-    """Give freed memory back, where the C library can: what stays is really held."""
+    """Return freed memory to the system, where the C library can; the remainder is in use."""
     import ctypes
 
     try:
@@ -68,7 +69,7 @@ def _trim() -> None:
 
 
 class Soak:
-    """The chain, and what it has seen; nothing that grows with the number of frames is kept here."""
+    """The chain and its counters; stores nothing that grows with the number of frames."""
 
     def __init__(self, recording: Recording, writer: MeasurementWriter) -> None:
         self._recording, self._writer = recording, writer
@@ -104,7 +105,7 @@ class Soak:
 def soak(
     frames: int | None = None, seconds: float | None = None
 ) -> tuple[Soak, list[tuple[int, float, int]], float]:
-    """Run so many frames, or so long; the chain, (frame, MB, handles) over time, and CPU time per frame [s]."""
+    """Run a number of frames, or for a time; returns the chain, (frame, MB, handles) over time, and CPU time per frame [s]."""
     import cv2
 
     cv2.setNumThreads(1)
@@ -129,7 +130,7 @@ def soak(
 
 
 def rows(chain: Soak, path: list[tuple[int, float, int]], spent_s: float) -> list[dict[str, Any]]:
-    """Growth of the memory, and the straight line through it carried on to an hour."""
+    """Growth of the memory, and its linear extrapolation to an hour."""
     number, memory, _ = np.array(path).T
     growth = float(memory.max() - memory[0])
     frames = chain.frames - _WARM
@@ -164,7 +165,7 @@ def run() -> list[dict[str, Any]]:
 
 
 def one_slice(frames: int) -> dict[str, Any]:
-    """What a slice has grown by, as a row of the report."""
+    """Growth during a slice, as a row of the report."""
     chain, path, spent_s = soak(frames=frames)
     _, memory, open_ = np.array(path).T
     return {

@@ -1,10 +1,10 @@
-"""Containers on the table, of known classes and of none: what is claimed after some squeezes, without a house about them.
+"""Containers on the table, of known and of unknown classes: claims after some squeezes, without the rest of a mission.
 
-Outlines err smoothly over the height by up to 2.5 mm and heights by 2 mm, walls are up to 30 % stiffer than the class's own,
-and anything may be inside. What is felt is the truth with the noise of the fingers: the pictures of foam and rod, which
-take most of a mission's time, are left out, so that hundreds of objects are seconds.
+Outlines have smooth errors over the height of up to 2.5 mm and heights of 2 mm, walls are up to 30 % stiffer than the class,
+and the contents are arbitrary. Squeezes return the truth with the noise of the fingers: rendering of foam and rod, which
+takes most of a mission's time, is left out, so that hundreds of objects take seconds.
 
-    python -m benchmarks.table_bottles --seeds open --count 100
+    python -m benchmarks.table_bottles --seeds open --count 100    prints correct and wrong claims by kind
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ LEVELS_N = (0.5, 1.0, 2.0, 4.0, 8.0)
 
 
 def table_objects(kind: str, seeds: Sequence[int]) -> list[tuple[int, TableBottle]]:
-    """Of every seed the first object of a class that is drawn for the tables of houses."""
+    """For every seed, the first object of a class that is generated for the tables of houses."""
     found = []
     for seed in seeds:
         number = 0
         while True:
             rng, today = (np.random.default_rng([seed, part, number]) for part in (40, 41))
-            # The class is the first that is drawn.
+            # The class is the first random draw.
             likely = (*(0.85 / len(ROUND) for _ in ROUND), 0.15)
             drawn = str(np.random.default_rng([seed, 40, number]).choice((*ROUND, UNKNOWN), p=likely))
             if drawn == kind:
@@ -46,7 +46,7 @@ def table_objects(kind: str, seeds: Sequence[int]) -> list[tuple[int, TableBottl
 
 
 def seen_outline(bottle: TableBottle, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """An outline as a completion gives it, and the error that it declares: a fourth more than it has."""
+    """An outline as returned by a completion, and its declared error: a quarter larger than the true one."""
     sigma_m = float(rng.uniform(0.001, 0.0025))
     z = np.linspace(0.0, bottle.height_m, 25)
     near = np.exp(-0.5 * ((z[:, None] - z) / SMOOTH_M) ** 2) + 1e-9 * np.eye(len(z))

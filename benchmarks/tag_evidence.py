@@ -1,10 +1,10 @@
-"""Whether the intervals of haptic tags hold, on pushes of an independent physics with five kinds of floor.
+"""Coverage of the intervals of haptic tags, on pushes of independent physics with five kinds of floor.
 
-``python -m benchmarks.tag_evidence --seeds open --count 50 --report tags.jsonl``
+``python -m benchmarks.tag_evidence --seeds open --count 50 --report tags.jsonl`` prints the coverage by quantity and floor.
 
-A seed is an object, pushed twice on each kind of floor. *This push* is what :class:`Estimate` declares: value and
-sigma against what was true in the push that was felt. *Next push* is :func:`predictive_interval` of the first tag
-against what is true in the second.
+A seed is an object, pushed twice on each kind of floor. *This push* is the declared :class:`Estimate`: value and
+sigma compared with the truth of the push that was measured. *Next push* is :func:`predictive_interval` of the first tag
+compared with the truth of the second push.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ FIELDS = {
     "stiffness": "stiffness_N_per_m",
 }
 LEVEL, NINETY = 0.9, 1.645
-#: Objects that are integrated at once.
+#: Objects that are integrated simultaneously.
 CHUNK = 100
 
 
 def record_of(push: tag_pushes.Push) -> PushRecord:
-    """The readings of a push, as the library takes them."""
+    """The readings of a push as input of the library."""
     nothing = np.full(len(push.t_s), np.nan)
     return PushRecord(
         t_s=push.t_s,
@@ -50,7 +50,7 @@ def record_of(push: tag_pushes.Push) -> PushRecord:
 
 
 def measure(first: tag_pushes.Push, second: tag_pushes.Push) -> dict:
-    """What the tag of the first push says of it and of the second; None where it says nothing."""
+    """Values of the first push's tag for it and for the second push; None if not observed."""
     tag = tag_from_push(record_of(first))
     row: dict = {"moved": tag.fixed is False}
     for name, field in FIELDS.items():

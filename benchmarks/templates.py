@@ -1,4 +1,6 @@
-"""Figures of the planar tracker beside OpenCV's ECC, in the same process, on the same frames.
+"""Figures of the planar tracker compared with OpenCV's ECC, in the same process, on the same frames.
+
+    python -m benchmarks templates     CPU time, noise over bound, convergence by start distance, re-detection
 
 Truth: template and frames are samples of one cubic-spline continuous photograph
 (``benchmarks/_plane_view.py``), frames with normal noise and rounded to 8 bits. CPU time, one
@@ -29,7 +31,7 @@ def _cpu_ms(work: Callable[[], object]) -> float:
 
 
 def _shifted(view: PlaneView, corners: np.ndarray, distance: float, rng: np.random.Generator) -> np.ndarray:
-    """Start whose corners are each ``distance`` off in a random direction."""
+    """Start whose corners are each displaced by ``distance`` in a random direction."""
     angle = rng.uniform(0, 2 * np.pi, 4)
     return corner_homography(
         view.corners, corners + distance * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -37,7 +39,7 @@ def _shifted(view: PlaneView, corners: np.ndarray, distance: float, rng: np.rand
 
 
 def _ecc(template: np.ndarray, image: np.ndarray, start: np.ndarray, *, levels: int) -> np.ndarray:
-    """OpenCV's ECC on a region 48 px larger than the prediction; NaN when it gives up."""
+    """OpenCV's ECC on a region 48 px larger than the prediction; NaN when it fails."""
     import cv2
 
     end = np.array(template.shape[::-1]) - 1.0
@@ -134,7 +136,7 @@ def accuracy(name: str, side: int, trials: int, *, peers: bool = True) -> dict[s
 
 
 def basin(name: str, distances: tuple[float, ...], trials: int) -> dict[str, dict[float, float]]:
-    """Fraction of tracks with a mean corner error below 1 px, by the start's distance; 200 px, noise 2."""
+    """Fraction of tracks with a mean corner error below 1 px, by the distance of the start; 200 px, noise 2."""
     rng = np.random.default_rng(_SEED)
     view = PlaneView.named(name, 200)
     methods = _methods()

@@ -1,7 +1,9 @@
-"""Rooms mapped by touch (Alt 2016, Sec. 3.6.3): 22 contacts around the circumference, odometry that drifts.
+"""Rooms mapped by touch (Alt 2016, Sec. 3.6.3): 22 contacts around the circumference, with drifting odometry.
 
-python -m benchmarks touch_map                          ten rooms
-python -m benchmarks.touch_map --rooms 20 --first 400   others, by their seeds
+Prints the intersection over union around the contacts, and whether movable objects are separated.
+
+    python -m benchmarks touch_map                          ten rooms
+    python -m benchmarks.touch_map --rooms 20 --first 400   others, by their seeds
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ ROOMS = 10
 
 
 def run(rooms: int = ROOMS, first: int = 0) -> list[dict[str, Any]]:
-    """Intersection over union around the contacts, and whether movable things are kept apart."""
+    """Intersection over union around the contacts, and whether movable objects are separated."""
     started_s = time.process_time()
     trials = [map_virtual_room(seed) for seed in range(first, first + rooms)]
     spent_s = (time.process_time() - started_s) / rooms

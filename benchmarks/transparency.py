@@ -1,14 +1,14 @@
 """The transparency detectors on seeded refraction scenes and on real sequences, and their speed.
 
-An object counts as found when a quarter of its transparent inside lies in the
+An object counts as found when a quarter of its transparent interior lies in the
 hulls of the regions; a region is false when less than a fifth of its hull is
 inside glass; F1 compares the voxels inside the hulls with those inside the
-transparent parts. Seeds 0-15 served to choose the parameters and are not reported.
+transparent parts. Seeds 0-15 were used to choose the parameters and are not reported.
 
     python -m benchmarks transparency                                 # a slice, with the speed and real data
     python -m benchmarks.transparency --first 0 --scenes 50 --methods consistency --report out.json  # 15 s each
     python -m benchmarks.transparency --speed                         # time of a frame, on all cores
-    python -m benchmarks.transparency --scenes 50 --report out.json   # the campaign, 320 x 240; can be stopped
+    python -m benchmarks.transparency --scenes 50 --report out.json   # the campaign, 320 x 240; resumable
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from .harness import use_one_thread
 
 FIRST_SEED = 16
 METHODS = ("published", "consistency")
-#: Of the real sequences: as printed with its margin of 2 px; with fitted poses and the camera's own margin; ours.
+#: Variants on the real sequences: as printed with its margin of 2 px; with fitted poses and the camera's own margin; ours.
 REAL_METHODS = ("published as printed", "published", "consistency")
 
 
@@ -71,7 +71,7 @@ def campaign(
     journal: Path | None = None,
     workers: int | str = 1,
 ) -> list[dict[str, Any]]:
-    """Every seed with and without pose noise, by every method; a stopped one goes on from its journal."""
+    """Every seed with and without pose noise, by every method; an interrupted campaign continues from its journal."""
     done = Journal(journal, {"campaign": "transparency", "width": width, "methods": list(methods)})
     scenes = partial(scene_rows, width=width, methods=tuple(methods))
     done.fill(scenes, {str(seed): seed for seed in seeds}, workers)
@@ -214,7 +214,7 @@ def _wall_seconds(work: Callable[[], None], repeats: int = 12) -> float:
 
 
 def data_folder() -> Path:
-    """Where the real sequences are."""
+    """Folder of the real sequences."""
     named = os.environ.get("VISUOHAPTIC_DATA")
     root = Path(named) if named else Path(__file__).resolve().parents[2] / "shared" / "data"
     return root / "geometry" / "dev"
@@ -229,7 +229,7 @@ def real_frames(name: str, folder: Path) -> list[DepthFrame]:
 
 
 def real_flags(frames: Sequence[DepthFrame], method: str, above_m: float) -> dict[str, float]:
-    """Flagged share of reliable pixels above and below a height of the world.
+    """Flagged fraction of reliable pixels above and below a height of the world.
 
     In the arm's sequence everything opaque is above the height; what is below is seen through
     or mirrored in the glass table.
@@ -265,7 +265,7 @@ def real_flags(frames: Sequence[DepthFrame], method: str, above_m: float) -> dic
             bad = found.clear & ((found.reading == FAR) | (found.reading == NEAR))
             counted = (bad | (found.clear & (found.reading == SAME))) & np.isfinite(depth_m)
             expected_m = np.where(found.predicted_m > 0, found.predicted_m, depth_m)
-        # The class of a pixel is that of the expected surface: a wrong depth must not choose it.
+        # A pixel is classified by the expected surface, so that a wrong depth has no influence.
         rows, columns = np.mgrid[0 : depth_m.shape[0], 0 : depth_m.shape[1]]
         rays = frame.camera.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float))
         points_m = frame.T_world_camera.apply(rays * expected_m.reshape(-1, 1))
@@ -288,7 +288,7 @@ def real() -> list[dict[str, Any]]:
         arm = real_frames("d435i_robot_arm", Path(name))
         shelf = real_frames("apc_f200_shelf", Path(name))
     for method in REAL_METHODS:
-        # The later frames were not used while building.
+        # The later frames were not used during development.
         for place, frames in (("real glass table", arm[:24]), ("real glass table, later frames", arm[24:])):
             fraction = real_flags(frames, method, above_m=-0.4)
             rows += [
@@ -361,7 +361,7 @@ if __name__ == "__main__":
         for line in speed():
             print(line)
         raise SystemExit
-    # Threads that wait for each other between small kernels cost more than they bring.
+    # Synchronising threads between small kernels costs more than it gains.
     use_one_thread()
     if arguments.real:
         for line in real():

@@ -1,4 +1,4 @@
-"""Shared by all tests: real recordings where they are, shapes checked everywhere."""
+"""Shared by all tests: location of real recordings, run-time checks of array shapes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The versions that are tested are those that ``pyproject.toml`` allows, and none is left to chance."""
+"""The tested versions satisfy ``pyproject.toml``, and all of them are pinned."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``import visuohaptic as vh``: every name is there, documented, shown by an example, and costs nothing before its use."""
+"""``import visuohaptic as vh``: every name exists, is documented with an example, and is loaded only on use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each sentence of SECURITY.md about a file, an archive, a database, ROS or a page has an attack here that fails."""
+"""Each sentence of SECURITY.md about a file, an archive, a database, ROS or a page is tested by an attack that must fail."""
 
 from __future__ import annotations
 

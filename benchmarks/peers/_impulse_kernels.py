@@ -18,7 +18,7 @@ def impulse_push(outline, round_m, centroid, ratio, radius, contact_range, path,
     near = np.zeros((4, 6))
     last = -1
     for j in range(path.shape[0]):
-        # A path sampled at 2 cm would jump into the object: contact is met in parts of the range.
+        # A path sampled at 2 cm would jump into the object: approach contact in fractions of the range.
         before = j - 1 if j > 0 else 0
         way = np.hypot(path[j, 0] - path[before, 0], path[j, 1] - path[before, 1])
         parts = max(1, int(np.ceil(way / (0.5 * contact_range))))

@@ -1,4 +1,4 @@
-"""The published baseline: the pressure of the contents as a boundary condition that is updated (Alt 2016, Eq. (6.2))."""
+"""The published baseline: the pressure of the contents as an iterated boundary condition (Alt 2016, Eq. (6.2))."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["DampedIteration", "damped_iteration"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DampedIteration:
-    """What the published iteration came to."""
+    """Result of the published iteration."""
 
     displacement: Float[np.ndarray, "v 6"]
     gauge_Pa: float

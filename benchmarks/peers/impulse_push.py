@@ -1,8 +1,8 @@
 """Algorithm 2 of Alt 2016 as published: pseudo impulses at a frictionless contact. The baseline.
 
-For any polygon footprint. What the text leaves open is read so: the lever of
+For any polygon footprint. Details that the text leaves open are interpreted as follows: the lever of
 the moment is the contact point from the centroid (ERRATA), the moment of
-inertia that of even mass on the footprint, and the impulse is scaled such
+inertia is that of a uniform mass on the footprint, and the impulse is scaled such
 that the contact point leaves the contact range along its normal. Prefer
 :func:`~visuohaptic.navigation.pushing.quasi_static.simulate_push`.
 """
@@ -19,7 +19,7 @@ from visuohaptic.navigation.pushing.quasi_static import RELEASE_M, remaining_m
 
 __all__ = ["CONTACT_RANGE_M", "simulate_impulses"]
 
-#: d_c of Algorithm 2: the robot acts on what is nearer than this (m).
+#: d_c of Algorithm 2: the robot acts on objects nearer than this (m).
 CONTACT_RANGE_M = 0.005
 
 

@@ -1,4 +1,4 @@
-"""Readers of scenes that others wrote: namosim (SVG) and SVG-MPPI (YAML).
+"""Readers of third-party scenes: namosim (SVG) and SVG-MPPI (YAML).
 
 namosim, https://github.com/Chroma-CITI/namosim: one unit of the view box is a
 centimetre, y points down; walls, movables, robots and goals are paths. Scenes
@@ -24,7 +24,7 @@ from visuohaptic.navigation.problem import MovableObject, PlanningProblem, Robot
 
 __all__ = ["Scene", "load_namosim", "load_svg_mppi"]
 
-#: A robot's radius spans at least so many cells of a scene's grid.
+#: Minimum radius of a robot in cells of a scene's grid.
 CELLS_PER_RADIUS = 4
 #: SVG files larger than this are refused before they are parsed (bytes).
 MAX_SVG_BYTES = 16 * 1024 * 1024
@@ -98,7 +98,7 @@ def _problems(
             raise InputError(path, "has no path with that id", field=name)
         robot = RobotModel(_radius(outlines[name]))
         at = _centroid(outlines[name])
-        # Another robot stands still and in the way, and nobody pushes it.
+        # Other robots are static obstacles that cannot be pushed.
         others = [
             MovableObject(other, outlines[other], HapticTag(fixed=True))
             for other, _ in agents
@@ -223,7 +223,7 @@ def _local(tag: Any) -> str:
 
 
 def _svg_root(path: Path) -> Any:
-    """Root of an SVG file; entities are refused, they are how small files become large."""
+    """Root of an SVG file; entities are rejected, because they can expand without bound."""
     import xml.etree.ElementTree as ElementTree
 
     text = read_bytes(path, MAX_SVG_BYTES)
@@ -284,7 +284,7 @@ def _raster(
     if rows * columns > 64_000_000:
         raise InputError(path, f"gives {rows} x {columns} cells, expected at most 64 million")
     cells = np.full((rows, columns), FREE, np.int8)
-    sub = 8  # cv2 fills in whole pixels unless told a fixed-point shift
+    sub = 8  # cv2 fills whole pixels unless a fixed-point shift is given
     image = np.zeros((rows, columns), np.uint8)
     for wall in walls:
         fixed = np.rint((wall / resolution_m - 0.5) * (1 << sub)).astype(np.int32)

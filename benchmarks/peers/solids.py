@@ -1,4 +1,4 @@
-"""Quadratic tetrahedra through scikit-fem, for what is not thin and to check shells against 3D."""
+"""Quadratic tetrahedra by scikit-fem, for thick bodies and for checking shells against 3D elements."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The published baseline: a wall filled with linear tetrahedra (Alt 2016, Secs. 2.2.5, 6.1.1, 6.1.3).
 
 Kept for comparison only. A linear tetrahedron has constant strain and cannot bend: one layer of
-them over a thin wall is several times too stiff, and how many times depends on where its diagonals
-lie, which is why maps of round objects come out uneven.
+them over a thin wall is several times too stiff, by a factor that depends on the orientation of its diagonals;
+therefore maps of round objects are not uniform.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def linear_tetrahedra(
     material: IsotropicMaterial | str,
     fixed: Bool[np.ndarray, " n"],
 ) -> Factor:
-    """Factored stiffness, three freedoms per node; ``fixed`` nodes don't move."""
+    """Factored stiffness, three degrees of freedom per node; ``fixed`` nodes do not move."""
     from visuohaptic.deformation.shells._front_kernels import constrain
 
     lame, shear = IsotropicMaterial.of(material).lame_Pa

@@ -1,4 +1,4 @@
-"""A constant that a test holds is told apart from one that nothing notices."""
+"""A constant covered by a test is distinguished from one that no test notices."""
 
 from __future__ import annotations
 

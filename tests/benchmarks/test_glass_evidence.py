@@ -1,4 +1,4 @@
-"""The campaigns of clear glass count right, and a slice of one runs."""
+"""Counting in the campaigns of clear glass, and a slice of one."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""The world of lifts keeps Coulomb's law and its own masses, and the campaign counts right."""
+"""The simulation of lifts obeys Coulomb's law and has its own masses; counting in the campaign."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The harness judges, tabulates and saves; one benchmark that fails does not hide the others."""
+"""The harness evaluates, tabulates and saves; a failing benchmark does not stop the others."""
 
 from __future__ import annotations
 

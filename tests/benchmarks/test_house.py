@@ -1,4 +1,4 @@
-"""The figures of the house, on a package with one fault of each kind."""
+"""The code metrics of ``benchmarks.house``, on a package with one fault of each kind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Published grasps are read as touches, and known again by a few of them."""
+"""Published grasps are converted into touches, and recognised after a few of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A campaign that was stopped goes on where it was."""
+"""An interrupted campaign is continued."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The campaign of the property tests: as many examples as are asked for, and what fails is told."""
+"""The campaign of the property tests: number of examples, and report of failures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A slice of the campaign of faults: what fails ends with a reason, claims nothing wrong, and stands."""
+"""A slice of the campaign of faults: failures end with a reason, without wrong claims, and with the robot stopped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mistakes that a test would notice are told apart from those that none does; words are left alone."""
+"""Mutants that a test kills are distinguished from survivors; texts are not mutated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A slice of the planner's campaigns: a call that hangs is ended, the rest goes on, and rows become a table."""
+"""A slice of the planner's campaigns: a call that hangs is killed, the others continue, and rows become a table."""
 
 import math
 

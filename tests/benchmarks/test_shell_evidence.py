@@ -1,4 +1,4 @@
-"""The campaigns of shells count right, and a slice of each runs."""
+"""Counting in the campaigns of shells, and a slice of each."""
 
 import numpy as np
 import pytest

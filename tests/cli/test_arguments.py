@@ -1,4 +1,4 @@
-"""What a verb reads of its arguments is what its parser declares."""
+"""The arguments that a verb reads are those that its parser declares."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a new user hands over by mistake ends in one line and code 2, for every verb that reads a file."""
+"""Wrong input files end in one line and exit code 2, for every verb that reads a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ``classify`` verbs, from words to files."""
+"""The ``classify`` verbs, from the command line to files."""
 
 from __future__ import annotations
 

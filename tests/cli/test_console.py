@@ -1,4 +1,4 @@
-"""Progress on a terminal and in a log file, JSON of unusual values, the log's form."""
+"""Progress on a terminal and in a log file, JSON of unusual values, format of the log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``defaults`` writes files that the verbs accept, with every setting; what is optional is there, behind #."""
+"""``defaults`` writes files that the verbs accept, with every setting; optional settings are commented out."""
 
 from __future__ import annotations
 

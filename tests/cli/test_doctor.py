@@ -1,4 +1,4 @@
-"""The doctor's findings, on libraries made to be ill."""
+"""Findings of the doctor, on simulated faulty libraries."""
 
 from __future__ import annotations
 

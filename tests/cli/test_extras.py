@@ -1,4 +1,4 @@
-"""What is missing is said before anything is computed, with the line that installs it."""
+"""A missing extra is reported before anything is computed, with the command that installs it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``visuohaptic grasp``: all kinds of input, the same numbers, plain refusals."""
+"""``visuohaptic grasp``: all kinds of input, equal results, clear errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``calibrate stripe`` and ``sense foam`` with a finger, on pictures in a folder."""
+"""``calibrate stripe`` and ``sense foam`` with a finger, on images in a folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command line's promises, with verbs made up for the test."""
+"""Behaviour of the command line, with verbs defined for the test."""
 
 from __future__ import annotations
 

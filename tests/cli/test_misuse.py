@@ -1,4 +1,4 @@
-"""What strangers do wrong in their first hour: refused or told, in one line that says what to do."""
+"""Typical mistakes of new users: rejected or reported in one line that says what to do."""
 
 from __future__ import annotations
 

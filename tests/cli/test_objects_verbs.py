@@ -1,4 +1,4 @@
-"""The ``objects`` verbs, from words to files."""
+"""The ``objects`` verbs, from the command line to files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``visuohaptic plan``: the contract's JSON, the picture, and one line for what is wrong."""
+"""``visuohaptic plan``: JSON output, plot, and one-line errors."""
 
 from __future__ import annotations
 

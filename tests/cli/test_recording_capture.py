@@ -1,4 +1,4 @@
-"""``recording capture``: the poses are those of the camera, in the frame of the tag with z up."""
+"""``recording capture``: poses are those of the camera, in the frame of the tag with z up."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``sense scene`` end to end, on rendered pictures in a recording."""
+"""``sense scene`` end to end, on rendered images in a recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The loop of all verbs that read frames, with a sensor that says what it was asked."""
+"""The loop of all verbs that read frames, with a sensor that records its calls."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``visuohaptic track`` and ``visuohaptic template ...`` from the outside."""
+"""``visuohaptic track`` and ``visuohaptic template ...`` on the command line."""
 
 from __future__ import annotations
 

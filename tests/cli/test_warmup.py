@@ -1,4 +1,4 @@
-"""The warm-up compiles the signatures of the list, and the list has all that the parts of the library call."""
+"""The warm-up compiles the signatures of the list, and the list contains all signatures that the library calls."""
 
 from __future__ import annotations
 

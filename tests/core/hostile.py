@@ -1,4 +1,4 @@
-"""Hostile input in a process of its own: 2 GB of memory, 20 s, and only an InputError of one line will do."""
+"""Hostile input in a separate process: 2 GB of memory, 20 s, and only a one-line InputError is accepted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A package of three modules with two kernels, imported anew in this process or called in one of its own."""
+"""A package of three modules with two kernels, re-imported in this process or called in a separate one."""
 
 from __future__ import annotations
 

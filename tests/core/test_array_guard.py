@@ -1,4 +1,4 @@
-"""Functions that are taken from a package refuse arrays of another kind or shape in one line."""
+"""Public functions reject arrays of a wrong type or shape in one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""NPZ and NPY of unknown origin: the headers are added up before memory is taken."""
+"""NPZ and NPY of unknown origin: sizes in the headers are checked before memory is allocated."""
 
 from __future__ import annotations
 

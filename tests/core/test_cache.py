@@ -1,4 +1,4 @@
-"""The cache of machine code never gives a process the code of other sources, other types or another user."""
+"""The cache of machine code never returns code of other sources, other types or another user."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calibration against a camera that is known: rendered boards, and corners with known noise."""
+"""Calibration of a camera with known parameters: rendered boards, and corners with known noise."""
 
 from __future__ import annotations
 

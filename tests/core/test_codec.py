@@ -1,4 +1,4 @@
-"""Dataclasses as plain data: round trips, one strict reader, and the same answer for a haptic tag at every door."""
+"""Dataclasses as plain data: round trips, one strict reader, and equal results for a haptic tag in every format."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Size and printed resolution by the header, against files that other libraries write."""
+"""Size and printed resolution from the header, compared with files written by other libraries."""
 
 from __future__ import annotations
 

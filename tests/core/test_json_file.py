@@ -1,4 +1,4 @@
-"""The gate of JSON files: what is no regular file, too large, not JSON or lacks fields is refused in one line."""
+"""Reading of JSON files: irregular files, files that are too large, invalid JSON and missing fields give a one-line error."""
 
 import os
 

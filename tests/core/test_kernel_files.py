@@ -1,4 +1,4 @@
-"""Every kernel of the library goes through the one decorator, and importing compiles nothing."""
+"""Every kernel of the library uses the common decorator, and importing compiles nothing."""
 
 from __future__ import annotations
 

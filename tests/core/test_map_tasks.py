@@ -1,4 +1,4 @@
-"""Tasks here, in processes and on a cluster: the same results, whoever dies on the way."""
+"""Tasks run locally, in processes and on a cluster: equal results, even if workers die."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Objects as cards: what is known comes back, digests follow the contents, and what no file may hold is refused."""
+"""Object files: round trip, digests that follow the contents, and rejection of invalid files."""
 
 from __future__ import annotations
 

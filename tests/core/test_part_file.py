@@ -1,4 +1,4 @@
-"""Files that grow for a whole run: what is written stays, two runs do not mix, and what a killed one left is kept."""
+"""Files that grow during a run: written data persist, two runs do not mix, and data of a killed run are kept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What robots must offer, their clocks, and a turn of a laser scanner."""
+"""Protocols of robots, their clocks, and one revolution of a laser scanner."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Declared ranges are held, whatever kind of number is given."""
+"""Declared ranges are enforced for every numeric type."""
 
 from __future__ import annotations
 

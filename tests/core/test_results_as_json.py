@@ -1,4 +1,4 @@
-"""Results as JSON: every kind that verbs return, and nothing that JSON cannot hold."""
+"""Results as JSON: every type that verbs return, and no invalid JSON."""
 
 from __future__ import annotations
 

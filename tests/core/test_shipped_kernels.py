@@ -1,4 +1,4 @@
-"""Kernels compiled by a release are found where our own are absent; many writers at once never mix."""
+"""Kernels compiled by a release are found if the user's cache lacks them; concurrent writers never mix."""
 
 from __future__ import annotations
 

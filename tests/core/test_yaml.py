@@ -1,4 +1,4 @@
-"""YAML of unknown origin: bounded, in base 10, and refused in one line."""
+"""YAML of unknown origin: limited in size, numbers in base 10, one-line errors."""
 
 from __future__ import annotations
 

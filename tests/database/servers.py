@@ -1,4 +1,4 @@
-"""A PostgreSQL server of the tests' own, on a private socket, where the Debian packages are."""
+"""A PostgreSQL server for the tests, on a private socket, if the Debian packages are installed."""
 
 from __future__ import annotations
 

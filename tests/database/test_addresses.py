@@ -1,4 +1,4 @@
-"""Where a database is: folders with any name, and addresses whose passwords no message repeats."""
+"""Addresses of databases: folders with any name, and passwords that are not repeated in messages."""
 
 from __future__ import annotations
 

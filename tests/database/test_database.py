@@ -1,4 +1,4 @@
-"""What is stored comes back, is whole, and is found again."""
+"""Stored objects are read back complete, and are found by a search."""
 
 from __future__ import annotations
 

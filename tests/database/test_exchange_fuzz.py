@@ -1,4 +1,4 @@
-"""Folders from elsewhere that are damaged: one clear error, and nothing half of it in the database."""
+"""Damaged exchange folders: one clear error, and nothing half-imported."""
 
 from __future__ import annotations
 

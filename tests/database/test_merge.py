@@ -1,4 +1,4 @@
-"""Merging is a law: any order, any number of times, one result."""
+"""Merging is commutative, associative and idempotent."""
 
 from __future__ import annotations
 

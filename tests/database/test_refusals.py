@@ -1,4 +1,4 @@
-"""What a database refuses in one line, and what it reads although others write."""
+"""One-line errors of a database, and reading while others write."""
 
 from __future__ import annotations
 

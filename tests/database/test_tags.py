@@ -1,4 +1,4 @@
-"""Tags of two trips say together what all of their samples say."""
+"""Tags of two trips are merged into the estimate from all samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A mesh and a description of the same shape are equally stiff; the mesh is made by formulas of its own."""
+"""A mesh and a description of the same shape have the same stiffness; the mesh is generated independently."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Walls of plies: lamination theory against a second writing of it, and what a user gives and gets."""
+"""Laminated walls: lamination theory compared with an independent implementation, and its user interface."""
 
 from __future__ import annotations
 

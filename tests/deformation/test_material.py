@@ -1,4 +1,4 @@
-"""The material library says what Table 2.1 says, with a spread."""
+"""The material library agrees with Table 2.1, with a standard deviation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The shell triangle: patch tests, rigid motion, published problems, and what it refuses."""
+"""The shell triangle: patch tests, rigid motion, published problems, and invalid input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Solids and MITC4 beside the shell: what the published baseline gets wrong, and by how much."""
+"""Solids and MITC4 compared with the shell: errors of the published baseline."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Squeezes: stress against closed formulas, and what is said of a curve."""
+"""Squeezes: stress compared with closed formulas, and evaluation of a curve."""
 
 from __future__ import annotations
 

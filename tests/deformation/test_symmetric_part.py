@@ -1,4 +1,4 @@
-"""Parts that stand for a whole: found where the mesh is mirrored, and only there."""
+"""Reduction by symmetry: detected only where the mesh is mirror-symmetric."""
 
 from __future__ import annotations
 

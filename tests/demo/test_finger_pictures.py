@@ -1,4 +1,4 @@
-"""What the fingers feel is what the picture of their foam says, and nothing else of the world."""
+"""Finger readings come only from the images of their foam."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rules of the judge: what is right, how sure a claim is, and what became of a run."""
+"""Evaluation rules: correctness, confidence of a claim, and outcome of a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is remembered between visits: recognised by its shape, used, refined, and refused where it does not fit."""
+"""Memory between visits: objects are recognised by shape, used, refined, and rejected where they do not fit."""
 
 from __future__ import annotations
 

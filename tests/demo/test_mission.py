@@ -1,4 +1,4 @@
-"""Every chapter told once in a small form, and the rules of the story: reasons, skips, no wrong claims."""
+"""Every chapter in a small form, and the rules of the mission: reasons, skips, no wrong claims."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a firm squeeze of the mission's own bottle says of its contents."""
+"""Contents estimated from a firm squeeze of the mission's own bottle."""
 
 from __future__ import annotations
 

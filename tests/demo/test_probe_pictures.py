@@ -1,4 +1,4 @@
-"""What the probe feels is what the picture of its rod says, and nothing else of the world."""
+"""Probe readings come only from the images of its rod."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recorded mission: small, whole, and replayed without an extra in seconds."""
+"""The recorded mission: small, complete, and replayed in seconds without an extra."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the story shows: units that fit, time that is left, and words for one and for many."""
+"""Texts of the report: suitable units, remaining time, singular and plural."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be said of a Python block without running it: each name of ours that it uses is there."""
+"""Check of a Python block without running it: every name of this library that it uses exists."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every command line that the documentation shows is one that the command understands."""
+"""Every command line in the documentation is accepted by the parser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commands of the page of data sets, on the data where they are at hand."""
+"""The commands of the page of data sets, if the data are available."""
 
 from __future__ import annotations
 

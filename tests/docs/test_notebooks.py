@@ -1,4 +1,4 @@
-"""Every notebook runs from its first cell to its last, draws, and is stored without what it printed."""
+"""Every notebook runs completely, draws, and is stored without output."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The README is what a package index shows: it has to render there, with links that lead somewhere."""
+"""The README renders on a package index, with valid links."""
 
 from __future__ import annotations
 

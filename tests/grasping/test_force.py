@@ -1,4 +1,4 @@
-"""Force against the limit surface and against statics done by hand."""
+"""Force compared with the limit surface and with statics computed by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Amplitude and pose from clouds whose truth is known."""
+"""Amplitude and pose from point clouds with known truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plans: what is feasible, what is ranked first, and the predictions of Alt 2016, Sec. 6.4.2."""
+"""Plans: feasibility, ranking, and the predictions of Alt 2016, Sec. 6.4.2."""
 
 from __future__ import annotations
 

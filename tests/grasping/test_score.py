@@ -1,4 +1,4 @@
-"""Scores against shapes whose scores are known on paper."""
+"""Scores of shapes with analytically known scores."""
 
 from __future__ import annotations
 

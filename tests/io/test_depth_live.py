@@ -1,4 +1,4 @@
-"""Depth cameras of two makers, against drivers that behave as theirs."""
+"""Depth cameras of two manufacturers, with stand-ins for their drivers."""
 
 from __future__ import annotations
 

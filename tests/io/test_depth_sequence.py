@@ -1,4 +1,4 @@
-"""Depth sequences: what is written comes back, what is damaged is left out and counted."""
+"""Depth sequences: round trip; damaged frames are left out and counted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames written as a sequence folder are read back as they were."""
+"""Frames written as a sequence folder are read back unchanged."""
 
 from __future__ import annotations
 

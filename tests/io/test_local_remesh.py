@@ -1,4 +1,4 @@
-"""Laws of local remeshing: what is a surface stays one, its border and shape are kept."""
+"""Invariants of local remeshing: a surface remains a surface, its border and shape are preserved."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a mesh is made of: doubled triangles, loose patches, edges with three triangles, turned faces, rims."""
+"""Mesh diagnosis: duplicate triangles, loose patches, edges with three triangles, flipped faces, rims."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses from text tables and bags: every kind that others write, and what is no pose says why."""
+"""Poses from text tables and bags: every third-party format, and errors that name the reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was acknowledged before a kill or a full disk is recovered, and no later run touches it."""
+"""Data acknowledged before a kill or a full disk are recovered, and later runs do not modify them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files that a reader turns down with a reason of their own, which no test of its format names."""
+"""Errors of readers that no test of the format covers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""World and robot in two processes: tasks run through the wire, and nothing but the protocols crosses it."""
+"""World and robot in two processes: tasks run over the connection, and only protocol members are accessible."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plays a plan with shapely, apart from everything that made it, and says what is wrong with it."""
+"""Checks a plan with shapely, independently of the planner, and reports its faults."""
 
 from __future__ import annotations
 

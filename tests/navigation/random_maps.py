@@ -1,4 +1,4 @@
-"""Random maps, real maps, and topology counted by a library: what the navigation tests share."""
+"""Random maps, real maps, and topology counted by a library: shared by the navigation tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the answer of a plan promises: independent of the cells, soon, bounded, and proved where there is none."""
+"""Properties of a plan: independent of the resolution, fast, bounded cost, and proof if no plan exists."""
 
 from __future__ import annotations
 

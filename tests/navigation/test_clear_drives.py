@@ -1,4 +1,4 @@
-"""No drive comes nearer to anything than the robot's radius: against polygons that share nothing with the planner."""
+"""Drives keep the robot's radius from obstacles, checked with polygons that are independent of the planner."""
 
 from __future__ import annotations
 

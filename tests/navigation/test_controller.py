@@ -1,4 +1,4 @@
-"""The follower reaches its goal and keeps to the path, whatever the path."""
+"""The path tracker reaches its goal and stays on any path."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Doors of drawn buildings in every pose, and of real floors against doors that people have drawn."""
+"""Doors of synthetic buildings in every pose, and of real floors compared with annotations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Footprints of drawn things in any pose, and the bins that people have drawn into a real map."""
+"""Footprints of synthetic objects in any pose, and annotated bins in a real map."""
 
 from __future__ import annotations
 

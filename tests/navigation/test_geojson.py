@@ -1,4 +1,4 @@
-"""Graphs survive the file; the route server's own graph can be read."""
+"""Graphs survive a file round trip; the route server's own graph can be read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Push goals: open floor, beside a wall, and the plug of a doorway; many poses at once against one after the other."""
+"""Push goals: open floor, beside a wall, and a blocked doorway; batch and single evaluation agree."""
 
 from __future__ import annotations
 

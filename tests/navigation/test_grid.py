@@ -1,4 +1,4 @@
-"""Distances from squares by brute force, costs against Eq. (4.1)."""
+"""Distances compared with brute force, costs compared with Eq. (4.1)."""
 
 from __future__ import annotations
 

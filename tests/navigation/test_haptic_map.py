@@ -1,4 +1,4 @@
-"""Eq. (3.12) written out plainly, what each primitive stands for, and a room mapped by 22 contacts."""
+"""Eq. (3.12) in plain Python, the shape of each primitive, and a room mapped by 22 contacts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exported graphs keep to what the Nav2 route server's loader asks for, as its own sample graph does."""
+"""Exported graphs satisfy the loader of the Nav2 route server, as its own sample graph does."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The seven steps, benefit, glass, doors and waiting, on scenes where the answer is known."""
+"""The seven steps, benefit, glass, doors and waiting, on scenes with a known result."""
 
 from __future__ import annotations
 

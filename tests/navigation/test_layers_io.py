@@ -1,4 +1,4 @@
-"""Layers come back: exactly where promised, to half a step otherwise, infinities and gaps included."""
+"""Layers survive a round trip: exactly where promised, to half a step otherwise, including infinities and gaps."""
 
 from __future__ import annotations
 

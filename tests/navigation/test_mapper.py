@@ -1,4 +1,4 @@
-"""The mapper in a drawn office: kernels against plain twins, poses and map against the truth."""
+"""The mapper in a synthetic office: kernels compared with plain twins, poses and map with the truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Costs of pushes against the numbers of the text and against laws."""
+"""Costs of pushes compared with the numbers of the text, and their invariants."""
 
 from __future__ import annotations
 

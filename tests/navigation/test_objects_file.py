@@ -1,4 +1,4 @@
-"""objects.yaml and robot.yaml: the contract's files, and one line for whatever is wrong with one."""
+"""objects.yaml and robot.yaml: valid files, and one-line errors."""
 
 from __future__ import annotations
 

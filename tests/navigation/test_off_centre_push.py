@@ -1,4 +1,4 @@
-"""Pushes beside the centre: a box slantwise in a door, walls that are kept clear of, refused arguments."""
+"""Off-centre pushes: a box obliquely in a door, clearance from walls, rejected arguments."""
 
 from __future__ import annotations
 

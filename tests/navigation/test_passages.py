@@ -1,4 +1,4 @@
-"""Doors and elevators as lines of a file, as steps of a plan, and driven through in a world of their own."""
+"""Doors and elevators as lines of a file, as steps of a plan, and driven through in an independent simulation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plans: played with shapely, against the exact oracle, and under changes that must not matter."""
+"""Plans: checked with shapely, compared with the exact oracle, and invariant under irrelevant changes."""
 
 from __future__ import annotations
 

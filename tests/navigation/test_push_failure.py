@@ -1,4 +1,4 @@
-"""Probabilities of failure: limits, monotone, against counting."""
+"""Probabilities of failure: limits, monotonicity, comparison with sampling."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Loads and patches balance; what cannot stand is refused."""
+"""Loads and patches are in equilibrium; unstable bodies are rejected."""
 
 from __future__ import annotations
 

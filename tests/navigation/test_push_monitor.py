@@ -1,4 +1,4 @@
-"""What the tracked contact tells: friction and centre are found, and paths bent where it helps."""
+"""Friction and centre estimated from the tracked contact, and correction of paths."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Passages in series cost one after the other, not all combinations."""
+"""The search effort for passages in series is additive, not combinatorial."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes of others, and the outlines of SVG paths."""
+"""Third-party scenes, and the outlines of SVG paths."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The skeleton against a plain one that deletes cell by cell, and its topology against labels."""
+"""The skeleton compared with a plain implementation that deletes cell by cell, and its topology with labels."""
 
 from __future__ import annotations
 

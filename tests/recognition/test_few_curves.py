@@ -1,4 +1,4 @@
-"""Classes learned from a few squeezes at any places: alone, and beginning with what was simulated."""
+"""Classes learned from a few squeezes at any places: from scratch, and starting from simulated ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The classifier of the front door: its four verbs on made-up classes, and what it refuses."""
+"""The public classifier: its four verbs on synthetic classes, and invalid input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The nearest variant of a class is the one that the outline was made of."""
+"""The nearest variant of a class is the one from which the outline was generated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Candidates have probabilities that obey Bayes' rule, and mean what they say."""
+"""Probabilities of candidates obey Bayes' rule and are calibrated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Descriptors do not see motions, views are what is seen, and ICP finds the pose."""
+"""Descriptors are invariant to motion, views contain only visible points, and ICP finds the pose."""
 
 from __future__ import annotations
 

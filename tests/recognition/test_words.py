@@ -1,4 +1,4 @@
-"""Words find pictures again, and geometry refuses what only has the same words."""
+"""Visual words retrieve images, and geometric verification rejects false matches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Depth views of spheres on a square plate, by intersecting rays, and round walls: truth made apart from the library."""
+"""Depth views of spheres on a square plate, by intersecting rays, and round walls: independent ground truth."""
 
 from __future__ import annotations
 

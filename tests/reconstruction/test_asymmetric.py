@@ -1,4 +1,4 @@
-"""Bodies without any symmetry, given by a formula: what touches tell of one place must not spoil another."""
+"""Bodies without symmetry, given by a formula: touches at one place must not degrade another."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exploration of bottles with a known hidden wall: it converges, does not blow up, and uses what was free."""
+"""Exploration of bottles with a known hidden wall: it converges, remains stable, and uses free space."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Glass from few and many views in any order, no false parts, and a reason for every zero; scenes are cast apart."""
+"""Glass from few and many views in any order, no false parts, and a reason for every empty result; independent scenes."""
 
 from __future__ import annotations
 

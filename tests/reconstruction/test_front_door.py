@@ -1,4 +1,4 @@
-"""From a folder to a completed surface with its deviation and figures, as a user calls it."""
+"""From a folder to a completed surface with its sigma and plots, through the public interface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The whole way through the command line: a rendered scan, what it lacks, touches, a better surface."""
+"""The whole pipeline on the command line: a rendered scan, its transparent parts, touches, a better surface."""
 
 from __future__ import annotations
 

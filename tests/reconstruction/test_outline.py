@@ -1,4 +1,4 @@
-"""Outline of a mesh of revolution against the profile that it was made of."""
+"""Outline of a mesh of revolution compared with its generating profile."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Upright bodies through the outlines that several views show: drawn by hand, apart from the library's own outlines."""
+"""Upright bodies through the outlines of several views, generated independently of the library."""
 
 from __future__ import annotations
 

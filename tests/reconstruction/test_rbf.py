@@ -1,4 +1,4 @@
-"""The spline against SciPy, and its incremental form against a fit of all."""
+"""The spline compared with SciPy, and its incremental form with a fit of all points."""
 
 from __future__ import annotations
 

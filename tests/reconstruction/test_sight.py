@@ -1,4 +1,4 @@
-"""A tube: its outside is seen from outside, its inside only through its ends."""
+"""Visibility of a tube: its outside is visible from outside, its inside only through its ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contacts on what is seen find the pose that the haptic frame is off by."""
+"""Contacts on the visible surface determine the pose error of the haptic frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is drawn on a frame is where it belongs."""
+"""Overlays on a frame are at the right positions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The plots show the numbers that they were given."""
+"""The plots show the given numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page is one file that loads nothing, and says exactly what it was given."""
+"""The page is one file that loads nothing, and shows exactly its input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tags for people: rounded to what is known, "not observed" kept apart from zero."""
+"""Readable tags: rounded to their uncertainty, "not observed" distinguished from zero."""
 
 from __future__ import annotations
 

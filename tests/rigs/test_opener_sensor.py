@@ -1,4 +1,4 @@
-"""The opener's wrench from pictures of its rod, against the loads that bent it."""
+"""The opener's wrench from images of its rod, compared with the applied loads."""
 
 from __future__ import annotations
 

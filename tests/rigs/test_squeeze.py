@@ -1,4 +1,4 @@
-"""Figure 3.12: five forces on a bottle, read from pictures alone."""
+"""Figure 3.12: five forces on a bottle, read from images only."""
 
 from __future__ import annotations
 

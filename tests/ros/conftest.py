@@ -1,4 +1,4 @@
-"""Two nodes that speak to each other on this machine, without a router and without a network."""
+"""Two nodes that communicate on this machine, without a router and without a network."""
 
 from __future__ import annotations
 

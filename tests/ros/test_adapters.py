@@ -1,4 +1,4 @@
-"""Base, gripper and arm against a robot that does what it is told, over the wire."""
+"""Base, gripper and arm with a robot that executes commands exactly, over the wire."""
 
 from __future__ import annotations
 

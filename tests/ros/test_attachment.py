@@ -1,4 +1,4 @@
-"""The attachment against zenoh's own serializer, which rmw_zenoh uses."""
+"""The attachment compared with zenoh's own serializer, which rmw_zenoh uses."""
 
 from __future__ import annotations
 

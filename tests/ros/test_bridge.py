@@ -1,4 +1,4 @@
-"""The bridge end to end: rendered pictures over topics in, forces over topics out."""
+"""The bridge end to end: rendered images over topics in, forces over topics out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""CDR against rosbags, in both directions, for every message that is known here."""
+"""CDR compared with rosbags, in both directions, for every supported message."""
 
 from __future__ import annotations
 

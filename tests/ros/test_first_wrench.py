@@ -1,4 +1,4 @@
-"""The page's way to the first wrench, walked by a stranger: a platform of plain rclpy, and nothing but the page's lines."""
+"""The steps of the page to the first wrench, followed literally: a platform of plain rclpy, and only the page's lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Images over topics become frames, pixel for pixel."""
+"""Images over topics become frames with identical pixels."""
 
 from __future__ import annotations
 

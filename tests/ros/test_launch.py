@@ -1,4 +1,4 @@
-"""Launch files without ROS: what they say, what is refused, and that all processes end together."""
+"""Launch files without ROS: their contents, invalid files, and joint termination of all processes."""
 
 from __future__ import annotations
 

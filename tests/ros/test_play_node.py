@@ -1,4 +1,4 @@
-"""Recordings of others, written by the rosbags library, played onto topics over zenoh."""
+"""Third-party recordings, written by the rosbags library, played onto topics over zenoh."""
 
 from __future__ import annotations
 

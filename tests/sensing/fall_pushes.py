@@ -1,4 +1,4 @@
-"""Pushes in the simulated world, watched by the scene tracker: does it say when something falls?"""
+"""Pushes in the simulated world, observed by the scene tracker: does it detect falls?"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rendered scenes for the tests of what the camera sees around the foam; truth by construction."""
+"""Rendered scenes for the tests of what the camera sees around the foam; ground truth by construction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The floors that make the evidence of obstacles, and a slice of their campaign."""
+"""The floors used as evidence for obstacles, and a slice of their campaign."""
 
 from __future__ import annotations
 

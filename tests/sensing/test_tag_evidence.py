@@ -1,4 +1,4 @@
-"""The pushes that make the evidence of haptic tags, and a slice of their campaign."""
+"""The pushes used as evidence for haptic tags, and a slice of their campaign."""
 
 from __future__ import annotations
 

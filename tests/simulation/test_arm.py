@@ -1,4 +1,4 @@
-"""The simulated arm: straight, at its speed, within its reach, wrong by as much as it is told."""
+"""The simulated arm: straight, at its speed, within its reach, with the configured errors."""
 
 from __future__ import annotations
 

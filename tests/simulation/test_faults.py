@@ -1,4 +1,4 @@
-"""Faults: off they change nothing, on they do what they say, and the same with the same seed."""
+"""Faults: no effect when off, the documented effect when on, reproducible by seed."""
 
 from __future__ import annotations
 

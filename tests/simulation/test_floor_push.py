@@ -1,4 +1,4 @@
-"""MuJoCo as a judge of pushes is converged and keeps Coulomb's cone."""
+"""MuJoCo as the reference for pushes is converged and satisfies Coulomb's cone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The virtual gripper: protocols, motion, balance of foam and spring, its pictures and their truth."""
+"""The virtual gripper: protocols, motion, equilibrium of foam and spring, its images and their truth."""
 
 from __future__ import annotations
 

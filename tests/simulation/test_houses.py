@@ -1,4 +1,4 @@
-"""Drawn houses: what a platform needs of them, checked with a flood fill and nothing of the planners."""
+"""Random houses: requirements of a platform, checked with a flood fill, independently of the planners."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Maps with obstacles: our own office, and the real maps of others."""
+"""Maps with obstacles: our own office, and third-party real maps."""
 
 from __future__ import annotations
 

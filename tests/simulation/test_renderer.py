@@ -1,4 +1,4 @@
-"""Rendered edges against truth recovered another way: areas along columns, brute force, NumPy twins."""
+"""Rendered edges compared with independent references: areas along columns, brute force, NumPy twins."""
 
 from __future__ import annotations
 

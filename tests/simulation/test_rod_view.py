@@ -1,4 +1,4 @@
-"""The rendered rod: pixels are where the camera's model says, and what hides what."""
+"""The rendered rod: pixel positions follow the camera model, occlusion is correct."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rectangles cover the walls once each."""
+"""Rectangles cover every wall cell exactly once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A platform that pushes a block on a floor with dry friction: quasi-static, two equations, nothing else."""
+"""A platform that pushes a block on a floor with dry friction: a quasi-static model of two equations."""
 
 from __future__ import annotations
 

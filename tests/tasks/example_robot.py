@@ -1,4 +1,4 @@
-"""A robot of one's own, the shortest that keeps the contract: it moves exactly as it is told."""
+"""The shortest robot that satisfies the contract: it executes commands exactly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A stand-in for LeRobot's LeKiwi and its camera, after its sources: names, units, errors, and the watchdog of its host."""
+"""A stand-in for LeRobot's LeKiwi and its camera, following its sources: names, units, errors, and the watchdog of its host."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Completion by touch with an arm: a hidden belly is found, the stop rule holds, failures have reasons."""
+"""Completion by touch with an arm: a hidden bulge is found, the stop rule works, failures have reasons."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Opening a crown cap: order of Table 3.1, the claim against the truth, every failure with its reason."""
+"""Opening a crown cap: order of Table 3.1, the claim compared with the truth, a reason for every failure."""
 
 from __future__ import annotations
 

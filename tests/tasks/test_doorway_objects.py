@@ -1,4 +1,4 @@
-"""What laser points say of the objects in a doorway: where their near side is, and which points are of one object."""
+"""Objects in a doorway from laser points: position of the near side, and grouping of points."""
 
 from __future__ import annotations
 

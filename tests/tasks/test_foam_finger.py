@@ -1,4 +1,4 @@
-"""The real foam finger as the hand's sensor, against the virtual gripper: a squeeze tells radius and stiffness."""
+"""The foam finger as the hand's sensor, on the virtual gripper: a squeeze measures radius and stiffness."""
 
 from __future__ import annotations
 

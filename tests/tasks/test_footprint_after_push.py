@@ -1,4 +1,4 @@
-"""The footprint of what was felt: shapes placed by hand."""
+"""Footprints of touched objects after a push, for known shapes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A platform stops at its largest force, whoever pushes; a clock that stands still and a wrong robot are named."""
+"""A platform stops at its maximum force, whatever the cause; a stopped clock and a wrong robot are reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Squeezing, classifying and lifting: what is felt against the container's own curve, failures with reasons."""
+"""Squeezing, classifying and lifting: readings compared with the container's true curve, failures with reasons."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Known objects by the laser points of today: what is claimed with a probability is right that often."""
+"""Known objects in current laser points: claimed probabilities are calibrated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""LeRobot's robots keep the contract of ours; what its source promises is in the stand-in ``lekiwi``."""
+"""LeRobot's robots satisfy our contract, with the stand-in ``lekiwi``."""
 
 from __future__ import annotations
 

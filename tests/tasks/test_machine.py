@@ -1,4 +1,4 @@
-"""The machine every task is made of: order, time-outs, endings, and traces that replay."""
+"""The state machine of all tasks: order, time-outs, endings, and traces that can be replayed."""
 
 from __future__ import annotations
 

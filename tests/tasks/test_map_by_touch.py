@@ -1,4 +1,4 @@
-"""Mapping by touch: decisions of the way around, contacts of explorations, a slice of a room against the truth."""
+"""Mapping by touch: decisions of the circumnavigation, contacts of explorations, a slice of a room compared with the truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The scale of odometry from the foam, against wheels whose error is known."""
+"""The scale of odometry from the foam, for wheels with a known error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distances of a moved tool from surfaces, against geometry on paper; an arm under the supervisor refuses the rest."""
+"""Clearance of a moving tool, compared with analytic geometry; a supervised arm rejects paths without clearance."""
 
 from __future__ import annotations
 

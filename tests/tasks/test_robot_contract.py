@@ -1,4 +1,4 @@
-"""A robot that keeps its promises passes, and each of thirty wrong ones is told which it breaks."""
+"""A correct robot passes, and for each of thirty faulty ones the violated rule is reported."""
 
 from __future__ import annotations
 

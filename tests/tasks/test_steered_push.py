@@ -1,4 +1,4 @@
-"""Steering holds what turns away, and learns the centre of friction."""
+"""Feedback keeps a rotating object on its path, and estimates the centre of friction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drift of odometry is held by straight walls: on contacts whose true place is known."""
+"""Drift of odometry is corrected by straight walls, for contacts with known true positions."""
 
 from __future__ import annotations
 

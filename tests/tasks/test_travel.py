@@ -1,4 +1,4 @@
-"""Travels in MuJoCo: through, around, refused, unknown."""
+"""Navigation in MuJoCo: through, around, unreachable, unknown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Records survive JSON and tell where objects went; a travel is replayed from its trace."""
+"""Records survive JSON and contain the motion of objects; a navigation run is replayed from its trace."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contours against exact scenes: noise at its bound, honest sigma, recovery, refusal."""
+"""Contours compared with exact scenes: noise at its bound, calibrated sigma, recovery, rejection."""
 
 from __future__ import annotations
 

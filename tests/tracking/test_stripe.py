@@ -1,4 +1,4 @@
-"""The colour stripe: learnt once, then a table; place of the edge and occlusion."""
+"""The colour stripe: trained once, then a table; position of the edge and occlusion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The views that make the evidence for templates: where they should be, covered as they say, and measured."""
+"""The views used as evidence for templates: correct poses, occlusion and measurement."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Templates on real pictures, against truths that others published or that are measured another way."""
+"""Templates on real images, compared with published or independently measured references."""
 
 from __future__ import annotations
 

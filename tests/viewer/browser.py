@@ -1,4 +1,4 @@
-"""A headless Chromium that is driven over its own debugging protocol, and tells what it asked for."""
+"""A headless Chromium controlled by its debugging protocol, which records its requests."""
 
 from __future__ import annotations
 

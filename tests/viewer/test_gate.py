@@ -1,4 +1,4 @@
-"""Who may open the page: no foreign name, no foreign page, nobody without the secret; floods do no harm."""
+"""Access control of the page: no foreign host name or origin, no access without the secret; floods do no harm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The live page: for this machine only, with or without a browser, loading nothing from outside."""
+"""The live page: only for this machine, with or without a browser, loading nothing from outside."""
 
 from __future__ import annotations
 

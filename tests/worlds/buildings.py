@@ -1,8 +1,8 @@
-"""Floors of buildings as a robot maps them, with the doors that are open: offices, homes and labs.
+"""Floors of buildings as a robot maps them, with their open doors: offices, homes and labs.
 
-Rooms tile a rectangle; walls have doors where two rooms are joined. Some doors are closed, which is wall on a map,
-some have their wing standing in the room. Furniture stands along walls and in rooms, large rooms have partitions with
-gaps that are no doors. The floor is turned a little, seen by a scanner from a few places, and what was not seen is
+Rooms tile a rectangle; walls have doors where two rooms are connected. Some doors are closed, which is wall on a map;
+some have their leaf standing in the room. Furniture stands along walls and in rooms; large rooms have partitions with
+gaps that are not doors. The floor is rotated slightly and scanned from a few places; what was not seen is
 unknown. Even seeds are for training, odd ones for reporting.
 """
 
@@ -21,7 +21,7 @@ from .maps import overlapped_cells
 __all__ = ["Building", "building", "scanned"]
 
 CELL_M = 0.05
-#: An opening needs a shared wall of at least so much beside the door's width [m].
+#: Minimum length of a shared wall in addition to the door's width [m].
 BESIDE_M = 0.5
 SCAN_RAYS, SCAN_RANGE_M = 720, 8.0
 Rectangle = tuple[float, float, float, float]
@@ -38,7 +38,7 @@ class Building:
 
 
 def building(seed: int) -> Building:
-    """Building of a number; kinds take turns."""
+    """Building of a number; kinds alternate."""
     rng = np.random.default_rng([20261122, 11, seed])
     kind = ("office", "home", "lab")[seed // 2 % 3]
     rooms = _office(rng) if kind == "office" else _split(rng, (0.0, 0.0, *_size(rng, kind)), kind)
@@ -112,7 +112,7 @@ def _office(rng: np.random.Generator) -> list[Rectangle]:
 
 
 def _split(rng: np.random.Generator, room: Rectangle, kind: str) -> list[Rectangle]:
-    """Halve a rectangle until rooms have the size of rooms."""
+    """Halve a rectangle until rooms have a realistic size."""
     width, height = room[2] - room[0], room[3] - room[1]
     largest = float(rng.uniform(10.0, 22.0) if kind == "home" else rng.uniform(18.0, 60.0))
     if width * height < largest or max(width, height) < 4.4:
@@ -156,7 +156,7 @@ def _doors(
 def _wing(
     rng: np.random.Generator, middle: np.ndarray, half: np.ndarray, across: np.ndarray, thickness: float
 ) -> shapely.Polygon:
-    """An open wing: hinged at a jamb, standing in the room at 60 to 120 degrees."""
+    """An open door leaf: hinged at a jamb, standing in the room at 60 to 120 degrees."""
     side, hinge = (float(rng.choice([-1.0, 1.0])) for _ in range(2))
     angle = float(rng.uniform(np.radians(60), np.radians(120)))
     foot = middle + hinge * half + side * 0.5 * thickness * across
@@ -209,7 +209,7 @@ def _furniture(
 
 
 def scanned(rng: np.random.Generator, solid: np.ndarray, places_m: np.ndarray) -> np.ndarray:
-    """What a scanner at a few places sees of a floor: rays from near each place, hits with noise of a cell."""
+    """Map of a floor by a scanner at a few places: rays from near each place, hits with noise of a cell."""
     cells = np.full(solid.shape, -1, np.int8)
     hits = np.zeros(solid.shape, dtype=bool)
     angle = np.arange(SCAN_RAYS) * (2 * np.pi / SCAN_RAYS)
@@ -227,7 +227,7 @@ def scanned(rng: np.random.Generator, solid: np.ndarray, places_m: np.ndarray) -
         cells[row[before], column[before]] = 0
         met = np.flatnonzero(first < len(along))
         hits[row[met, first[met]], column[met, first[met]]] = True
-    # One hit in fifty is a cell off, as after a pose that is a little wrong.
+    # One hit in fifty is displaced by a cell, as for a pose error.
     rows, columns = np.nonzero(hits)
     wrong = rng.random(len(rows)) < 0.02
     rows = np.clip(rows + wrong * rng.integers(-1, 2, len(rows)), 0, solid.shape[0] - 1)

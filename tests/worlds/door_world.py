@@ -1,4 +1,4 @@
-"""A disc that drives on a floor with rectangular walls and one door: it slides open after a request, or is pushed."""
+"""A disc that drives on a floor with rectangular walls and one door, which slides open on request or is pushed."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class DoorWorld:
         at_door = self._gap_m(x, y, self.door) < self.radius_m
         self.touched = blocked or (at_door and not self.is_open("door"))
         if at_door and self.wing_m and self.speed > 0.0 and not blocked:
-            # The wing gives way: the rim goes on with it.
+            # The door leaf moves together with the rim.
             self.pressed_m += self.speed * seconds
             self.touched = not self.is_open("door")
         elif at_door and not self.is_open("door"):

@@ -70,7 +70,7 @@ class DriveGrid:
         return found, before
 
     def near(self, clearance: np.ndarray, at_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes within 1.6 steps of a point that a robot may be at, and the seconds to them."""
+        """Free nodes within 1.6 steps of a point, and the seconds to them."""
         step = self.step_m
         column, row = np.floor(at_m / step).astype(int)
         rows = np.arange(max(0, row - 2), min(self.shape[0], row + 3))
@@ -83,7 +83,7 @@ class DriveGrid:
 
 
 def blocked(world: World, step_m: float = 0.05) -> bool:
-    """Whether the goal cannot be driven to over the nodes while all bodies stay where they are."""
+    """Whether the goal is unreachable over the nodes without moving a body."""
     grid = DriveGrid(world, step_m, Floor(world.walls, {}))
     layer = grid.clearance_with([body.polygon for body in world.bodies])
     near, _ = grid.near(layer, np.asarray(world.goal_m, dtype=float))

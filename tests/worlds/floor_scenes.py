@@ -1,4 +1,4 @@
-"""Scenes of navigation among movable obstacles, each a function of a seed; geometry in whole centimetres."""
+"""Scenes of navigation among movable obstacles, each determined by a seed; geometry in whole centimetres."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DOOR_M = 0.9
 
 
 def _rng(kind: int, seed: int) -> np.random.Generator:
-    """Scenes of different kinds share no numbers, whatever their seed."""
+    """Random generator of a scene; independent for different kinds with the same seed."""
     return np.random.default_rng([20261122, kind, seed])
 
 
@@ -72,7 +72,7 @@ def idle_objects(seed: int, count: int) -> World:
     for index in range(count):
         shapes.append(_shape(rng, 0.2, 0.4))
         left = index % 2 == 0
-        low = 0.4 if index % 4 < 2 else 3.5  # beside the way, above and below
+        low = 0.4 if index % 4 < 2 else 3.5  # beside the path, above and below
         where.append((0.4, low, 3.6, low + 1.1) if left else (6.4, low, 9.6, low + 1.1))
     placed = place_bodies(rng, shapes, where, walls, [start, goal])
     if placed is None:
@@ -130,7 +130,7 @@ def _body(name: str, outline: np.ndarray, round_m: float, rng: np.random.Generat
 
 
 def random_body(name: str, rng: np.random.Generator) -> Body:
-    """A body of 0.2 to 0.55 m about the origin, the mass a centimetre or two off."""
+    """A body of 0.2 to 0.55 m about the origin, its centre of mass off by a centimetre or two."""
     outline, round_m = _shape(rng, 0.2, 0.55)
     offset = rng.normal(0.0, 0.015, 2)
     return replace(_body(name, outline, round_m, rng), centre_offset_m=(float(offset[0]), float(offset[1])))

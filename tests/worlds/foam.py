@@ -1,7 +1,7 @@
-"""Sequences of a foam strip that a webcam sees, and those in which only light changes.
+"""Image sequences of a foam strip, with presses or with changing light only.
 
-Every sequence is drawn from one seed. The images are made when they are asked for; what was true comes with
-each. Even seeds are open, odd ones closed.
+Every sequence is generated from one seed. Images are rendered on demand, each with its ground
+truth. Even seeds are open, odd ones closed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ ZERO_FRAMES, SHADOW_FRAMES = 8, 18
 
 @dataclass(slots=True)
 class Shot:
-    """One image and what was true when it was taken."""
+    """One image and its ground truth."""
 
     image: np.ndarray
     t_s: float
@@ -36,7 +36,7 @@ class Shot:
 
 @dataclass(slots=True)
 class Sequence:
-    """A world, what it looks like at rest, and what comes then."""
+    """A world, its images at rest, and the sequence after them."""
 
     world: World
     about: dict
@@ -44,7 +44,7 @@ class Sequence:
     moments: list[tuple[Shot, tuple[Moment, ...]]] = field(default_factory=list)
 
     def zero(self) -> Iterator[Shot]:
-        """Images of the strip that nothing touches."""
+        """Images of the untouched strip."""
         for i in range(ZERO_FRAMES):
             moment = replace(self.rest, flicker=_later(self.rest.flicker, i * FRAME_S))
             yield Shot(self.world.image(moment), i * FRAME_S)
@@ -53,11 +53,11 @@ class Sequence:
         """Images of the sequence, in order of time."""
         image = np.empty(0)
         for shot, moments in self.moments:
-            image = self.world.image(*moments) if moments else image  # nothing new: the same image again
+            image = self.world.image(*moments) if moments else image  # no change: repeat the image
             yield replace(shot, image=image)
 
     def add(self, i: int, *moments: Moment, **truth) -> None:
-        """Append what is seen in the i-th frame after the strip at rest."""
+        """Append the contents of the i-th frame after the strip at rest."""
         t_s = (ZERO_FRAMES + i) * FRAME_S
         moments = tuple(replace(m, flicker=_later(m.flicker, t_s)) for m in moments)
         self.moments.append((Shot(np.empty(0), t_s, **truth), moments))
@@ -106,7 +106,7 @@ def shadows(seed: int) -> Sequence:
 
 
 def pincers(seed: int) -> Sequence:
-    """Two soft shadows that creep over the strip, one after the other; nothing ever touches it."""
+    """Two soft shadows that move slowly over the strip, one after the other, without any contact."""
     rng = np.random.default_rng([21, seed])
     world = draw_world(seed)
     casts = [Cast.drawn(world, rng, "creeping", soft=True) for _ in range(2)]

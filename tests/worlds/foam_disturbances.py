@@ -1,4 +1,4 @@
-"""Presses into a foam strip while something makes the images worse, or misleads."""
+"""Presses into a foam strip while a disturbance degrades the images or is misleading."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _BEFORE, _HELD = 4, 3
 
 @dataclass(slots=True)
 class _Effect:
-    """One thing that makes the images of a press worse, in a window of its frames."""
+    """One disturbance of the images of a press, in a window of its frames."""
 
     kind: str
     cast: Cast | None = None
@@ -80,7 +80,7 @@ class _Effect:
         return replace(moment, spread=self.spread, flicker=self.flicker) if self.everywhere else moment
 
     def at(self, moment: Moment, i: int) -> Moment:
-        """The i-th frame with it."""
+        """The i-th frame with the disturbance."""
         if not self.active(i):
             return self.at_rest(moment)
         moment = replace(moment)
@@ -95,7 +95,7 @@ class _Effect:
         if self.cast is not None:
             moment.shadows = [*moment.shadows, self.cast.row((i - self.window[0]) * FRAME_S)]
         if len(self.fingers):
-            # In within two frames, out within two.
+            # Appears within two frames, disappears within two.
             away = max(0, 2 - (i - self.window[0]), 3 - (self.window[1] - i)) / 2
             moved = self.fingers + away * np.concatenate([self.entry_m, self.entry_m, [0.0]])
             moment.capsules = np.vstack([moment.capsules, moved])
@@ -144,7 +144,7 @@ def _hand(world: World, rng: np.random.Generator) -> _Effect:
 def _effect(
     kind: str, world: World, rng: np.random.Generator, window: tuple[int, int] = (0, 10_000)
 ) -> _Effect:
-    """The disturbance of a name; those that only faults have keep to a window."""
+    """The disturbance of a name; those that only faults have are limited to a window."""
     if kind in ("soft shadow", "hard shadow"):
         effect = _shadow(kind, world, rng)
     elif kind in ("flicker", "exposure steps"):
@@ -167,7 +167,7 @@ def _effect(
 
 
 def _misleading(kind: str, world: World, rng: np.random.Generator) -> _Effect:
-    """What only faults have."""
+    """Disturbances that only faults have."""
     y = float(rng.uniform(-0.1, 0.1))
     if kind == "cable":
         turn, radius = float(rng.uniform(0, np.pi)), float(rng.uniform(0.001, 0.004))
@@ -236,7 +236,7 @@ def _pooled(body: str, rng: np.random.Generator, seed: int) -> Pushed:
 
 
 def disturbed(kind: str, seed: int) -> Sequence:
-    """A press at 10 mm/s (or as the kind says) while something makes the image worse."""
+    """A press at 10 mm/s (or as the kind specifies) during a disturbance of the image."""
     rng = np.random.default_rng([20, seed, *kind.encode()])
     world = draw_world(seed)
     speed = _SPEEDS_M_S.get(kind, 0.01)
@@ -249,13 +249,13 @@ def disturbed(kind: str, seed: int) -> Sequence:
 
 
 def forces(seed: int) -> Sequence:
-    """A press at exactly the simulated depths in ordinary light; the body's kind goes round with the seed."""
+    """A press at exactly the simulated depths in ordinary light; the kind of body cycles with the seed."""
     rng = np.random.default_rng([21, seed])
     return _plain(seed, _pooled(BODIES[(seed // 2) % 5], rng, seed))
 
 
 def segments(seed: int) -> Sequence:
-    """A press of a plate with sharp edges, whose ends are to be found."""
+    """A press of a plate with sharp edges, whose ends are to be detected."""
     return _plain(seed, _pooled("box", np.random.default_rng([23, seed]), seed))
 
 
@@ -291,13 +291,13 @@ def faulty(seed: int) -> Sequence:
 
 
 def _spoil(kind: str, sequence: Sequence, window: tuple[int, int], rng: np.random.Generator) -> None:
-    """Faults of the camera and the moment when the body goes."""
+    """Faults of the camera and the moment when the body is removed."""
     frames, (begin, end) = sequence.moments, window
     if kind == "dropped frames":
         del frames[begin:end]
     elif kind == "repeated frames":
         for i in range(begin + 1, min(end, len(frames))):
-            frames[i] = (frames[i][0], ())  # the image before comes again
+            frames[i] = (frames[i][0], ())  # repeat the previous image
     elif kind == "noise":
         sequence.world.sensor.read_noise *= float(rng.uniform(3, 10))
     elif kind == "vanishing body":

@@ -1,8 +1,8 @@
-"""Pixels of a foam strip: light that falls on surfaces, a lens, a sensor with its noise.
+"""Pixels of a foam strip: illumination of surfaces, a lens, a sensor with noise.
 
 Everything is computed in linear light and in metres of the foam's top plane: x away from the robot, y along
 the strip. A pixel whose corners see the same surface under the same light is sampled once, every other pixel
-at 64 Hammersley points, so that an edge is where it should be to about a hundredth of a pixel.
+at 64 Hammersley points, so that the position of an edge is accurate to about a hundredth of a pixel.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def _interpolated(table, first, step, place):
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
 def _surface(x, y, grid, front, body, top, ends, capsules):
-    """Which surface is seen at a place."""
+    """Index of the surface visible at a point."""
     for k in range(capsules.shape[0]):
         ax, ay = capsules[k, 0], capsules[k, 1]
         dx, dy = capsules[k, 2] - ax, capsules[k, 3] - ay
@@ -78,7 +78,7 @@ def _surface(x, y, grid, front, body, top, ends, capsules):
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
 def _shade(x, y, on_floor, shadows):
-    """Fraction of the direct light that arrives."""
+    """Fraction of the direct light that reaches a point."""
     light = 1.0
     for k in range(shadows.shape[0]):
         px, py = x - shadows[k, 1], y - shadows[k, 2]
@@ -227,7 +227,7 @@ def _convolved(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @dataclass(slots=True)
 class Sensor:
-    """What a webcam makes of the light behind its lens."""
+    """Conversion of light behind the lens into grey levels of a webcam."""
 
     gamma: float  #: grey = 255 * light ** (1 / gamma)
     read_noise: float  #: standard deviation at black [grey levels]

@@ -1,4 +1,4 @@
-"""One foam strip, its surroundings and its webcam, drawn from a seed; and its images."""
+"""One foam strip, its surroundings and its webcam, generated from a seed, with images."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def shadow_row(
 
 @dataclass(slots=True)
 class Moment:
-    """What is in front of the camera at one time; nothing but the strip by default."""
+    """Objects in front of the camera at one time; only the strip by default."""
 
     press: Press | None = None
     body: Shape | None = None  #: seen even before it touches
@@ -109,7 +109,7 @@ class World:
         self._front0 += float(draw(0.0, 1e-4)) * (cut / cut.std())[0]
 
     def _place(self) -> None:
-        """The camera looks straight down; pixels to metres, tables, and the pose that a user knows."""
+        """The camera looks straight down; pixels to metres, tables, and the pose known to the user."""
         draw = self.rng.uniform
         self.middle_m = (float(draw(0.013, 0.02)), float(draw(-0.002, 0.002)))  # seen by the image's centre
         cos, sin = np.cos(self.angle_rad), np.sin(self.angle_rad)
@@ -178,7 +178,7 @@ class World:
             )
         self.light = light[..., None].astype(np.float32)
 
-    # -- what the user knows ------------------------------------------------------------------------------
+    # -- data known to the user ------------------------------------------------------------------------------
 
     def write(self, folder: Path, stress_Pa=None, *, encoding_known: bool = False) -> Path:
         """Camera, calibration recording and ``sensor.yaml`` as a user would have them; the path of the last.
@@ -205,7 +205,7 @@ class World:
         )
         angle = self.angle_rad + turned
         cos, sin = np.cos(angle), np.sin(angle)
-        # Camera axes in F: columns of R_camera_foam are F's x and y as the camera sees them.
+        # Camera axes in F: columns of R_camera_foam are F's x and y in camera coordinates.
         to_camera = np.array([[-sin, -cos, 0.0], [-cos, sin, 0.0], [0.0, 0.0, -1.0]])
         a, b = -to_camera[:2, :2] @ self.middle_m + np.array([du, dv]) * self.px_m
         quaternion = [float(q) for q in Rotation.from_matrix(to_camera).as_quat()]
@@ -222,7 +222,7 @@ class World:
     # -- images -------------------------------------------------------------------------------------------
 
     def darkness(self, grey_fraction: float) -> float:
-        """Fraction of linear light that makes grey levels fall by a fraction."""
+        """Fraction of linear light that lowers grey levels by a given fraction."""
         return 1.0 - (1.0 - grey_fraction) ** self.sensor.gamma
 
     def tables(self, moment: Moment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -279,7 +279,7 @@ class World:
         return out
 
     def image(self, *moments: Moment) -> np.ndarray:
-        """One image, the mean of what was there during its exposure."""
+        """One image, the mean over the moments of its exposure."""
         light = np.mean([self.light_of(one) for one in moments], axis=0, dtype=np.float32)
         first = moments[0]
         light *= self.light * np.float32(first.gain**self.sensor.gamma)

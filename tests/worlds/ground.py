@@ -1,7 +1,7 @@
-"""Floors that a low camera drives over: tiles, brick, parquet, grass, with a walking shadow and a box on them.
+"""Floors seen by a low camera on a driving robot: tiles, brick, parquet, grass, with a moving shadow and a box.
 
-The camera looks ahead and down. Floor and faces of the box are textures on planes, drawn by their homographies
-at twice the size; light is a soft disc of shadow that walks over the floor. Even seeds are open, odd ones closed.
+The camera looks ahead and down. Floor and faces of the box are textures on planes, rendered by their homographies
+at twice the size; a soft disc of shadow moves over the floor. Even seeds are open, odd ones closed.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ __all__ = ["FLOORS", "FRAME_S", "HEIGHT", "WIDTH", "Drive", "View", "drive"]
 
 FLOORS = ("tiles", "brick", "parquet", "grass")
 WIDTH, HEIGHT, FOCAL_PX, FRAME_S = 800, 448, 700.0, 1.0 / 30
-#: Camera above the floor and behind the origin of its axes [m], and how far it looks down [rad].
+#: Camera above the floor and behind the origin of its axes [m], and its downward tilt [rad].
 _ABOVE_M, _BEHIND_M, _DOWN_RAD = 0.30, 0.05, np.deg2rad(45.0)
 #: Side of the texture [m] and of its pixels [m].
 _SIDE_M, _PIXEL_M = 1.4, 1e-3
@@ -51,7 +51,7 @@ class View:
 
 @dataclass
 class Drive:
-    """A floor, what is on it, and how the camera moves; poses are (x, y, theta) of the plane's axes."""
+    """A floor with its objects, and the motion of the camera; poses are (x, y, theta) of the plane's axes."""
 
     floor: np.ndarray  #: texture, BGR, linear light 0 to 1
     poses: np.ndarray  #: (frames, 3) [m, rad]
@@ -91,7 +91,7 @@ class Drive:
         return np.clip(grey + self.rng.normal(0.0, 2.0, grey.shape), 0, 255).astype(np.uint8)
 
     def _light(self, to_floor: np.ndarray, t_s: float) -> np.ndarray:
-        """Part of the light that reaches each pixel's place on the floor."""
+        """Fraction of the light that reaches the floor at each pixel."""
         assert self.shadow is not None
         x, y, speed_x, speed_y, radius, penumbra, part = self.shadow
         v, u = np.mgrid[0 : HEIGHT * _SUPER, 0 : WIDTH * _SUPER].astype(np.float32)

@@ -1,6 +1,6 @@
-"""Simply supported plates of plies by Navier's double series: what lamination theory says, written a second way.
+"""Simply supported plates of plies by Navier's double series: an independent implementation of lamination theory.
 
-Plies are fourth-order tensors that are turned as tensors, stiffnesses are integrals through the thickness by quadrature,
+Plies are fourth-order tensors that are rotated as tensors, stiffnesses are integrals through the thickness by quadrature,
 and each harmonic of the series is a three by three system from the virtual work of (u, v, w).
 """
 

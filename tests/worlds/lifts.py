@@ -1,8 +1,8 @@
 """Containers lifted by two soft pads in MuJoCo: does a grasp at one height, with one force, hold?
 
-A container is rigid where its motion is judged: slices of its wall, the mass of wall and liquid, a foot on a table. Pads
-are discs of springs that press each by itself, so that what they hold against turning follows from where they press and
-not from a formula. How far the wall gives way is asked of :mod:`.shells`, by its linear stiffness. Even seeds are open.
+A container is rigid for its motion: slices of its wall, the mass of wall and liquid, a foot on a table. Pads
+are discs of individual springs, so that their resistance against rotation follows from where they press and
+not from a formula. The deformation of the wall is computed by :mod:`.shells`, from its linear stiffness. Even seeds are open.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ __all__ = [
     "wall_load",
 ]
 
-#: Twelve kinds that a hand of 11 cm reaches round.
+#: Twelve kinds that fit into a hand of 11 cm.
 KINDS = ("pot", "beaker", "shampoo", "milk", "water", "tub", "can", "jar", "mug", "tube", "funnel", "goblet")
 #: Kinds that are open above; a bowl is too wide for that hand.
 RIM_KINDS = ("bowl", "pot", "beaker", "foil cup", "goblet", "mug")
@@ -47,13 +47,13 @@ PAD_DEPTH_m, RINGS, PAD_BALL_m, CLOSING_m_per_s = 0.003, (1, 6, 12), 0.002, 0.03
 MAX_SLIP_m, MAX_TURN_rad = 0.01, 0.35
 #: Slices of the wall next to the pads [m], and corners around.
 REACH_m, SLICE_m, AROUND = 0.025, 0.0025, 48
-#: Thickness of the plates that stand for a wall between two fingers [m]: thinner ones, balls would go through.
+#: Thickness of the plates that stand for a wall between two fingers [m]: balls would penetrate thinner ones.
 MIN_PLATE_m = 0.003
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiftObject:
-    """A container as it is described, and as it is."""
+    """A container as described to the planner, and its true properties."""
 
     kind: str
     described: Description  #: without ranges
@@ -67,25 +67,25 @@ class LiftObject:
     friction: float
 
     def give_m(self, height_m: float, force_N: float) -> float:
-        """How far each side of the wall gives way, by its linear stiffness [m]."""
+        """Deformation of each side of the wall, by its linear stiffness [m]."""
         return force_N / float(side_stiffness(self.wall.compliance([opposite(height_m)]))[0].min())
 
 
 @dataclass(frozen=True, slots=True)
 class Lifted:
-    """What became of a container."""
+    """Result of a lift."""
 
     slip_m: float  #: how far the hand rose more than the container
     turn_rad: float  #: of its axis
 
     @property
     def held(self) -> bool:
-        """It came along, and upright."""
+        """Whether it was lifted, and upright."""
         return self.slip_m < MAX_SLIP_m and self.turn_rad < MAX_TURN_rad
 
 
 def lift_object(seed: int, kinds: Sequence[str] = KINDS) -> LiftObject:
-    """A member of the kinds by turns; bottles are empty, half or nearly full, by turns."""
+    """A member of alternating kinds; bottles alternate between empty, half and nearly full."""
     kind = kinds[seed // 2 % len(kinds)]
     rng = np.random.default_rng([seed, 40])
     described = draw((CLASSES | OTHERS)[kind], rng)
@@ -138,7 +138,7 @@ def lift_rim(
     *,
     pad_radius_m: float = 0.01,
 ) -> Lifted:
-    """Close two pads on both sides of the wall, at a place (radius, height) of it that looks ``outward``, and lift."""
+    """Close two pads on both sides of the wall, at a place (radius, height) of it with the normal ``outward``, and lift."""
     half = 0.5 * MIN_PLATE_m
     anchor = (place_m[0], 0.0, place_m[1])
     plates = _wall_plates(thing, place_m[1], half)
@@ -192,7 +192,7 @@ def _solid_slices(thing: LiftObject, height_m: float) -> tuple[float, list[str],
         )
         text = " ".join(f"{value:.7f}" for value in corners.ravel())
         assets.append(f'<mesh name="s{k}" vertex="{text}" inertia="convex"/>')
-        # MuJoCo centres a mesh on itself and puts it back where it was.
+        # MuJoCo centres a mesh and compensates by its pose.
         slices.append(f'<geom type="mesh" mesh="s{k}" {_touched(thing)}/>')
     return float(radii.max()), assets, slices
 

@@ -1,9 +1,9 @@
-"""Floors with walls, doors and movable bodies: exact polygons, drawn into occupancy grids of any cell size.
+"""Floors with walls, doors and movable bodies: exact polygons, rasterised into occupancy grids of any cell size.
 
-A world is metres and polygons; ``raster`` makes the map that a planner is given. A cell is occupied where its
-square overlaps a wall, so that each cell size whose grid refines another one leaves at least as much free space:
-the best plan on the finer map can't be the more expensive one. Bodies are drawn by their cells' centres, as a
-mapper leaves them. Bodies keep ``BODY_GAP_M`` from walls, so that no drawing merges the two.
+A world consists of polygons in metres; ``raster`` creates the map that a planner is given. A cell is occupied where its
+square overlaps a wall, so that a grid that refines another one has at least as much free space:
+the optimal plan on the finer map cannot be more expensive. Bodies are rasterised by the centres of their cells, as by a
+mapper. Bodies keep ``BODY_GAP_M`` from walls, so that rasterisation does not merge the two.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ __all__ = [
 ]  # fmt: skip
 
 GRAVITY_M_S2 = 9.81
-#: Bodies stand at least so far from walls and from each other at first [m]: more than a cell of 10 cm.
+#: Minimum initial distance of bodies from walls and each other [m]: more than a cell of 10 cm.
 BODY_GAP_M = 0.16
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 
@@ -40,7 +40,7 @@ class Robot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """Something on the floor: outline in the map frame, mass, friction, and where the mass is."""
+    """A body on the floor: outline in the map frame, mass, friction, and centre of mass."""
 
     id: str
     outline_m: np.ndarray  #: (p, 2), counter-clockwise
@@ -81,7 +81,7 @@ class Body:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """A floor from (0, 0) to ``size_m``, what stands on it, and a task."""
+    """A floor from (0, 0) to ``size_m``, its bodies, and a task."""
 
     name: str
     size_m: tuple[float, float]
@@ -115,7 +115,7 @@ def walled(width_m: float, height_m: float, thickness_m: float = 0.1) -> list[sh
 
 
 def at(outline_m: np.ndarray, x_m: float, y_m: float) -> np.ndarray:
-    """An outline about the origin, brought to a place."""
+    """An outline about the origin, moved to a pose."""
     return outline_m + np.array([x_m, y_m])
 
 
@@ -127,7 +127,7 @@ def box(width_m: float, depth_m: float, turn_rad: float = 0.0) -> np.ndarray:
 
 
 def disc(radius_m: float, corners: int = 24) -> np.ndarray:
-    """A regular polygon around the disc: what it covers, the outline covers."""
+    """A regular polygon that contains the disc."""
     angle = (np.arange(corners) + 0.5) * (2 * np.pi / corners)
     return radius_m / np.cos(np.pi / corners) * np.column_stack([np.cos(angle), np.sin(angle)])
 

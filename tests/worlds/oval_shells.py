@@ -2,7 +2,7 @@
 
 Sections are ellipses ``(a(z) cos, b(z) sin)(theta)``, between two levels a ruled surface. Displacement and rotation
 are Cartesian: cubic along the wall, Fourier series in theta that are symmetric about both planes of the section and
-mix. The strains are those of the solid at the Gauss points, plane stress across the wall, as in :mod:`.shells`, whose
+coupled. The strains are those of the solid at the Gauss points, plane stress across the wall, as in :mod:`.shells`, whose
 circle is a special case.
 """
 
@@ -41,7 +41,7 @@ class Oval:
         return 0.25 * np.pi * (x + 1), 0.25 * np.pi * weight
 
     def _series(self, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Functions (t, 6, k) of each component and their slopes; the sine of nothing is left for its successor."""
+        """Functions (t, 6, k) of each component and their slopes; the sine of harmonic 0 is replaced by the next one."""
         order = 2 * np.arange(self.terms)[None, :] + np.where(_ODD, 1, np.where(_SINE, 2, 0))[:, None]
         phase = angle[:, None, None] * order
         value = np.where(_SINE[:, None], np.sin(phase), np.cos(phase))

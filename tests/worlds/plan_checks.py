@@ -1,7 +1,7 @@
-"""Plays a plan in polygons and measures, in metres, what is wrong with it; and what driving it costs.
+"""Checks a plan in exact polygons and measures its collisions, in metres, and its driving cost.
 
 A plan is a list of tasks as plain data: ``kind``, ``path_m`` of the robot's centre, and for a push ``object``,
-``displacement_m`` and ``goal_m``. Nothing is judged here: a fault says how deep it is, and who asks decides.
+``displacement_m`` and ``goal_m``. A fault states its depth; whether it is acceptable is decided by the caller.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ STEP_M = 0.005
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One thing that would go wrong when a plan is executed exactly."""
+    """One fault that would occur when a plan is executed exactly."""
 
     task: int
     what: str
@@ -34,7 +34,7 @@ class Fault:
 
 
 class Floor:
-    """Solid walls and where every body is now."""
+    """Solid walls and the current position of every body."""
 
     def __init__(
         self,
@@ -76,7 +76,7 @@ class Floor:
         return distance
 
     def gap_m(self, shape: BaseGeometry, without: str = "") -> tuple[float, str]:
-        """Distance of a shape to what is nearest, and its name."""
+        """Distance of a shape to the nearest obstacle, and its name."""
         near, name = float("inf"), "nothing"
         if self.solid:
             near = float(
@@ -89,7 +89,7 @@ class Floor:
         return near, name
 
     def overlap_m(self, shape: BaseGeometry, without: str = "") -> tuple[float, str]:
-        """How far a shape has to shrink to touch nothing, and what it overlaps; 0 where it is free."""
+        """Penetration depth of a shape, and the obstacle; 0 if it is free."""
         others = [self.solid[i] for i in self.tree.query(shape, predicate="intersects")]
         names = ["a wall"] * len(others)
         for other, body in self.bodies.items():
@@ -111,7 +111,7 @@ class Floor:
 
 
 def swept(body: shapely.Polygon, shift_m: Sequence[float]) -> BaseGeometry:
-    """What a polygon covers while it is shifted: its start, its end and the parallelograms of its edges."""
+    """Area swept by a shifted polygon: its start, its end and the parallelograms of its edges."""
     shift = np.asarray(shift_m, dtype=float)
     ring = np.array(body.exterior.coords)
     sides = np.stack([ring[:-1], ring[1:], ring[1:] + shift, ring[:-1] + shift], axis=1)
@@ -149,7 +149,7 @@ def check_plan(
 def _push_faults(
     floor: Floor, number: int, task: Mapping[str, Any], path: np.ndarray, robot: Robot
 ) -> list[Fault]:
-    """Faults of what is pushed; moves it."""
+    """Faults of the pushed body; moves it."""
     name = str(task["object"])
     body = floor.bodies[name]
     shift = np.asarray(task["displacement_m"], dtype=float)

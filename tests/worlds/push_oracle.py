@@ -1,12 +1,13 @@
-"""The best plan of a small scene: best-first search over (robot, places of the bodies), then string pulling.
+"""The optimal plan of a small scene: best-first search over (robot, positions of the bodies), then string pulling.
 
 The costs are those of the public description: driving at the inverse speed of Eq. (4.1), a push costs the setup
-and its length at ``v_push_m_s`` (bodies here need less than half of the robot's force, and their tags hold no risk),
-and begins and ends ``STAND_OFF`` cells off the body. Pushes are straight, through the centroid, from a contact whose
+and its length at ``v_push_m_s`` (bodies here need less than half of the robot's force, and their tags carry no risk),
+and begins and ends ``STAND_OFF`` cells from the body. Pushes are straight, through the centroid, from a contact whose
 normal is within 8 degrees of the push, by whole double steps, orientation kept. Drives between pushes are Dijkstra's on
 nodes of ``step_m`` with 16 neighbours, which are up to 2.7 % too long; therefore all sequences within 4 % of the best
 are kept, the lengths of their pushes refined, and their drives string-pulled on exact distances. Nothing else is
-pruned: where the queue ends, the sequence is the best of those. With ``weight`` > 1 it is a solver, and no oracle.
+pruned: when the queue is empty, the sequence is the best of those. With ``weight`` > 1 it is a solver without a guarantee
+of optimality.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from .plan_checks import Floor, drive_seconds
 
 __all__ = ["Answer", "Push", "contacts", "push_seconds", "solve", "travel_m"]
 
-#: The robot stands off by so many cells of the map before and after a push.
+#: Distance of the robot from the body before and after a push, in cells of the map.
 STAND_OFF = 0.6
 TILT_RAD = np.deg2rad(8.0)
 MAX_PUSH_M = 2.0
@@ -44,7 +45,7 @@ class Push:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What was found."""
+    """Result of the search."""
 
     cost_s: float  #: with string-pulled drives; infinite where there is none
     pushes: tuple[Push, ...]
@@ -54,7 +55,7 @@ class Answer:
 
 
 def push_seconds(length_m: float, robot: Robot) -> float:
-    """Setup and length by speed: what a light body costs that was pushed before and never failed."""
+    """Setup plus length by speed: cost of a light body that was pushed before and never failed."""
     return robot.setup_time_s + length_m / robot.v_push_m_s
 
 
@@ -130,7 +131,7 @@ class _Search:
         return float(np.max(self.rest[near] - seconds, initial=0.0))
 
     def pushes_from(self, state: _State, field_s: np.ndarray, layer: np.ndarray) -> list[_State]:
-        """All pushes that the robot can drive to, by one step, two, ... until something is in the way."""
+        """All reachable pushes, by one step, two, ... until an obstacle is met."""
         found: list[_State] = []
         for name in self.movable:
             here = self.body_at(name, state.shifts)
@@ -161,7 +162,7 @@ class _Search:
         direction: np.ndarray,
         touch: np.ndarray,
     ) -> float:
-        """How far a body can be pushed until it, or the robot behind it, meets something."""
+        """Collision-free push distance of a body and the robot behind it."""
         start = touch - self.stand_off_m * direction
         along = np.arange(0.0, MAX_PUSH_M + self.stand_off_m, 0.01)
         clear = Floor(self.static.solid, others, self.static.tree).distance_m(
@@ -252,7 +253,7 @@ def solve(
             len(near) and spent + float((f[near] + seconds).min()) <= state.spent_s + 1e-9
             for spent, f in fields.get(key, ())
         ):
-            continue  # somebody stood there before with the same bodies, and earlier
+            continue  # the same state was reached before at a lower cost
         expanded += 1
         field_s, _ = search.grid.field(layer, state.at_m)
         fields.setdefault(key, []).append((state.spent_s, field_s))
@@ -293,7 +294,7 @@ def _replayed(search: _Search, chain: list[tuple[str, int, float]]) -> tuple[flo
 
 
 def _refined(search: _Search, pushes: tuple[Push, ...]) -> tuple[Push, ...]:
-    """The same pushes with lengths that are no whole steps, where that is cheaper: coordinate descent."""
+    """The same pushes with lengths between whole steps, where cheaper: coordinate descent."""
     chain = [(push.body, push.contact, float(np.hypot(*push.shift_m))) for push in pushes]
     best, kept = _replayed(search, chain)
     for step in (0.5 * search.push_m, 0.25 * search.push_m, 0.125 * search.push_m):

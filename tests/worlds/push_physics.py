@@ -1,8 +1,8 @@
-"""Rigid bodies on a floor in MuJoCo: a disc drives along paths with limited force, and pushes what is in the way.
+"""Rigid bodies on a floor in MuJoCo: a disc drives along paths with limited force, and pushes obstacles.
 
-Bodies stand on feet with Coulomb friction, their mass off the centroid where the body says so; outlines are capsules
-and discs are spheres, whose contacts have closed formulas. The robot does not turn. Nothing here knows what a
-planner expects: ``drive`` says whether the end of the path was reached, and ``bodies`` where things are.
+Bodies stand on feet with Coulomb friction, their mass off the centroid where specified; outlines are capsules
+and discs are spheres, whose contacts have closed formulas. The robot does not turn. This module is independent of the
+planner: ``drive`` returns whether the end of the path was reached, and ``bodies`` the positions of the objects.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ __all__ = ["FloorPhysics"]
 PUSH_HEIGHT_M = 0.02
 FOOT_M, EDGE_M, INSET_M = 0.004, 0.004, 0.015
 STEP_S, CONTROL_STEPS = 0.001, 4
-#: Of the platform's servo: 20 N are 4 mm of lag, critically damped.
+#: Gains of the platform's servo: 20 N cause 4 mm of lag, critically damped.
 ROBOT_KG, STIFFNESS_N_M = 5.0, 5000.0
 DAMPING_N_S_M = 2.0 * (ROBOT_KG * STIFFNESS_N_M) ** 0.5
-#: Farther behind its reference than this, the platform does not get through [m].
+#: A platform that lags its reference by more than this is blocked [m].
 STUCK_M = 0.03
 CONTACT_FRICTION, WALL_FRICTION = 0.2, 0.2
 
 
 class FloorPhysics:
-    """A floor in motion.
+    """Simulation of a floor.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class FloorPhysics:
         self.data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self.data)
         self.start = np.asarray(at_m, dtype=float)
-        self.run(0.2)  # the feet sink in
+        self.run(0.2)  # the feet settle
 
     @property
     def robot_m(self) -> np.ndarray:
@@ -76,7 +76,7 @@ class FloorPhysics:
 
     @property
     def bodies(self) -> tuple[Body, ...]:
-        """All bodies where they are now."""
+        """All bodies at their current poses."""
         now = {}
         for index, body in enumerate(self.moving):
             centre, turn = self.pose(index)
@@ -88,7 +88,7 @@ class FloorPhysics:
         self.data.qvel[2 + 6 * index : 4 + 6 * index] = velocity_m_s
 
     def run(self, seconds: float) -> None:
-        """Let time pass; the robot holds its place."""
+        """Advance the time; the robot holds its position."""
         hold = self.robot_m.copy()
         for _ in range(int(seconds / (STEP_S * CONTROL_STEPS))):
             self._control(hold, np.zeros(2))
@@ -105,13 +105,13 @@ class FloorPhysics:
         return total, moment / total if total > 0.0 else None
 
     def follow(self, at_m: np.ndarray, velocity_m_s: np.ndarray, seconds: float) -> None:
-        """Let the robot follow a moving place from where that is now."""
+        """Let the robot follow a moving reference from its current position."""
         period = STEP_S * CONTROL_STEPS
         for step in range(1, round(seconds / period) + 1):
             self._control(at_m + step * period * velocity_m_s, velocity_m_s)
 
     def drive(self, path_m: np.ndarray, speed_m_s: float) -> bool:
-        """Follow a path with the robot's centre; False where it does not get on."""
+        """Follow a path with the robot's centre; False if it is blocked."""
         path = np.asarray(path_m, dtype=float)
         lengths = np.hypot(*np.diff(path, axis=0).T)
         along = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -142,7 +142,7 @@ def _mjcf(
     contact_friction: float,
 ) -> str:
     h = PUSH_HEIGHT_M
-    # Bits: 1 the floor with feet, 2 what meets at push height.
+    # Bits: 1 the floor with feet, 2 contacts at push height.
     parts = [
         '<geom name="floor" type="plane" size="0 0 1" contype="1" conaffinity="1" friction="0.01 0 0"/>',
         *(_wall(wall) for wall in walls),

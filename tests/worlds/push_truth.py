@@ -1,10 +1,10 @@
-"""Proofs apart from the planner that a task has no plan: exhaustive search of a task that is easier.
+"""Proofs, independent of the planner, that a task has no plan: exhaustive search of a relaxed task.
 
-The easier task holds for every push by which a body moves away from the robot: straight in any direction, of any
+The relaxation covers every push by which a body moves away from the robot: straight in any direction, of any
 length, with the body turning or not. Bodies are the discs inscribed in their outlines, robot and bodies are smaller
-by what rounding a place to a grid may hide, any body in reach of the robot may move by a cell in any direction in
-which the robot is not ahead, and the robot may be anywhere in its part of the free space. Where even then no sequence
-leads to the goal, no plan exists. The other way round nothing follows.
+by the rounding of positions to a grid, any body in reach of the robot may move by a cell in any direction in
+which the robot is not ahead, and the robot may be anywhere in its part of the free space. If even then no sequence
+leads to the goal, no plan exists. The converse does not hold.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ HALF_DIAGONAL = 0.5 * 2**0.5
 
 
 def impossible(world: World, *, step_m: float = 0.05, max_states: int = 6000) -> bool | None:
-    """True where no plan exists; False where the easier task has a solution; None where it was too large.
+    """True where no plan exists; False where the relaxed task has a solution; None where it was too large.
 
     Without some of the movable bodies the task is easier again: none is tried first, then each alone, then pairs.
     """
@@ -35,7 +35,7 @@ def impossible(world: World, *, step_m: float = 0.05, max_states: int = 6000) ->
     verdict: bool | None = False
     for count, steps_m in ((0, (step_m,)), (1, (step_m, 0.5 * step_m)), (2, (step_m,))):
         for chosen in combinations(movable, count):
-            for step in steps_m:  # a finer grid hides less, and proves more
+            for step in steps_m:  # a finer grid rounds less, and proves more
                 verdict = _exhausted(replace(world, bodies=(*fixed, *chosen)), step, max_states)
                 if verdict:
                     return True
@@ -43,7 +43,7 @@ def impossible(world: World, *, step_m: float = 0.05, max_states: int = 6000) ->
 
 
 def _exhausted(world: World, step_m: float, max_states: int) -> bool | None:
-    """Search of the easier task with all bodies of a world."""
+    """Search of the relaxed task with all bodies of a world."""
     slack = HALF_DIAGONAL * step_m
     walls = Floor([*world.walls, *(body.polygon for body in world.bodies if body.fixed)], {})
     shape = (round(world.size_m[1] / step_m), round(world.size_m[0] / step_m))
@@ -100,7 +100,7 @@ def _exhausted(world: World, step_m: float, max_states: int) -> bool | None:
                         continue
                     ahead = (off @ (dx, dy)) / np.hypot(dx, dy)
                     if ahead.min() > 2 * slack:
-                        continue  # nobody can pull
+                        continue  # the robot cannot pull
                     after = (*state[:index], there, *state[index + 1 :])
                     new = parts(after)
                     near = cv2.dilate(here.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0

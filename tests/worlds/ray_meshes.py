@@ -1,4 +1,4 @@
-"""Scanned objects of which a part is hidden, as from a camera on one side, and probes that meet them."""
+"""Scanned objects with a hidden part, as seen by a camera on one side, and probes that touch them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _EDGE_M = 0.004
 
 @dataclass(frozen=True, slots=True)
 class PartlySeen:
-    """An object on the table, of which a part is seen."""
+    """An object on the table, partly visible."""
 
     name: str
     mesh: Any  #: ``trimesh.Trimesh``, whole, z up, foot at z = 0
@@ -36,7 +36,7 @@ def mesh_files(folder: Path) -> list[Path]:
 def partly_seen(
     path: Path, rng: np.random.Generator, hidden: str = "back", noise_m: float = 0.0003
 ) -> PartlySeen:
-    """A mesh file of which the back is hidden to one camera, 15 to 40 degrees above the table, or the middle."""
+    """A mesh file whose back is hidden from a camera 15 to 40 degrees above the table, or whose middle is hidden."""
     import trimesh
 
     whole = trimesh.load(path, force="mesh")
@@ -72,7 +72,7 @@ def _ends(fine: Any) -> np.ndarray:
 def _outside(
     fine: Any, whole: Any, hidden: np.ndarray, rng: np.random.Generator, count: int = 1500
 ) -> np.ndarray:
-    """Points of hidden faces that look outside, but not those under the object."""
+    """Points of outward hidden faces, except those under the object."""
     free = ~_blocked(whole, fine.triangles_center + 1e-4 * fine.face_normals, fine.face_normals)
     outside = hidden & free & (fine.face_normals[:, 2] > -0.7) & (fine.triangles_center[:, 2] > 0.004)
     area = np.where(outside, fine.area_faces, 0)
@@ -86,7 +86,7 @@ def _blocked(mesh: Any, origins: np.ndarray, directions: np.ndarray) -> np.ndarr
 
 
 def probe_mesh(mesh: Any, start_m: np.ndarray, end_m: np.ndarray) -> np.ndarray | None:
-    """Where a point that moves from start to end meets a mesh first; None: nowhere."""
+    """First intersection of a point moving from start to end with a mesh; None if there is none."""
     way = end_m - start_m
     length = float(np.linalg.norm(way))
     points, _, _ = mesh.ray.intersects_location(start_m[None], way[None] / length, multiple_hits=True)

@@ -1,4 +1,4 @@
-"""Thin clear vessels, and opaque things beside them, as profiles of revolution."""
+"""Thin clear vessels, and opaque objects beside them, as profiles of revolution."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Vessel:
         object.__setattr__(self, "bounds_m", corners)
 
     def solid(self, material: int = CLEAR) -> Revolved:
-        """The vessel of glass, or its opaque twin."""
+        """The vessel of glass, or its opaque copy."""
         level = self.inner[0, 1] + self.fill_m
         inside = self.inner
         if self.fill_m > 0:

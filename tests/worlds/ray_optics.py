@@ -1,8 +1,8 @@
 """Rays through solids of revolution and boxes: nearest surface, Snell refraction, Fresnel transmission.
 
-A solid of revolution is a polyline (r, z) around its own z axis; each piece is a cone, a cylinder or a disc that rays
-meet exactly. Every piece knows the refractive index on the side of its normal and on the other side, so that walls,
-liquid and air need no bookkeeping of where a ray is. The normal of a piece from (r0, z0) to (r1, z1) is
+A solid of revolution is a polyline (r, z) around its own z axis; each piece is a cone, a cylinder or a disc that is
+intersected exactly. Every piece stores the refractive index on the side of its normal and on the other side, so that walls,
+liquid and air need no tracking of the medium of a ray. The normal of a piece from (r0, z0) to (r1, z1) is
 (z1 - z0, r0 - r1): outward of a profile that starts on the axis at the bottom and goes up outside.
 """
 
@@ -17,9 +17,9 @@ __all__ = ["CLEAR", "Box", "Hits", "Revolved", "cast", "compile_scene", "fresnel
 
 #: Material of glass; others are opaque and stop a ray.
 CLEAR = -1
-#: Interfaces after which a ray is given up.
+#: Maximum number of interfaces of a ray.
 MAX_EVENTS = 24
-#: A ray goes on this far behind the surface that it has met [m].
+#: A ray continues this far behind the intersected surface [m].
 _STEP_M = 1e-7
 
 
@@ -47,7 +47,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Hits:
-    """What the rays of one eye meet; arrays of shape (rays, ...)."""
+    """Intersections of the rays of one camera; arrays of shape (rays, ...)."""
 
     point_m: np.ndarray  #: where the ray ends on something opaque, (n, 3); NaN: nowhere
     owner: np.ndarray  #: number of that object, boxes behind solids of revolution; -1: none
@@ -186,7 +186,7 @@ def _nearest(solids, spans, pieces, boxes, ox, oy, oz, dx, dy, dz, normal, scrat
         ex = solids[k, 3] * dx + solids[k, 6] * dy + solids[k, 9] * dz
         ey = solids[k, 4] * dx + solids[k, 7] * dy + solids[k, 10] * dz
         ez = solids[k, 5] * dx + solids[k, 8] * dy + solids[k, 11] * dz
-        # The sphere around it first.
+        # The bounding sphere first.
         mz = qz - solids[k, 12]
         along = qx * ex + qy * ey + mz * ez
         off = qx * qx + qy * qy + mz * mz - along * along
@@ -223,7 +223,7 @@ def _nearest(solids, spans, pieces, boxes, ox, oy, oz, dx, dy, dz, normal, scrat
 
 @njit(cache=True)
 def _cast(solids, spans, pieces, boxes, materials, eye, directions, numbers, values):
-    """Follow each ray to something opaque; fills ``numbers`` (n, 2) and ``values`` (n, 9)."""
+    """Follow each ray to an opaque surface; fills ``numbers`` (n, 2) and ``values`` (n, 9)."""
     normal = np.zeros(3)
     scratch = np.zeros(3)
     for n in range(directions.shape[0]):

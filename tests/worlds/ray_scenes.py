@@ -1,8 +1,8 @@
-"""Seeded depth sequences of a table with thin clear vessels, and of the same table with opaque twins.
+"""Seeded depth sequences of a table with thin clear vessels, and of the same table with opaque copies.
 
-A scene has 48 views; fewer are every second, fourth or sixth of them, so that all campaigns share what was rendered.
-Or it is seen from a level ring, by as many views as are asked for.
-Even seeds are open, odd ones closed; the kind of a scene goes with seed // 2, so that both halves have all kinds.
+A scene has 48 views; smaller numbers are every second, fourth or sixth of them, so that all campaigns share the rendered images.
+Alternatively it is seen from a level ring, with any number of views.
+Even seeds are open, odd ones closed; the kind of a scene depends on seed // 2, so that both halves contain all kinds.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ VIEWS = 48
 _RENDERING = 1
 #: Kinds of scenes: two vessels; nearly in line; one before a wall; three; a person walks; a hand-held arc.
 _CLEAR = ("pair", "overlap", "wall", "three", "person", "hand")
-#: Of opaque ones: twins of the vessels; black; shiny; a person walks; before a wall; a hand-held arc.
+#: Kinds of opaque scenes: copies of the vessels; black; shiny; a person walks; before a wall; a hand-held arc.
 _OPAQUE = ("twin", "black", "metal", "person", "wall", "hand")
 FAMILIES = {"clear": _CLEAR, "filled": ("pair",), "opaque": _OPAQUE}
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """A scene before it is seen."""
+    """A scene before rendering."""
 
     family: str
     kind: str
@@ -103,7 +103,7 @@ def _path(kind: str, middle_rad: float, rng: np.random.Generator) -> np.ndarray:
             2 * np.pi * (u(0.5, 1.5) * share + rng.random())
         )
     else:
-        # Behind the wall or the path of a person nothing would be seen.
+        # Views from behind the wall or the path of a person would be occluded.
         span, radius = np.radians(u(90, 140) if kind in ("wall", "person") else u(120, 300)), u(0.5, 0.7)
         wobble = 0.01 * rng.standard_normal((VIEWS, 3))
         # Rows of an arm that goes up and down; no whole number of them, so that every subset has high and low views.

@@ -1,8 +1,8 @@
-"""Two eyes that match what they see: disparity by comparing small windows of surface points.
+"""Stereo matching: disparity by comparing small windows of surface points of two cameras.
 
-A projected or natural texture is a label of surface points. A window of the left image matches the right image at a
-disparity where both eyes see the same points; behind curved glass they seldom do, beside a nearer object the right eye
-does not see them (stereo shadow, on the left of the object), and across an edge the nearer surface wins.
+A projected or natural texture is represented by a label of surface points. A window of the left image matches the right image
+at a disparity where both cameras see the same points; behind curved glass they seldom do, beside a nearer object the right
+camera does not see them (stereo shadow, on the left of the object), and across an edge the nearer surface dominates.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ __all__ = ["match"]
 
 #: Windows of 3 x 3 px at 320 px match as those of 7 x 7 to 9 x 9 at 848 px.
 _RADIUS = 1
-#: Fraction of a window that has to match: under a half several answers would compete.
+#: Fraction of a window that has to match: below a half the match would be ambiguous.
 _ENOUGH = 0.5
 #: Points of neighbouring pixels that are farther apart than this many pixels' pitch lie on different surfaces.
 _TORN = 6.0

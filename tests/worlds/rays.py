@@ -1,12 +1,12 @@
-"""A depth camera with two eyes among clear glass: rays traced, windows matched, readings lost and bent.
+"""A stereo depth camera among clear glass: ray tracing, window matching, invalid and refracted readings.
 
     world = World(objects, boxes)
-    raw = look(world, DepthCamera(), eye_m, rotation)      # what both eyes see and where they match
-    depth_m = read([raw, ...], Imperfections(), rng)[0]    # what such a camera writes, NaN: nothing
+    raw = look(world, DepthCamera(), eye_m, rotation)      # what both cameras see and where they match
+    depth_m = read([raw, ...], Imperfections(), rng)[0]    # output of such a camera, NaN: invalid
 
-Everything is made from geometry (Snell, Fresnel, occlusion, windows) but for what no geometry tells: reflections of
-a room that is not modelled take further readings through glass, so many that the lost fraction is the one asked for. Of the
-glass pixels of a real D435, 29 to 77 % are invalid (typically 53 %).
+Everything follows from geometry (Snell, Fresnel, occlusion, windows) except for reflections of
+a room that is not modelled: they invalidate further readings through glass, until the invalid fraction is the requested one.
+Of the glass pixels of a real D435, 29 to 77 % are invalid (typically 53 %).
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class DepthCamera:
 
 @dataclass(frozen=True, slots=True)
 class Imperfections:
-    """What geometry does not tell of a camera."""
+    """Imperfections of a camera that do not follow from geometry."""
 
     lost_glass: float = 0.53  #: fraction of glass pixels without a reading, at least what geometry takes
     noise_px: float = 0.05  #: standard deviation of a disparity at normal incidence
@@ -97,7 +97,7 @@ _LAMPS_M = np.array([[1.2, 0.8, 1.9], [-1.0, -0.6, 1.9]])
 
 
 def look(world: World, camera: DepthCamera, eye_m: np.ndarray, rotation: np.ndarray) -> RawView:
-    """What the camera sees from a place; rotation (3, 3) has its axes right, down, forward as columns."""
+    """Raw view of the camera from a point; rotation (3, 3) has its axes right, down, forward as columns."""
     eye_m, rotation = np.asarray(eye_m, dtype=float), np.asarray(rotation, dtype=float)
     shape = (camera.height, camera.width)
     rays = camera.directions(rotation)
@@ -151,10 +151,10 @@ def _field(rng: np.random.Generator, shape: tuple[int, int], sigma_px: float) ->
 
 
 def read(views: Sequence[RawView], flaws: Imperfections, rng: np.random.Generator) -> list[np.ndarray]:
-    """Depth images [m], float32, NaN where nothing is read, of the views of one scene."""
+    """Depth images [m], float32, NaN where invalid, of the views of one scene."""
     scores = []
     for view in views:
-        # Where windows match worse and less light comes through, and where the room is mirrored.
+        # Readings are lost where windows match worse, less light is transmitted, or the room is mirrored.
         score = view.quality + 0.2 * _field(rng, view.glass.shape, 2.0)
         score[~np.isfinite(view.disparity_px) | (view.glint_rad < np.radians(1.5))] = -np.inf
         scores.append(score)
@@ -177,7 +177,7 @@ def _reading(view: RawView, lost: np.ndarray, flaws: Imperfections, rng: np.rand
         depth = camera.focal_px * camera.baseline_m / (view.disparity_px + noise)
     chance = rng.random(shape)
     lost = lost | (chance < flaws.lost_opaque) | ~(view.cosine > 0.1)
-    # Black: little light comes back, least at grazing incidence; shiny: the lamp blinds, and the mirrored room differs.
+    # Black: little light is reflected, least at grazing incidence; shiny: the lamp saturates, and the mirrored room differs.
     steep = 1 - np.nan_to_num(view.cosine)
     dark = gaussian_filter(rng.standard_normal(shape), 1.0)
     rank = np.argsort(np.argsort(dark, axis=None)).reshape(shape) / dark.size

@@ -1,4 +1,4 @@
-"""Maps of real buildings as arrays, read apart from the library."""
+"""Maps of real buildings as arrays, read without the library."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ MAPS: dict[str, float | None] = {
 
 
 def names(folder: Path) -> list[str]:
-    """The maps that are there."""
+    """The available maps."""
     return [name for name in MAPS if (folder / name).exists()]
 
 
@@ -86,12 +86,12 @@ def rectangles(solid: np.ndarray, cell_m: float) -> list[shapely.Polygon]:
     return found
 
 
-#: Of four scenes, so many have no way without a push.
+#: Number of scenes in four that have no path without a push.
 BLOCKED_OF_4 = 3
 
 
 def room_scene(seed: int) -> World:
-    """Generated rooms, three of four scenes with no way without a push."""
+    """Generated rooms; three of four scenes have no path without a push."""
     needed, count = seed // 4 % 4 < BLOCKED_OF_4, 1 + seed // 4 % 10
     for attempt in range(1000):
         world = random_rooms(seed + 1_000_000 * attempt, count)
@@ -101,7 +101,7 @@ def room_scene(seed: int) -> World:
 
 
 def real_scene(folder: Path, seed: int) -> World:
-    """A window of a real floor, a drive of 5 m or more, and 1 to 10 bodies on its way and beside it.
+    """A window of a real floor, a drive of 5 m or more, and 1 to 10 bodies on its path and beside it.
 
     Three of four scenes have no way without a push.
     """
@@ -160,7 +160,7 @@ def _bodies(
     count: int,
     rng: np.random.Generator,
 ) -> tuple[Body, ...]:
-    """The first in a narrow place of the way, others there or beside it."""
+    """The first at a narrow place of the path, others there or beside it."""
     floor, (start, goal) = Floor(walls, {}), ends
     inside = path[(np.hypot(*(path - start).T) > 0.9) & (np.hypot(*(path - goal).T) > 0.9)]
     if len(inside) < 5:

@@ -1,7 +1,7 @@
-"""Containers of revolution: classes with ranges, other kinds, and the wall that each has.
+"""Containers of revolution: classes with ranges, other kinds, and the wall of each.
 
 A description has the entries that the library reads from YAML (base, sections with their bulge, rings, rim, top,
-wall), in metres and pascals; a pair of numbers is a range. How a wall comes of it is written here anew.
+wall), in metres and pascals; a pair of numbers is a range. Its conversion into a wall is implemented independently here.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def _section(height: list[float], radius: list[float] | None = None, **more: Any
 _STIFF = {"top": {"kind": "stiff"}}
 _CLOSED = {"top": {"kind": "closed"}}
 
-#: Classes that a recogniser is trained on, and whose members it is asked for.
+#: Classes on which a recogniser is trained and tested.
 CLASSES: dict[str, Description] = {
     "pot": _described(
         "PP", _mm(0.3, 0.55), _mm(25, 31), [_section(_mm(65, 95), _mm(33, 40), bulge=_mm(-1, 1))],
@@ -107,7 +107,7 @@ CLASSES: dict[str, Description] = {
     "tub": _described("PP", _mm(0.6, 1.0), _mm(32, 40), [_section(_mm(60, 85), _mm(34, 42), bulge=_mm(0, 1.5))], **_CLOSED),
 }  # fmt: skip
 
-#: Containers of no class above.
+#: Containers of unknown classes.
 OTHERS: dict[str, Description] = {
     "can": _described("aluminium", _mm(0.1, 0.14), _mm(30, 35), [_section(_mm(105, 130))], top={"kind": "closed", "wall": _mm(0.3, 0.3)}),
     "jar": _described("glass", _mm(2, 3), _mm(32, 42), [_section(_mm(70, 90)), _section(_mm(15, 15), _mm(28, 28))]),

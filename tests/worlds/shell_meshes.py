@@ -1,6 +1,6 @@
-"""Triangulated containers as people have them, whose stiffness is known; and meshes of what is no container.
+"""Triangulated containers as users provide them, with known stiffness; and meshes that are not containers.
 
-Bodies are those of :mod:`.shell_bodies`, with a wall of one thickness; the truth is their wall of revolution, or of
+Bodies are those of :mod:`.shell_bodies`, with a wall of uniform thickness; the truth is their wall of revolution, or of
 ellipses, clamped at the foot. Even seeds are open.
 """
 
@@ -18,7 +18,7 @@ from .shells import Revolution
 
 __all__ = ["KINDS", "REFUSED", "MeshCase", "mesh_case", "refused_mesh"]
 
-#: Heights that are asked for, as fractions of the height; this far from a kink [m].
+#: Heights of the comparison, as fractions of the height; this far from a kink [m].
 ASKED, FROM_KINK_M = (0.15, 0.3, 0.45, 0.6, 0.75, 0.9), 0.003
 #: Noise of a scan along the normal [m].
 SCAN_NOISE_M = 5e-5
@@ -28,7 +28,7 @@ _MM = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshCase:
-    """A mesh and what is known of it."""
+    """A mesh and its ground truth."""
 
     kind: str
     vertices_m: np.ndarray
@@ -113,7 +113,7 @@ def _truth(member: Description) -> Revolution:
 
 
 def _revolved(rings: np.ndarray, around: int, turn: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Rings (k, 2) of radius and height turned about the axis; all diagonals lean alike, outsides look out."""
+    """Rings (k, 2) of radius and height turned about the axis; all diagonals have the same direction, normals point outward."""
     angle = turn + 2 * np.pi * np.arange(around) / around
     vertices = np.stack(
         [
@@ -330,7 +330,7 @@ def _pan(p: np.ndarray) -> np.ndarray:
     return np.minimum(body, _block(p, (0.18, 0, 0.035), (0.085, 0.012, 0.005)))
 
 
-#: What is no container: bounds of its field [m], and the field, negative inside.
+#: Bodies that are not containers: bounds of its field [m], and the field, negative inside.
 REFUSED: dict[str, tuple[tuple, tuple, Callable[[np.ndarray], np.ndarray]]] = {
     "drill": ((-0.07, -0.04, 0.0), (0.14, 0.04, 0.2), _drill),
     "bulb": ((-0.035, -0.035, 0.0), (0.035, 0.035, 0.11), _bulb),

@@ -1,6 +1,6 @@
-"""What a gripper reads of containers that no classifier has seen: curves of both tips at 16 heights along x and y.
+"""Gripper readings of containers outside the training set: curves of both tips at 16 heights along x and y.
 
-All touches of one exploration share the errors of its gripper: where it thinks the object stands, its tilt, the gain
+All touches of one exploration share the errors of its gripper: assumed position of the object, tilt, the gain
 and the zeros of its sensors. Walls are those of :mod:`.shells`, solids have closed forms. Even seeds are open.
 """
 
@@ -41,7 +41,7 @@ HARMONICS = 32
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """What is wrong in an exploration."""
+    """Errors of the gripper in an exploration."""
 
     outside: float = 0.0  #: fraction of its width by which every second range is left
     lateral_m: float = 0.002  #: standard deviation of the gripper's place across the axis
@@ -106,7 +106,7 @@ class TouchedObject:
 
 #: Solids: stiffness [N/m] at a relative height, stiffening [1/m], widths along x and y and height [m], all with random parts.
 _SOLIDS: dict[str, Callable[[np.random.Generator, np.ndarray], tuple[Any, ...]]] = {
-    # Rigid: what gives way is the gripper.
+    # Rigid: only the gripper deforms.
     "wooden block": lambda rng, z: (np.full((len(z), 2), 3e5), 0 * z, rng.uniform(0.04, 0.08, 2) + 0 * z[:, None], 0.1),
     "book": lambda rng, z: (np.tile([2e5, 6e3], (len(z), 1)), 0 * z, np.array([0.09, 0.03]) + 0 * z[:, None], 0.2),
     # A flat punch of radius a on a half-space: 2 E a / (1 - nu^2), a = 8 mm.
@@ -131,13 +131,13 @@ def _ball(radius: float, stiffness: float, stiffening: float, z: np.ndarray) -> 
 
 
 def known_object(seed: int, condition: str = "in range", cache: Path | None = None) -> TouchedObject:
-    """A member of a class, by turns; where its gripper is wrong depends on the condition alone."""
+    """A member of alternating classes; the errors of its gripper depend on the condition only."""
     name = list(CLASSES)[seed // 2 % len(CLASSES)]
     return _touched(name, CLASSES[name], [seed, 20], condition, cache=cache)
 
 
 def unknown_object(seed: int, condition: str = "in range", cache: Path | None = None) -> TouchedObject:
-    """An object of no class, of the twenty kinds by turns."""
+    """An object of an unknown class, alternating between the twenty kinds."""
     name = KINDS[seed // 2 % len(KINDS)]
     if name in OTHERS:
         return _touched(name, OTHERS[name], [seed, 21], condition, cache=cache)
@@ -191,7 +191,7 @@ def _sensors(condition: str, rng: np.random.Generator) -> tuple[Condition, float
 
 
 def _seen(height_m: float, seed: list[int], condition: str, session: int = 0) -> float:
-    """Height as seen."""
+    """Height as measured."""
     rng = np.random.default_rng([*seed, 2, session])
     return height_m + CONDITIONS[condition].height_m * float(rng.standard_normal())
 

@@ -2,7 +2,7 @@
 
 The meridian is a polyline of conical frusta. Along each the displacement ``u + zeta (omega x n)`` of the wall is
 cubic, with transverse shear (Reissner-Mindlin), integrated at three points along and two across the wall; around
-the axis it is a Fourier series whose harmonics do not mix. Nothing is assumed of curvature changes: the strains are
+the axis it is a Fourier series with uncoupled harmonics. No assumption is made about changes of curvature: the strains are
 those of the solid in cylindrical coordinates, plane stress across the wall.
 
 Per harmonic k the field is ``(u_r cos, u_t sin, u_z cos)(k theta)`` with rotations ``(w_r sin, w_t cos, w_z sin)``.
@@ -19,7 +19,7 @@ from scipy.linalg import solveh_banded
 
 __all__ = ["SHEAR", "Pinch", "Revolution", "opposite", "shape_functions", "side_stiffness"]
 
-#: Points of a cubic frustum on -1 .. 1, freedoms of a node.
+#: Points of a cubic frustum on -1 .. 1, degrees of freedom of a node.
 _NODES = np.array([-1.0, -1 / 3, 1 / 3, 1.0])
 _DOF = 6
 _GAUSS = np.polynomial.legendre.leggauss(3)
@@ -130,7 +130,7 @@ class Revolution:
             if harmonic == 0 and k not in (*self.foot, *self.top):
                 band[0, k] += (
                     1e-6 * scale
-                )  # no net force along the axis and no torque: it only names the place
+                )  # no net force along the axis and no torque: only fixes the rigid motion
         return band
 
     def _load(self, height_m: float) -> np.ndarray:

@@ -1,19 +1,19 @@
-"""Pushes of objects on floors of five kinds, felt by a foam strip: one line, many pushes at once.
+"""Pushes of objects on floors of five kinds, measured by a foam strip: one-dimensional, many pushes simultaneously.
 
 Symbols: x platform, y object, s = x - gap - y squeeze, shared by the foam (d) and an elastic object (e = s - d);
 F pushing force, R friction of the floor.
 
-    coulomb    R <= F_s at rest, F_d in motion, by stopping exactly (Karnopp)
+    coulomb    R <= F_s at rest, F_d in motion, with exact stopping (Karnopp)
     stribeck   bristles that bend before they slip (LuGre), R falls with speed to F_d
     rate       friction that grows or falls with the logarithm of the speed and linearly with it
     place      an uneven floor: F_d changes along the path by a tenth to a quarter
-    compliant  an elastic object that sticks and slips (LuGre with weakening), or a body that rolls
+    compliant  an elastic object with stick-slip (LuGre with weakening), or a body that rolls
 
-Foam loads along one curve, unloads below it and is a little viscous. The readings have what a camera gives: 30 frames
-a second that jitter and go missing, white noise, an error of scale that is partly the same in the whole push and partly
-wanders, and, where unloading was not calibrated, no force while the foam unloads. Every declared deviation is true.
+Foam loads along one curve, unloads below it and is slightly viscous. The readings are those of a camera: 30 frames
+a second with jitter and missing frames, white noise, a scale error that is partly constant during the push and partly
+drifts, and, where unloading was not calibrated, no force while the foam unloads. Every declared standard deviation is true.
 
-Of one object the contact's place, the place on the floor, the time at rest and the speed differ from push to push.
+The contact point on an object, the position on the floor, the time at rest and the speed differ from push to push.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ __all__ = ["SETTINGS", "Push", "pushes"]
 
 SETTINGS = ("coulomb", "stribeck", "rate", "place", "compliant")
 GRAVITY_M_S2 = 9.81
-#: Integration, and what is kept of it.
+#: Time step of the integration, and of its output.
 STEP_S, KEPT_STEPS, KEPT_S = 2e-4, 5, 1e-3
 FRAME_S = 1 / 30
 #: Depth at which the foam's curve has the force of its unit [m].
 UNIT_M = 0.008
-#: Bristles have slipped by then, and what has slid by this much has broken away [m].
+#: Sliding distance after which bristles have slipped and the object has broken away [m].
 BROKEN_M = 5e-4
 #: Foam unloads, for the sensor, below its largest deflection by this part and four deviations.
 UNLOADED = 0.02
@@ -42,7 +42,7 @@ FOAM_DAMPING, OBJECT_DAMPING = 1.0, 8.0
 
 @dataclass(frozen=True, eq=False)
 class Push:
-    """What was read in one push, N frames, and what was true."""
+    """Readings of one push, N frames, and the ground truth."""
 
     t_s: np.ndarray
     force_N: np.ndarray  #: NaN where the sensor does not read
@@ -99,7 +99,7 @@ def pushes(cases: Sequence[tuple[str, int, int]]) -> list[Push]:
 
 
 def _one(setting: str, obj: np.random.Generator, push: np.random.Generator) -> dict[str, np.ndarray]:
-    """Parameters of one push: first what belongs to the object, then what differs from push to push."""
+    """Parameters of one push: first those of the object, then those that differ from push to push."""
     u = obj.uniform
     kinetic, ratio = np.exp(u(np.log(1.0), np.log(12.0))), 1.0 + 0.5 * u() ** 1.5
     mass = kinetic / (u(0.2, 0.6) * GRAVITY_M_S2)
@@ -170,7 +170,7 @@ def _integrated(w: _World) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
     static, worked, sliding = np.full(size, np.nan), np.zeros(size), np.zeros(size)
     peak, x, rigid = np.zeros(size), np.zeros(size), ~np.isfinite(w.stiffness)
     k = np.where(rigid, 0.0, w.stiffness)
-    # A floor of its own at the start: the static friction is that of the place.
+    # The static friction is that of the floor at the start.
     excess = w.static_N / w.kinetic_N
     kept, pushed_m = [], np.zeros(size)
     brake_end = w.brake_s + 0.1

@@ -1,6 +1,6 @@
-"""Views of planar pictures by a webcam: up to 60 degrees of tilt, covered, in uneven light, blurred.
+"""Views of planar images by a webcam: up to 60 degrees of tilt, occluded, in uneven light, blurred.
 
-A picture of 600 px is what is real; the template is its mean over 3 x 3 px, a view the mean over 3 x 3 samples
+An image of 600 px is the physical pattern; the template is its mean over 3 x 3 px, a view the mean over 3 x 3 samples
 of a pixel. Even seeds are open, odd ones closed.
 """
 
@@ -15,7 +15,7 @@ from .foam_optics import Sensor, point_spread
 
 __all__ = ["PICTURES", "View", "mapped", "pinhole", "view"]
 
-#: Pictures of scikit-image that come with it.
+#: Images shipped with scikit-image.
 PICTURES = (
     "astronaut",
     "camera",
@@ -35,7 +35,7 @@ SIDE, SIZE, SAMPLES, FOCAL_PX = 200, (640, 480), 3, 800.0
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A picture seen once."""
+    """One view of an image."""
 
     template: np.ndarray  #: uint8 (SIDE, SIDE)
     image: np.ndarray  #: uint8 (480, 640)
@@ -48,7 +48,7 @@ class View:
 
 
 def picture(name: str, rng: np.random.Generator) -> np.ndarray:
-    """A square part of a picture, grey, float32, 3 SIDE px wide."""
+    """A square part of an image, grey, float32, 3 SIDE px wide."""
     from skimage import data
 
     photo = getattr(data, name)()
@@ -120,7 +120,7 @@ def view(seed: int) -> View:
 
 
 def _cover(corners: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """1 where something lies before the scene, at fine pixels; 0 to 40 % of the template."""
+    """Mask of the occluder, at fine pixels; 0 to 40 % of the template."""
     cover = np.zeros((SAMPLES * SIZE[1], SAMPLES * SIZE[0]), np.float32)
     target = rng.uniform(0, 0.4)
     inside = np.zeros_like(cover)
@@ -146,7 +146,7 @@ def _cover(corners: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def _illumination(corners: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Factor of the light at each pixel: a gradient, now and then a shadow edge or a bright spot."""
+    """Factor of the light at each pixel: a gradient, sometimes a shadow edge or a bright spot."""
     x, y = np.meshgrid(*(np.arange(n, dtype=np.float32) for n in SIZE))
     light = rng.uniform(0.5, 1.1) * (1 + rng.uniform(-0.3, 0.3) * (x / SIZE[0] - 0.5) * 2)
     middle = corners.mean(0) + rng.uniform(-60, 60, 2)
@@ -161,7 +161,7 @@ def _illumination(corners: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def _photographed(light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """What a webcam makes of it: blur, noise, rounding, JPEG; grey levels follow the light."""
+    """Effects of a webcam: blur, noise, rounding, JPEG; grey levels follow the light."""
     sensor = Sensor(
         1.0, float(rng.uniform(0.5, 4)), float(rng.uniform(0, 0.03)), 0.0, int(rng.choice([0, 0, 60, 85]))
     )

@@ -1,4 +1,4 @@
-"""The compliance from known loads: recovered, with honest sigmas, or refused."""
+"""The compliance from known loads: recovered with calibrated sigmas, or rejected."""
 
 from __future__ import annotations
 

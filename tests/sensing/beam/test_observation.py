@@ -1,4 +1,4 @@
-"""From template poses to motions of cross sections, and the covariance on the way."""
+"""From template poses to motions of cross sections, with propagated covariance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The exact rod: its kernel against a plain integration, and against the chain of links."""
+"""The exact rod: its kernel compared with a plain integration, and with a chain of links."""
 
 from __future__ import annotations
 

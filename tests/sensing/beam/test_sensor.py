@@ -1,4 +1,4 @@
-"""The sensor in time: what it reads, what it refuses, and why."""
+"""The sensor over time: readings, rejections, and reasons."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""End to end: pictures of a large-deflection rod that shares nothing with the estimator, to wrenches."""
+"""End to end: images of an independently simulated large-deflection rod, to wrenches."""
 
 from __future__ import annotations
 

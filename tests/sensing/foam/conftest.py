@@ -1,4 +1,4 @@
-"""Foams that the library has not seen: the continuum instrument's, and their calibrations."""
+"""Foams that were not used for tuning: those of the continuum simulation, and their calibrations."""
 
 from __future__ import annotations
 

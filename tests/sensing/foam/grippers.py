@@ -1,4 +1,4 @@
-"""Sensors on virtual grippers, built once: the truth of the tests of finger and stripe."""
+"""Sensors on virtual grippers, built once: ground truth for the tests of finger and stripe."""
 
 from __future__ import annotations
 

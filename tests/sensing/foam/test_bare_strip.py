@@ -1,4 +1,4 @@
-"""Images made apart from the library: shadows on a bare strip, first frames, presses, the width of the strip."""
+"""Independently rendered images: shadows on a bare strip, first frames, presses, the width of the strip."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Boundary laws against continuum solutions that share nothing with them."""
+"""Boundary laws compared with independent continuum solutions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calibration: the right curve from good data, a refusal with its reason from bad data."""
+"""Calibration: the right curve from good data, an error with its reason from bad data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What hidden foam may do, and errors that the zero has, too."""
+"""Bounds for hidden foam, and errors common to reading and zero."""
 
 from __future__ import annotations
 

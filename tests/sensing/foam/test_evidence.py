@@ -1,4 +1,4 @@
-"""The foam world that makes the evidence: its edges, its shadows and its forces are what they claim to be."""
+"""The foam simulation of the evidence: its edges, shadows and forces are correct."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The finger: its position, what the strip reads while it moves, loss and return, all against the virtual gripper."""
+"""The finger: its position, readings while it moves, loss and recovery, compared with the virtual gripper."""
 
 from __future__ import annotations
 

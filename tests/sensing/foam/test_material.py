@@ -1,4 +1,4 @@
-"""foam.yaml: a round trip, and files that are distrusted."""
+"""foam.yaml: a round trip, and invalid files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The calibrate command from CSV to file and picture."""
+"""The calibrate command from CSV to file and plot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an edge is: kernels against plain twins, and made images of foam, shadows and bodies."""
+"""Classification of edges: kernels compared with plain twins, and synthetic images of foam, shadows and bodies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every reason not to believe a frame, and seeded faults against the foam's own force."""
+"""Every reason for an invalid frame, and seeded faults compared with the true force of the foam."""
 
 from __future__ import annotations
 

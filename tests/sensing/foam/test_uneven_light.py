@@ -1,4 +1,4 @@
-"""Shifts of edges by what lies beside them, against numbers written out."""
+"""Shifts of edges by adjacent structures, compared with explicit numbers."""
 
 from __future__ import annotations
 

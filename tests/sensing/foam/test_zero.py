@@ -1,4 +1,4 @@
-"""The zero reference: averaging, refusal, adaptation and drift."""
+"""The zero reference: averaging, rejection, adaptation and drift."""
 
 from __future__ import annotations
 
