@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from visuohaptic.sensing.foam._chain_kernels import edge_crossing, join
+from visuohaptic.sensing.foam._chain_kernels import FOAM, edge_crossing, join, place_odds
 from visuohaptic.sensing.foam._posterior_kernels import _fit, shadow_odds
 from visuohaptic.sensing.foam._texture_kernels import (
     COV_PRESSED,
@@ -221,3 +221,23 @@ def test_an_occluder_that_goes_on_in_one_line_with_the_foam_is_a_coincidence() -
     step = edge_crossing(np.where(s > 0.0119, 0.005, 0.002), sigma, s, 0.02)
     assert (step[4] > -0.5).all(), "a step between two points may be where they meet"
     assert (step[[1, 2, 6, 7]] < -2.5).all()
+
+
+def foam_odds(waited_s: float, apart_s: float, delta_m: float = 0.004) -> float:
+    """Log-likelihood of a sharp edge as foam that was last seen at rest some time ago."""
+    count = 5
+    unary, against = np.zeros((count, 4)), np.zeros((count, 6))
+    every, since = np.ones(count), np.zeros(count)
+    place_odds(
+        waited_s, apart_s, delta_m * every, 2e-5 * every, 0.0 * every, since, every, 1.0, 2e-4 * every,
+        0.02, 0.1, 0.0, against, unary,
+    )  # fmt: skip
+    return float(unary[2, FOAM])
+
+
+def test_a_slow_camera_costs_the_foam_nothing_but_frames_out_of_sight_do() -> None:
+    # At five frames a second the largest speed reaches the whole strip in one frame: an edge anywhere says nothing.
+    assert foam_odds(0.2, 0.2) == pytest.approx(foam_odds(0.4, 0.4), abs=1e-6)
+    # At thirty, an edge that was something else for 0.4 s is the less likely the foam again.
+    assert foam_odds(0.4, 1.0 / 30.0) < foam_odds(0.2, 1.0 / 30.0) < foam_odds(0.1, 1.0 / 30.0)
+    assert foam_odds(0.4, 1.0 / 30.0) < foam_odds(0.4, 0.4) - 0.4

@@ -130,3 +130,15 @@ def test_adapts_at_rest_only_and_tells_when_it_drifted() -> None:
     for t in np.arange(15, 30, 0.1):
         watch.update(float(t), np.full(K, 0.0192), touched=False, usable=usable)
     assert watch.drifted
+
+
+@pytest.mark.parametrize(("part", "drifts"), [(0.8, True), (1.2, False)])
+def test_what_deflects_all_points_alike_may_be_the_zero_s_drift(part, drifts) -> None:
+    watch = ZeroWatch(_zero(np.random.default_rng(1)))
+    delta = np.full(K, part * watch.settings.limit * 0.02)
+    assert watch.sigma_m(delta) == pytest.approx(delta[0] / np.sqrt(3.0) if drifts else 0.0)
+    delta[5:9] = np.nan  # hidden
+    assert (watch.sigma_m(delta) > 0.0) == drifts
+    delta[-6:] = 0.0  # free foam beside a contact has not drifted
+    assert watch.sigma_m(delta) == pytest.approx(0.0, abs=1e-12)
+    assert watch.sigma_m(np.full(K, np.nan)) == 0.0

@@ -36,13 +36,15 @@ def log_sum(a, b):
 
 
 @kernel(nogil=True, error_model="numpy")
-def place_odds(t, delta, sigma, trusted, since, blur, lens, pixel, width, speed, bulge, against, unary):
+def place_odds(
+    t, apart, delta, sigma, trusted, since, blur, lens, pixel, width, speed, bulge, against, unary
+):
     """Log-likelihood ratio of position and blur of each edge: foam against an edge anywhere on the strip with any blur.
 
     Parameters
     ----------
-    t
-        Time [s].
+    t, apart
+        Time, and that since the frame before, or since the zero [s].
     delta, sigma
         Deflection and its standard deviation [m], (K,).
     trusted, since
@@ -73,10 +75,13 @@ def place_odds(t, delta, sigma, trusted, since, blur, lens, pixel, width, speed,
         anywhere = near = width / min(max(reach, blunt), width)
         moved = abs(delta[k] - trusted[k])
         if known:
-            # Uniform over the distance covered at the largest speed since then, at most the width of the strip.
+            # Anywhere that the largest speed reaches from one frame to the next, and no farther than the strip is wide. Foam
+            # that stayed out of sight for longer comes back in this very frame the less likely the longer it did (rule of
+            # succession): the range goes on with the time.
             step = 2.0 * (speed * waited + blunt)
-            near = width / min(step, width) if moved < 0.5 * step else 0.0
-        # Upper limit of motion blur: a shutter open for the whole frame interval (box filter).
+            reached = min(2.0 * (speed * min(apart, waited) + blunt), width)
+            near = width / (reached + 2.0 * speed * max(waited - apart, 0.0)) if moved < 0.5 * step else 0.0
+        # A shutter that is open from frame to frame, at the most, sees the edge move by a box.
         smear = moved / pixel[k] / math.sqrt(12.0) if moved < math.inf else 0.0
         excess = math.log(math.hypot(blur[k], PIXEL_PX) / math.hypot(lens, smear))
         sharp = -(excess if excess > 0.0 else 0.0) / _SAME_BLUR - math.log(2.0 * _SAME_BLUR)

@@ -152,9 +152,11 @@ class EdgePosterior:
         else:
             image_evidence(strip, zero, rest_px, seen, deflected, unary, against)
         unary[:, SHADOW] = np.where(deflected, unary[:, SHADOW], -MAX_ODDS)
+        apart_s = strip.t_s - self._last[0] if self._last is not None else math.inf
         place_odds(
-            strip.t_s, delta, np.hypot(sigma, strip.common_sigma_m), self._trusted_m, self._since_s, strip.front.blur_px,
-            strip.lens_px, strip.pixel_m, self._width, self._speed, BULGE * max(float(delta.max()), 0.0), against, unary,
+            strip.t_s, apart_s, delta, np.hypot(sigma, strip.common_sigma_m), self._trusted_m, self._since_s,
+            strip.front.blur_px, strip.lens_px, strip.pixel_m, self._width, self._speed,
+            BULGE * max(float(delta.max()), 0.0), against, unary,
         )  # fmt: skip
         against[~seen, :] = 0.0
         against[~seen, 4] = MAX_ODDS

@@ -264,7 +264,7 @@ class FoamSensor:
             return self.blank(frame.t_s, Reason.LOST if strip is None else Reason.NOT_ZEROED)
         rest_px = self.optics.rest_px(strip, watch.zero.width_m)
         found = measure_deflection(strip, watch.zero, geometry, rest_px, self._edges)
-        contour = found.contour(geometry, float(np.hypot(strip.common_sigma_m, watch.sigma_m)))
+        contour = found.contour(geometry, math.hypot(strip.common_sigma_m, watch.sigma_m(found.delta_m)))
         reading = read_profile(contour, material, boundary=self.setup.config.boundary, memory=self._memory)
         reading, wrong = with_states(reading, found, material, geometry.cell_m)
         reading = self.reading = self._with_unknown_branch(reading, strip.t_s, found)

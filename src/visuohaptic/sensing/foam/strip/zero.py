@@ -300,10 +300,23 @@ class ZeroWatch:
         """Whether the drift is so large that the zero reference has to be taken again."""
         return abs(self.drift_m) > self.settings.limit * float(np.mean(self._first.width_m))
 
-    @property
-    def sigma_m(self) -> float:
-        """Standard deviation common to all points [m], due to the lag of the adaptation."""
-        return 0.1 * abs(self.drift_m)
+    def sigma_m(self, delta_m: Float[np.ndarray, "K"]) -> float:
+        """Standard deviation common to all points [m], due to the lag of the adaptation.
+
+        A drift of the zero deflects all points equally and cannot be distinguished from a body as long as the strip: the
+        drift is uniformly distributed from 0 to the smallest deflection, of which the root mean square is returned. A
+        deflection beyond the limit is due to a body.
+
+        Parameters
+        ----------
+        delta_m
+            Deflection of each point in this frame [m], NaN where it is not known.
+        """
+        # Over five neighbours, as where the strip moves while zeroing: noise averages out.
+        means = np.convolve(delta_m, np.full(5, 0.2), mode="valid")
+        least = float(np.min(means[np.isfinite(means)], initial=np.inf))
+        drifts = 0.0 < least <= self.settings.limit * float(np.mean(self._first.width_m))
+        return math.hypot(0.1 * self.drift_m, least / math.sqrt(3.0) if drifts else 0.0)
 
     def update(
         self, t_s: float, width_m: Float[np.ndarray, "K"], *, touched: bool, usable: np.ndarray
