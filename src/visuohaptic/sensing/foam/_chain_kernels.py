@@ -75,9 +75,9 @@ def place_odds(
         anywhere = near = width / min(max(reach, blunt), width)
         moved = abs(delta[k] - trusted[k])
         if known:
-            # Anywhere that the largest speed reaches from one frame to the next, and no farther than the strip is wide. Foam
-            # that stayed out of sight for longer comes back in this very frame the less likely the longer it did (rule of
-            # succession): the range goes on with the time.
+            # Uniform over the range of the largest speed from one frame to the next, limited by the width of the strip. For foam
+            # that was out of sight longer, the probability of reappearing in this very frame decreases with that time (rule of
+            # succession): the range continues to grow.
             step = 2.0 * (speed * waited + blunt)
             reached = min(2.0 * (speed * min(apart, waited) + blunt), width)
             near = width / (reached + 2.0 * speed * max(waited - apart, 0.0)) if moved < 0.5 * step else 0.0
