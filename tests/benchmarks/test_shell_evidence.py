@@ -196,5 +196,10 @@ def test_figures_of_meshes():
 
 def test_the_room_of_orders_is_of_all_objects_together():
     """Three touches of six by chance: not the mean of 2 / 5 and 1 / 1."""
-    rows = [{"fewest": 2, "random": 5.0}, {"fewest": 1, "random": 1.0}]
-    assert shell_evidence.order_figures(rows, "in range")[0]["ours"] == pytest.approx(0.5)
+    rows = [
+        {"fewest": 2, "random": 5.0, "tree": 4, "tree_right": True},
+        {"fewest": 1, "random": 1.0, "tree": 2, "tree_right": False},
+    ]
+    chance, tree = shell_evidence.order_figures(rows, "in range")
+    assert (chance["ours"], tree["ours"]) == (pytest.approx(0.5), pytest.approx(0.5))
+    assert "right 0.50" in tree["note"]

@@ -64,7 +64,8 @@ def test_edge_costs_are_those_of_the_map_without_the_object(scene, joint):
     """Step 6, the long way: the same node and neighbours on layers of the whole map without the stool."""
     problem, graph, _ = scene
     from visuohaptic.io.maps import OccupancyMap
-    from visuohaptic.navigation.planning.search import clear_cells, grid_from_world
+    from visuohaptic.navigation.planning import clear_cells
+    from visuohaptic.navigation.planning.search import grid_from_world
 
     occupied = problem.map.cells >= 50
     clear_cells(occupied, grid_from_world(problem.map, problem.objects[0].footprint_m))

@@ -38,7 +38,7 @@ def test_doors_in_series(doors):
 
 
 def test_an_oblique_push_costs_the_simulated_risk_of_turning_away():
-    from visuohaptic.navigation.planning.search.bodies import turn_probability
+    from visuohaptic.navigation.planning.search.push_ends import turn_probability
     from visuohaptic.navigation.planning.search.push_heuristic import PushHeuristic
     from visuohaptic.navigation.problem.push_costs import PushCosts
 

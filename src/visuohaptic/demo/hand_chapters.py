@@ -338,12 +338,8 @@ def _belief_figure(history: Sequence[Mapping[str, float]], curve: SqueezeCurve) 
         belief = np.array([[step[name] for step in history] for name in names])
         shown = left.imshow(belief, cmap="cividis", vmin=0, vmax=1, aspect="auto")
         left.figure.colorbar(shown, ax=left)
-        left.set(
-            title="probability",
-            xlabel="squeeze",
-            xticks=range(len(history)),
-            xticklabels=range(1, len(history) + 1),
-        )
+        left.set(title="probability", xlabel="squeeze")
+        left.set_xticks(range(len(history)), [str(k + 1) for k in range(len(history))])
         left.set_yticks(range(len(names)), names)
         left.grid(visible=False)
         right.plot(1e3 * curve.deformation_m, curve.force_N, "o-", color=COLOURS["orange"])
@@ -367,16 +363,13 @@ def _grasp_figure(plan: GraspPlan, lift: LiftPlan, outline_m: np.ndarray, lifted
         (plan.scores.pair[used], "score of both fingers", {}),
         (stiffness, "stiffness [N/mm]", {"norm": "log", "vmin": low, "vmax": high}),
     )
-
     height_mm = 1e3 * points[used, 2]
     at_deg_mm = np.meshgrid(np.arange(-180, 180, 5), np.linspace(height_mm.min(), height_mm.max(), 60))
 
     def draw(*axes: Axes) -> None:
         for at, (values, label, scale) in zip(axes, fields, strict=False):
             field = griddata((around, height_mm), values, at_deg_mm, method="nearest", rescale=True)
-            shown = at.pcolormesh(
-                *at_deg_mm, field, cmap="viridis", shading="nearest", rasterized=True, **scale
-            )
+            shown = at.pcolormesh(*at_deg_mm, field, shading="nearest", rasterized=True, **scale)
             at.figure.colorbar(shown, ax=at, extend="both" if scale else "neither")
             at.set(xlabel="angle about the axis [deg]", ylabel="height [mm]", title=label)
             at.grid(visible=False)

@@ -14,10 +14,10 @@ from ..pushing._outline_kernels import disc_touches_at
 from ..pushing.contact_candidates import push_contacts
 from ..pushing.push_model import PushModel
 from ..pushing.quasi_static import line_path, simulate_push
+from .object_cells import fill_cells
 from .search import _travel_kernels
 from .search._travel_kernels import FAR, UNITS, clearances_at, reach_costs
 from .search.bodies import Body, lower_clearance
-from .search.object_cells import fill_cells
 from .search.search_domain import SearchDomain
 
 #: Number of directions that are tried; lateral contact offsets are fractions of half the object's width.

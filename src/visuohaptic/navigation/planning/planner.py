@@ -14,8 +14,8 @@ from ..problem.push_costs import PushCosts, push_cost
 from ..pushing._outline_kernels import polygon_distance
 from .drive_tasks import drive_tasks
 from .search._travel_kernels import clearances_at
-from .search.bodies import turn_probability
 from .search.drives import pull_string
+from .search.push_ends import turn_probability
 from .search.push_lengths import end_covariance
 from .search.push_search import load_kernels, search_pushes
 from .search.push_states import Deadline, PushStep, SearchLimits, SearchResult

@@ -13,7 +13,7 @@ from ...core.objects import HapticTag
 from ...io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ..grid.cost_grid import OBSTACLE_FROM
 from ..problem.planning_problem import MovableObject, PlanningProblem
-from .search.object_cells import clear_cells, fill_cells
+from .object_cells import clear_cells, fill_cells
 from .search.search_domain import grid_from_world
 
 __all__ = ["after_push"]

@@ -1,8 +1,6 @@
 from .bodies import Body as Body
 from .domain_builder import build_search_domain as build_search_domain
 from .infeasibility import Infeasibility as Infeasibility
-from .object_cells import clear_cells as clear_cells
-from .object_cells import fill_cells as fill_cells
 from .push_heuristic import PushHeuristic as PushHeuristic
 from .push_pass import PushPass as PushPass
 from .push_search import search_pushes as search_pushes

@@ -8,9 +8,9 @@ from ...grid.cost_grid import OBSTACLE_FROM, cell_distance
 from ...problem.passages import Passage, PassageKind, is_door_wing
 from ...problem.planning_problem import MovableObject, PlanningProblem
 from ...problem.push_costs import PushCosts, manipulability
+from ..object_cells import clear_cells
 from ._push_search_kernels import largest_in_blocks
 from .bodies import OUTLINE_INSET_M, Body, grid_from_world, lower_clearance
-from .object_cells import clear_cells
 from .push_states import needed_clearance
 from .search_domain import SearchDomain, full_speed_clearance
 

@@ -16,7 +16,8 @@ from ...problem.push_costs import PushCosts, push_cost
 from ...pushing.contact_candidates import PushContact
 from . import _travel_kernels
 from ._travel_kernels import FAR, UNITS, mark_region, reach_costs
-from .bodies import STAND_OFF_M, turn_probability
+from .bodies import STAND_OFF_M
+from .push_ends import turn_probability
 from .push_states import PushStep
 from .search_domain import SearchDomain
 

@@ -18,8 +18,9 @@ from ....core.geometry import rotation_2d
 from ...pushing.push_failure import covariance_of_ends
 from . import _travel_kernels
 from ._push_search_kernels import block_patch, free_push_length, opening_lengths
-from .bodies import PRICED, SAMPLES, end_errors, lower_window
+from .bodies import lower_window
 from .drives import changed_drives_cost, drives_cells
+from .push_ends import PRICED, SAMPLES, end_errors
 from .push_heuristic import PushHeuristic
 from .push_states import Deadline, PushStep, SearchResult, needed_clearance
 from .search_domain import SearchDomain

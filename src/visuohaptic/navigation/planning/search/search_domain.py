@@ -325,7 +325,7 @@ class SearchDomain:
         block
             Edge length of a block [cells].
         """
-        from .object_cells import fill_cells
+        from ..object_cells import fill_cells
 
         if not self.passages:
             return np.zeros((0, 0), np.int16)

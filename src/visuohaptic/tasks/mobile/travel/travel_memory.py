@@ -14,7 +14,7 @@ from ....core.geometry import rotation_2d, wrap_angle
 from ....core.objects import HapticTag
 from ....database.tags import merge_tags
 from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
-from ....navigation.planning.search.object_cells import clear_cells, fill_cells
+from ....navigation.planning.object_cells import clear_cells, fill_cells
 from ....navigation.planning.search.search_domain import grid_from_world
 from ....navigation.problem.planning_problem import MovableObject, PlanningProblem
 from ....navigation.pushing.push_failure import CENTRE_FRACTION

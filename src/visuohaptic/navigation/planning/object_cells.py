@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .._joint_kernels import free_object
+from ._joint_kernels import free_object
 
 __all__ = ["clear_cells", "fill_cells"]
 
