@@ -32,7 +32,8 @@ __all__ = ["calibrate", "calibration_error"]
 #: Number of folds of the training objects, each of which is left out in turn; candidate temperatures.
 FOLDS = 3
 TEMPERATURES = np.geomspace(0.5, 6.0, 16)
-#: Fraction of explorations ignored when the temperature is fitted: a few confidently wrong ones would dominate the loss.
+#: Fraction of explorations that may be wrong at any confidence when the temperature is fitted (a mixture with chance): a few of
+#: them would dominate the loss.
 IGNORED_FRACTION = 0.02
 #: Relative standard error of the false-alarm rate by the number of simulated explorations: .0100 +- .0015. The log odds then
 #: vary by .2 to .3 between seeds, less than by the choice of 180 training objects (.3 to .6 by a bootstrap of the objects).
