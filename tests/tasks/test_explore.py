@@ -314,13 +314,15 @@ class FakeScene:
 
     sight_m = 0.15
 
-    def __init__(self, base: FakeBase, obstacle: Obstacle, fall_at_s: float = math.inf) -> None:
-        self.base, self.obstacle, self.fall_at_s = base, obstacle, fall_at_s
+    def __init__(
+        self, base: FakeBase, obstacle: Obstacle, fall_at_s: float = math.inf, first_valid: int = 3
+    ) -> None:
+        self.base, self.obstacle, self.fall_at_s, self.first_valid = base, obstacle, fall_at_s, first_valid
 
     def update(self, frame: Frame, profile: ForceProfile, state: BaseState) -> Any:
         gap = self.obstacle.x_m - self.base.x_m
         seen = SimpleNamespace(
-            valid=frame.index >= 3,
+            valid=frame.index >= self.first_valid,
             proximity_m=gap if gap < 0.12 else math.inf,
             proximity_sigma_m=0.001,
             at_border=gap < 0.05,
@@ -412,6 +414,24 @@ def test_what_stood_in_view_at_the_begin_is_approached_slowly() -> None:
         on_step=lambda step: speeds.append(base.speed_m_s if step.phase == "approach" else 0.0),
     )
     assert max(speeds) == pytest.approx(0.03)
+
+
+def test_floor_known_to_be_free_is_crossed_fast_before_the_camera_has_seen_it() -> None:
+    """Parallax needs a baseline: until then the map's free floor allows the speed, and nothing beyond it."""
+    base, obstacle, speeds = FakeBase(), Obstacle(0.4, 4.0), []
+    explore_obstacle(
+        base,
+        frames(base, 3000),
+        FakeSensor(base, obstacle),
+        ExploreSettings(approach_m_s=0.02, cruise_m_s=0.06, free_ahead_m=0.1, near_m=0.015),
+        scene=FakeScene(base, obstacle, first_valid=10**6),
+        on_step=lambda step: speeds.append((step.travel_m, base.speed_m_s, step.phase)),
+    )
+    approach = [(travel, speed) for travel, speed, phase in speeds if phase == "approach"]
+    known = [speed for travel, speed in approach if 0.0 < travel < 0.07]
+    assert known == pytest.approx([0.06] * len(known))
+    beyond = [speed for travel, speed in approach if 0.09 < travel < 0.39]
+    assert beyond == pytest.approx([0.02] * len(beyond))
 
 
 @pytest.mark.parametrize(("known_m", "slow"), [(None, False), (0.4, True)])

@@ -46,12 +46,10 @@ log = logging.getLogger(__name__)
 
 #: The table shows every n-th frame during contact.
 _TABLE_FRAMES = 15
-#: Slow enough that the first peak is static friction and not the impact on the object's inertia: it breaks away
-#: within two millimetres of foam, before a faster platform could decelerate.
+#: Contact at a speed at which the first peak is static friction and not the impact on the object's inertia: it breaks
+#: away within two millimetres of foam, before a faster platform could decelerate.
 #: The platform starts on free floor, slightly more than the camera's view away.
-SLOW_EXPLORATION = ExploreSettings(
-    approach_m_s=0.02, push_m_s=0.02, cruise_m_s=0.06, near_m=0.015, free_ahead_m=0.2, search_m=0.6
-)
+SLOW_EXPLORATION = ExploreSettings(approach_m_s=0.02, near_m=0.015, free_ahead_m=0.2, search_m=0.6)
 
 _TABLE_HEAD = f"{'time':>9}  {'true force':>11}  {'measured':>11}  {'sigma':>9}   event"
 

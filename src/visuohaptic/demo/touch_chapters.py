@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 __all__ = ["default_tags", "explore_obstacles", "tag_claims", "touch_in_map"]
 
 #: Distance from the platform's hull to its target: the foam, and floor on which the camera can observe it [m].
-FOAM_M, FLOOR_M = 0.03, 0.17
+FOAM_M, FLOOR_M = 0.02, 0.18
 START_M = FOAM_M + FLOOR_M
 #: Position from the laser: an object that looks like the floor is not detected by the camera.
 EXPLORE = replace(SLOW_EXPLORATION, free_ahead_m=0.1, search_m=0.4, expected_m=FLOOR_M)

@@ -61,13 +61,12 @@ class LookAhead:
             Distance driven [m].
         """
         s = self.settings
-        free = self.sight_m
-        if travel_m < self.sight_m and s.free_ahead_m < self.sight_m:
-            free = min(free, s.free_ahead_m - travel_m)  # what was in view at the start is not seen again
+        unseen = (
+            travel_m < self.sight_m and s.free_ahead_m < self.sight_m
+        )  # in view at the start, not seen again
+        free = self.sight_m if self._valid and not unseen else s.free_ahead_m - travel_m
         # If there is no contact within a few centimetres, the estimate is discarded.
         if travel_m < self.expected_m + 2.0 * s.near_m:
             free = min(free, self.expected_m - travel_m)
-        if not self._valid:
-            free = 0.0
         fastest = math.sqrt(s.approach_m_s**2 + 2.0 * s.brake_m_s2 * max(free - s.near_m, 0.0))
         return min(max(s.cruise_m_s, s.approach_m_s), fastest)
