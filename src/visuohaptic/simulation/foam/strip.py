@@ -92,8 +92,9 @@ class FoamStrip:
         """Reset to the undeformed state: no deflection and no memory."""
         k, n, j = len(self.s_m), len(self._thickness), self._losses.shape[1]
         # One row per column: displacements, strains, chi (n each), xi (n j), touched (1).
-        self._memory = np.zeros((k, 3 * n + n * j + 1))
-        self._memory[:, 3 * n : -1] = 1.0
+        self._undeformed = np.zeros((k, 3 * n + n * j + 1))
+        self._undeformed[:, 3 * n : -1] = 1.0
+        self._memory = self._undeformed.copy()
 
     def inner_m(self, height_m: float) -> Float[np.ndarray, "k 2"]:
         """Present position of a material line of the foam, frame F [m].
@@ -126,19 +127,19 @@ class FoamStrip:
         vertices, starts, radii = _flat(bodies)
         window = self._window(vertices, np.repeat(radii, np.diff(starts)))
         if window is None:
-            return self._result(
-                np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.int64), np.zeros(0), 0.0, len(bodies)
-            )
+            return self._free(len(bodies))
         at = self._columns(vertices, starts, radii, *window)
         s = self.s_m[0] + at * (self.s_m[1] - self.s_m[0])
+        normal = geometry.normals(s)
+        depth, owner = np.empty(len(s)), np.empty(len(s), dtype=np.int64)
+        penetration(geometry.back_m(s), normal, w, vertices, starts, radii, depth, owner)
+        if not (depth > 0.0).any() and np.array_equal(self._memory, self._undeformed):
+            return self._free(len(bodies))
+
         old = _blend(self._memory, at)
         strain, chi = np.ascontiguousarray(old[:, n : 2 * n]), np.ascontiguousarray(old[:, 2 * n : 3 * n])
         u, xi = np.ascontiguousarray(old[:, :n]), np.ascontiguousarray(old[:, 3 * n : -1])
         xi = xi.reshape(len(s), n, -1)
-        normal = geometry.normals(s)
-        depth, owner = np.empty(len(s)), np.empty(len(s), dtype=np.int64)
-        penetration(geometry.back_m(s), normal, w, vertices, starts, radii, depth, owner)
-
         distance = np.diff(s)
         cell = np.zeros(len(s))
         cell[1:] += 0.5 * distance
@@ -233,6 +234,10 @@ class FoamStrip:
         slope = (self._stress[low + 1] - stress) / (TABLE_END - TABLE_START) * (TABLE_SIZE - 1)
         gain = slope + stress * float(np.sum(self._losses[0] / self._losses[1]))
         return float(gain @ cell[touching]) * self.geometry.height_m / self.geometry.width_m
+
+    def _free(self, bodies: int) -> StripState:
+        """State without any contact."""
+        return self._result(np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.int64), np.zeros(0), 0.0, bodies)
 
     def _result(
         self, front: Float[np.ndarray, "q 2"], reaction: Float[np.ndarray, "q"], who: Int[np.ndarray, "q"],

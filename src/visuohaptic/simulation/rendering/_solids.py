@@ -194,26 +194,23 @@ def solid_faces(
         along = np.repeat([[[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]]], keys, axis=1)
         below = at_height(turned_left(own)[::-1], 0.0)
         faces.append(Face(below, np.zeros((keys, 3)), along[0], along[1], np.array([0.0, 0.0, -1.0])))
+    rotations = np.array([pose.rotation for pose in poses_foam_solid])
+    places_m = np.array([pose.translation_m for pose in poses_foam_solid])
+
+    def to_foam(vectors: np.ndarray) -> np.ndarray:
+        return np.einsum("kij,...kj->...ki", rotations, vectors)
+
     turned = []
     for face in faces:
         lift = texture_z_m if face.normal[2] == 0.0 else 0.0
         origin = face.origin_m + np.array([0.0, 0.0, lift])
 
-        def to_foam(points: np.ndarray, *, place: bool) -> np.ndarray:
-            return np.stack(
-                [
-                    pose.apply(points[..., k, :]) if place else points[..., k, :] @ pose.rotation.T
-                    for k, pose in enumerate(poses_foam_solid)
-                ],
-                axis=-2,
-            )
-
         turned.append(
             Face(
-                to_foam(face.corners_m, place=True),
-                to_foam(origin, place=True),
-                to_foam(face.along_a, place=False),
-                to_foam(face.along_b, place=False),
+                to_foam(face.corners_m) + places_m,
+                to_foam(origin) + places_m,
+                to_foam(face.along_a),
+                to_foam(face.along_b),
                 middle.rotation @ face.normal,
             )
         )

@@ -236,7 +236,7 @@ class SceneRenderer:
             item, outline = shot.middle.objects[i], outlines[i]
             parts = self._draw_object(shot, i, outline)
             for part, sign in hidden_parts(closed(front, back), outline[:, mid], item.top_m, centre):
-                holes.append((view.polygon(view.to_camera(at_height(part, 0.0))), sign, parts))
+                holes.append((view.polygon(at_height(part, 0.0)), sign, parts))
         surfaces = [self.look.stripe] if self.look.stripe is not None else []
         surfaces += [self.look.foam, self.look.body]
         planes = [self._plane(shot, surface, _SENSOR_AXES) for surface in surfaces]
@@ -287,8 +287,7 @@ class SceneRenderer:
             solids = [solid for s in shot.scenes if (solid := s.objects[index].solid) is not None]
             poses = tuple(solid.T_foam_solid for solid in solids)
             faces = solid_faces(item.solid.outline_m, item.solid.height_m, poses, -low, centre)
-        for face in faces:
-            polygon = view.polygon(view.to_camera(face.corners_m))
+        for face, polygon in zip(faces, view.polygons([face.corners_m for face in faces]), strict=True):
             if len(polygon) >= 3:
                 lights.append(1.0 + self.look.face_contrast * float(face.normal @ _LIGHT - _MEAN_LIGHT))
                 axes = (face.origin_m, face.along_a, face.along_b)
@@ -297,7 +296,7 @@ class SceneRenderer:
         if len(polygons) <= _MAX_FACES:
             return self._canvas.paint_parts(polygons, planes)
         if item.solid is None:
-            border = view.polygon(view.to_camera(silhouette(outline, low, item.top_m, centre)))
+            border = view.polygon(silhouette(outline, low, item.top_m, centre))
         else:
             import cv2
 
@@ -315,7 +314,7 @@ class SceneRenderer:
         # The back, whose normal points to -x, is glued to the body.
         for face in prism_faces(outline, -height, 0.1 * height, shot.view.centre_foam_m, -0.7):
             if face.normal[2] == 0.0:
-                polygon = shot.view.polygon(shot.view.to_camera(face.corners_m))
+                polygon = shot.view.polygon(face.corners_m)
                 axes = (face.origin_m, face.along_a, face.along_b)
                 self._canvas.paint_parts([polygon], [self._plane(shot, self.look.foam, axes, _SIDE_LIGHT)])
 
@@ -335,7 +334,7 @@ class SceneRenderer:
             inner = self._stripe_edge(shot, back, front)
             lines.insert(1, np.concatenate([back[:1], inner, back[-1:]]))
         outlines = [at_height(np.concatenate([line, behind]), 0.0) for line in lines]
-        return [self._canvas.cover(view.polygon(view.to_camera(outline))) for outline in outlines]
+        return [self._canvas.cover(polygon) for polygon in view.polygons(outlines)]
 
     def _stripe_edge(self, shot: ExposedScene, back: np.ndarray, front: np.ndarray) -> np.ndarray:
         if all(scene.stripe_m is not None for scene in shot.scenes):
@@ -354,7 +353,7 @@ class SceneRenderer:
         else:
             height = occluder.height_m
             points = np.repeat(outline[:, None], view.keys, axis=1)
-            polygon = view.polygon(view.to_camera(at_height(points, height)))
+            polygon = view.polygon(at_height(points, height))
         axes = (np.array([0.0, 0.0, height]), _SENSOR_AXES[1], _SENSOR_AXES[2])
         plane = self._plane(shot, occluder.surface, axes)
         self._canvas.paint_parts([polygon], [plane], None if active.all() else active)

@@ -7,11 +7,12 @@ the camera frame.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
@@ -29,7 +30,7 @@ MARGIN = 0.1
 PIECE_PX = 8.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class RollingView:
     """A camera during one frame.
 
@@ -56,6 +57,18 @@ class RollingView:
         """Optical centre in frame F in the middle of the frame."""
         return self.poses_camera_foam[self.keys // 2].inverse().translation_m
 
+    @cached_property
+    def _rotations(self) -> Float[np.ndarray, "K 3 3"]:
+        return np.array([pose.rotation for pose in self.poses_camera_foam])
+
+    @cached_property
+    def _translations_m(self) -> Float[np.ndarray, "K 3"]:
+        return np.array([pose.translation_m for pose in self.poses_camera_foam])
+
+    @cached_property
+    def _row_weights(self) -> Float[np.ndarray, "rows K"]:
+        return self.weights(np.arange(self.camera.height))
+
     def to_camera(self, points_foam_m: Float[np.ndarray, "n K 3"]) -> Float[np.ndarray, "n K 3"]:
         """Points in the camera frame at each key.
 
@@ -64,11 +77,7 @@ class RollingView:
         points_foam_m
             Points (n, K, 3) in frame F at each key [m].
         """
-        if self.keys == 1:
-            return self.poses_camera_foam[0].apply(points_foam_m)
-        return np.stack(
-            [pose.apply(points_foam_m[:, k]) for k, pose in enumerate(self.poses_camera_foam)], axis=1
-        )
+        return np.einsum("kij,nkj->nki", self._rotations, points_foam_m) + self._translations_m
 
     def weights(self, rows: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m K"]:
         """Cubic interpolation over the keys at image rows (Lagrange, four nearest keys).
@@ -125,20 +134,46 @@ class RollingView:
             Points (n, K, 3) in frame F at each key [m].
         """
         points = self.to_camera(points_foam_m)
-        return self.pixels(self._divided(points, closed=False))
+        last = len(points) - 1
+        return self.pixels(self._divided(points, np.minimum(np.arange(1, last + 2), last))[0])
 
-    def polygon(self, points_camera_m: Float[np.ndarray, "n K 3"]) -> Float[np.ndarray, "m 2"]:
+    def polygon(self, corners_foam_m: Float[np.ndarray, "n K 3"]) -> Float[np.ndarray, "m 2"]:
         """Pixels of a polygon, clipped at the border of the view; (0, 2) if nothing is left.
 
         Parameters
         ----------
-        points_camera_m
-            Corners (n, K, 3) in the camera frame at each key [m].
+        corners_foam_m
+            Corners (n, K, 3) in frame F at each key [m].
         """
-        points = self._clipped(points_camera_m)
-        if len(points) < 3:
-            return np.zeros((0, 2))
-        return self._seen(self._divided(points, closed=True))
+        return self.polygons([corners_foam_m])[0]
+
+    def polygons(
+        self, corners_foam_m: Sequence[Float[np.ndarray, "n K 3"]]
+    ) -> list[Float[np.ndarray, "m 2"]]:
+        """Pixels of each polygon as of :meth:`polygon`; faster for many of a few corners than one by one.
+
+        Parameters
+        ----------
+        corners_foam_m
+            Corners (n, K, 3) of each polygon in frame F at each key [m].
+        """
+        if not corners_foam_m:
+            return []
+        points = self.to_camera(np.concatenate(corners_foam_m))
+        cuts = np.cumsum([len(corners) for corners in corners_foam_m])[:-1]
+        outside = np.split((self._inside(points) < 0).any(axis=1), cuts)
+        parts = [
+            self._clipped(part) if beyond.any() else part
+            for part, beyond in zip(np.split(points, cuts), outside, strict=True)
+        ]
+        sizes = [len(part) if len(part) >= 3 else 0 for part in parts]
+        ends = np.cumsum(sizes)
+        following = np.arange(1, ends[-1] + 1)
+        for size, end in zip(sizes, ends, strict=True):
+            following[end - size : end][-1:] = end - size
+        points = np.concatenate([part[:size] for part, size in zip(parts, sizes, strict=True)])
+        points, pieces = self._divided(points, following)
+        return np.split(self._seen(points), np.append(0, np.cumsum(pieces))[ends[:-1]])
 
     def plane_matrices(
         self,
@@ -155,14 +190,13 @@ class RollingView:
         along_a, along_b
             Its unit vectors (K, 3).
         """
-        matrices = []
-        for pose, origin, a, b in zip(self.poses_camera_foam, origin_foam_m, along_a, along_b, strict=True):
-            columns = np.column_stack([pose.rotation @ a, pose.rotation @ b, pose.apply(origin)])
-            matrices.append(_adjugate(columns))
-        if self.keys == 1:
-            return np.array(matrices)
-        weights = self.weights(np.arange(self.camera.height))
-        return np.einsum("rk,kij->rij", weights, np.array(matrices))
+        turn = self._rotations
+        a, b = np.einsum("kij,kj->ki", turn, along_a), np.einsum("kij,kj->ki", turn, along_b)
+        origin = np.einsum("kij,kj->ki", turn, origin_foam_m) + self._translations_m
+        # Inverse of the columns (a, b, origin) times the size of its determinant: finite for a plane seen edge-on.
+        rows = np.stack([_cross(b, origin), _cross(origin, a), _cross(a, b)], axis=1)
+        rows[np.einsum("ki,ki->k", a, rows[:, 0]) < 0] *= -1
+        return rows if self.keys == 1 else np.einsum("rk,kij->rij", self._row_weights, rows)
 
     def _inside(self, points_camera_m: np.ndarray) -> np.ndarray:
         """Distances (n, 5) to the borders of the view at the middle key; negative is outside."""
@@ -182,20 +216,19 @@ class RollingView:
                 break
         return points
 
-    def _divided(self, points: np.ndarray, *, closed: bool) -> np.ndarray:
+    def _divided(
+        self, points: Float[np.ndarray, "n K 3"], following: Int[np.ndarray, "n"]
+    ) -> tuple[Float[np.ndarray, "m K 3"], Int[np.ndarray, "n"]]:
+        """Points with more between each and the one that follows it, and the number of pieces there."""
         if not self.bends:
-            return points
-        following = np.roll(points, -1, axis=0) if closed else points[1:]
-        start = points if closed else points[:-1]
+            return points, np.ones(len(points), np.int64)
         pixels = self.camera.project(points[:, self.keys // 2])
-        ends = np.roll(pixels, -1, axis=0) if closed else pixels[1:]
-        lengths = np.nan_to_num(np.linalg.norm(ends - (pixels if closed else pixels[:-1]), axis=1))
-        pieces = np.clip(np.ceil(lengths / PIECE_PX), 1, 1000).astype(int)
-        index = np.repeat(np.arange(len(start)), pieces)
+        lengths = np.nan_to_num(np.linalg.norm(pixels[following] - pixels, axis=1))
+        pieces = np.clip(np.ceil(lengths / PIECE_PX), 1, 1000).astype(np.int64)
+        index = np.repeat(np.arange(len(points)), pieces)
         within = np.arange(len(index)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
         fraction = (within / pieces[index])[:, None, None]
-        result = start[index] * (1 - fraction) + following[index] * fraction
-        return result if closed else np.concatenate([result, points[-1:]])
+        return points[index] * (1 - fraction) + points[following[index]] * fraction, pieces
 
 
 @lru_cache(maxsize=16)
@@ -208,17 +241,10 @@ def _ray_limits(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return low - margin, high + margin
 
 
-def _adjugate(m: np.ndarray) -> np.ndarray:
-    """Inverse of a 3 x 3 matrix times the size of its determinant: finite for a plane seen edge-on."""
-    (a, b, c), (d, e, f), (g, h, i) = m.tolist()
-    result = np.array(
-        [
-            [e * i - f * h, c * h - b * i, b * f - c * e],
-            [f * g - d * i, a * i - c * g, c * d - a * f],
-            [d * h - e * g, b * g - a * h, a * e - b * d],
-        ]
-    )
-    return result if float(m[0] @ result[:, 0]) >= 0 else -result
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross products (K, 3) of vectors; :func:`numpy.cross` takes several times as long for a few."""
+    (ax, ay, az), (bx, by, bz) = a.T, b.T
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 
 def cut_polygon(points: np.ndarray, inside: np.ndarray) -> np.ndarray:

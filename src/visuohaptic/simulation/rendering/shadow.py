@@ -37,7 +37,7 @@ def shade_floor(
     rows, columns = view.camera.height, view.camera.width
     small = np.zeros((rows // _REDUCTION + 1, columns // _REDUCTION + 1), np.uint8)
     for outline in outlines_m:
-        polygon = view.polygon(view.to_camera(at_height(outline, -scene.floor_below_m)))
+        polygon = view.polygon(at_height(outline, -scene.floor_below_m))
         if len(polygon) >= 3:
             fixed = np.rint((polygon + 0.5) / _REDUCTION * 16 - 8).astype(np.int32)
             cv2.fillPoly(small, [fixed], 255, shift=4)
