@@ -102,7 +102,7 @@ class RollingView:
         points_camera_m
             Points (n, K, 3) in the camera frame at each key [m].
         """
-        inside = np.asarray(self._inside(points_camera_m) >= 0).all(axis=1)
+        inside = np.asarray(self._inside(points_camera_m) >= 0).all(axis=0)
         points = np.where(inside.reshape(-1, 1, 1), points_camera_m, np.nan)
         return self._seen(points)
 
@@ -165,19 +165,18 @@ class RollingView:
         return np.einsum("rk,kij->rij", weights, np.array(matrices))
 
     def _inside(self, points_camera_m: np.ndarray) -> np.ndarray:
-        """Distances (n, 5) to the borders of the view at the middle key; negative is outside."""
+        """Distances (5, n) to the borders of the view at the middle key; negative is outside."""
         x, y, z = points_camera_m[:, self.keys // 2].T
         low, high = _ray_limits(self.camera)
-        return np.stack(
-            [z - NEAR_M, x - low[0] * z, high[0] * z - x, y - low[1] * z, high[1] * z - y], axis=-1
-        )
+        return np.array([z - NEAR_M, x - low[0] * z, high[0] * z - x, y - low[1] * z, high[1] * z - y])
 
     def _clipped(self, points: np.ndarray) -> np.ndarray:
-        beyond = self._inside(points) < 0
-        if beyond.all(axis=0).any():
+        inside = self._inside(points)
+        beyond = inside < 0
+        if beyond.all(axis=1).any():
             return points[:0]
-        for border in np.flatnonzero(beyond.any(axis=0)):
-            points = cut_polygon(points, self._inside(points)[:, border])
+        for count, border in enumerate(np.flatnonzero(beyond.any(axis=1))):
+            points = cut_polygon(points, self._inside(points)[border] if count else inside[border])
             if len(points) < 3:
                 break
         return points
@@ -185,16 +184,16 @@ class RollingView:
     def _divided(self, points: np.ndarray, *, closed: bool) -> np.ndarray:
         if not self.bends:
             return points
-        following = np.roll(points, -1, axis=0) if closed else points[1:]
+        after = following(points) if closed else points[1:]
         start = points if closed else points[:-1]
         pixels = self.camera.project(points[:, self.keys // 2])
-        ends = np.roll(pixels, -1, axis=0) if closed else pixels[1:]
+        ends = following(pixels) if closed else pixels[1:]
         lengths = np.nan_to_num(np.linalg.norm(ends - (pixels if closed else pixels[:-1]), axis=1))
         pieces = np.clip(np.ceil(lengths / PIECE_PX), 1, 1000).astype(int)
         index = np.repeat(np.arange(len(start)), pieces)
         within = np.arange(len(index)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
         fraction = (within / pieces[index])[:, None, None]
-        result = start[index] * (1 - fraction) + following[index] * fraction
+        result = start[index] * (1 - fraction) + after[index] * fraction
         return result if closed else np.concatenate([result, points[-1:]])
 
 
@@ -232,15 +231,18 @@ def cut_polygon(points: np.ndarray, inside: np.ndarray) -> np.ndarray:
         return points
     if not keep.any():
         return points[:0]
-    following = np.roll(points, -1, axis=0)
-    next_inside = np.roll(inside, -1)
-    crossing = keep != (next_inside >= 0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        fraction = inside / (inside - next_inside)
-    fraction = np.where(crossing, fraction, 0.0).reshape(-1, *([1] * (points.ndim - 1)))
-    cuts = points + fraction * (following - points)
-    both = np.stack([points, cuts], axis=1).reshape(-1, *points.shape[1:])
-    return both[np.stack([keep, crossing], axis=1).reshape(-1)]
+    kept, cut = np.flatnonzero(keep), np.flatnonzero(keep != following(keep))
+    start, end = inside[cut], inside[(cut + 1) % len(inside)]
+    fraction = (start / (start - end)).reshape(-1, *([1] * (points.ndim - 1)))
+    cuts = points[cut] + fraction * (points[(cut + 1) % len(points)] - points[cut])
+    # Each cut comes after the point at which its edge starts.
+    order = np.argsort(np.concatenate([2 * kept, 2 * cut + 1]))
+    return np.concatenate([points[kept], cuts])[order]
+
+
+def following(points: np.ndarray) -> np.ndarray:
+    """The next point of each point of a polygon."""
+    return np.concatenate([points[1:], points[:1]])
 
 
 def ray_table(camera: Camera) -> np.ndarray:
