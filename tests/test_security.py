@@ -7,6 +7,7 @@ import os
 import shutil
 import sys
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -160,13 +161,20 @@ def test_an_archive_that_unpacks_to_gigabytes_is_refused_by_its_headers(tmp_path
         + b"{'descr': '<f8', 'fortran_order': False, 'shape': (250000000,), }".ljust(117)
         + b"\n"
     )
-    with (
-        zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive,
-        archive.open("a.npy", "w") as out,
-    ):
-        out.write(header)
-        for _ in range(2000):
-            out.write(bytes(1_000_000))
+    # After a full flush the compressor is as at its start: the same bytes expand to another megabyte of zeros.
+    packer = zlib.compressobj(wbits=-zlib.MAX_WBITS)
+    first = packer.compress(header) + packer.flush(zlib.Z_FULL_FLUSH)
+    million = packer.compress(bytes(1_000_000)) + packer.flush(zlib.Z_FULL_FLUSH)
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("a.npy", first + 2000 * million + packer.flush())
+    # Stored so far: both headers are told that it is deflated, and its size. The checksum is not that of the zeros.
+    data = bytearray((tmp_path / "a.npz").read_bytes())
+    for start, method, size in ((0, 8, 22), (data.rindex(b"PK\x01\x02"), 10, 24)):
+        data[start + method : start + method + 2] = zipfile.ZIP_DEFLATED.to_bytes(2, "little")
+        data[start + size : start + size + 4] = (len(header) + 2_000_000_000).to_bytes(4, "little")
+    (tmp_path / "a.npz").write_bytes(data)
+    with zipfile.ZipFile(tmp_path / "a.npz") as archive, archive.open("a.npy") as unpacked:
+        assert unpacked.read(3_000_000) == header + bytes(3_000_000 - len(header))
     assert (tmp_path / "a.npz").stat().st_size < 5_000_000
     with pytest.raises(InputError, match="unpacks to more than"):
         READERS["npz"](tmp_path / "a.npz")

@@ -197,7 +197,7 @@ def traces_over_time(
     Raises
     ------
     InputError
-        Arrays have different lengths.
+        A trace has another length than the times.
 
     Examples
     --------

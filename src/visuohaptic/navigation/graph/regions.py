@@ -67,8 +67,8 @@ def assign_regions(layers: GridLayers, graph: NavigationGraph) -> Regions:
     >>> import numpy as np
     >>> from visuohaptic.io.maps import OccupancyMap
     >>> from visuohaptic.navigation.grid import SpeedLimits, grid_layers
-    >>> walls = np.zeros((30, 60), dtype=bool)  # two rooms with a door
-    >>> walls[[0, -1]] = walls[:, [0, -1]] = walls[:11, 30] = walls[19:, 30] = True
+    >>> walls = np.zeros((20, 40), dtype=bool)  # one room
+    >>> walls[[0, -1]] = walls[:, [0, -1]] = True
     >>> layers = grid_layers(OccupancyMap(walls, 0.1), SpeedLimits(0.15, 0.3, 0.05))
     >>> from visuohaptic.navigation.graph import build_graph
     >>> regions = assign_regions(layers, build_graph(layers))

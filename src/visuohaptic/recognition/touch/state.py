@@ -285,7 +285,7 @@ def load_state_model(path: Path | str) -> HapticStateModel:
     Parameters
     ----------
     path
-        JSON file.
+        State model (JSON).
 
     Raises
     ------

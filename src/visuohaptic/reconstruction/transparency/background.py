@@ -146,10 +146,8 @@ def back_motions(T_world_this: Pose, others: Sequence[Pose]) -> Float32[np.ndarr
 
     Parameters
     ----------
-    T_world_this
-        Pose of this view.
-    others
-        Poses ``T_world_other``.
+    T_world_this, others
+        As in :func:`motions`.
     """
     moved = [motions(other, [T_world_this])[0] for other in others]
     return np.array(moved, np.float32).reshape(-1, 3, 4)

@@ -126,7 +126,7 @@ class RosPublisher:
         Parameters
         ----------
         timeout_s
-            Time-out [s].
+            Longest wait [s].
 
         Raises
         ------

@@ -66,7 +66,7 @@ def gap_shift_px(
     Parameters
     ----------
     strip, zero
-        Observation of the strip in this image, and the strip at rest.
+        As in :func:`blur_excess_px2`.
     rest_px
         Position of the front at rest along each line [px].
     excess_px2
@@ -100,7 +100,7 @@ def light_shift_px(
     Parameters
     ----------
     strip, zero
-        Observation of the strip in this image, and the strip at rest.
+        As in :func:`blur_excess_px2`.
     rest_px
         Position of the front at rest along each line [px].
     excess_px2

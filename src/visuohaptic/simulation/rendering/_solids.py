@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 
 from ...core.camera.pose import Pose
 from ...core.geometry import polygon_area, wrap_angle
-from .rolling_view import NEAR_M, cut_polygon
+from .rolling_view import NEAR_M, cut_polygon, following
 
 __all__ = [
     "Face",
@@ -296,7 +296,7 @@ def _shadow(outline_m: np.ndarray, top_m: float, centre_m: np.ndarray) -> np.nda
 
 def _normals(outline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Outward unit normals and lengths of the edges of a counter-clockwise polygon."""
-    edge = np.roll(outline, -1, axis=0) - outline
+    edge = following(outline) - outline
     length = np.hypot(edge[:, 0], edge[:, 1])
     return np.column_stack([edge[:, 1], -edge[:, 0]]) / np.maximum(length, 1e-12)[:, None], length
 

@@ -111,7 +111,7 @@ class RollingView:
         points_camera_m
             Points (n, K, 3) in the camera frame at each key [m].
         """
-        inside = np.asarray(self._inside(points_camera_m) >= 0).all(axis=1)
+        inside = np.asarray(self._inside(points_camera_m) >= 0).all(axis=0)
         points = np.where(inside.reshape(-1, 1, 1), points_camera_m, np.nan)
         return self._seen(points)
 
@@ -161,18 +161,18 @@ class RollingView:
             return []
         points = self.to_camera(np.concatenate(corners_foam_m))
         cuts = np.cumsum([len(corners) for corners in corners_foam_m])[:-1]
-        outside = np.split((self._inside(points) < 0).any(axis=1), cuts)
+        outside = np.split((self._inside(points) < 0).any(axis=0), cuts)
         parts = [
             self._clipped(part) if beyond.any() else part
             for part, beyond in zip(np.split(points, cuts), outside, strict=True)
         ]
         sizes = [len(part) if len(part) >= 3 else 0 for part in parts]
         ends = np.cumsum(sizes)
-        following = np.arange(1, ends[-1] + 1)
+        after = np.arange(1, ends[-1] + 1)
         for size, end in zip(sizes, ends, strict=True):
-            following[end - size : end][-1:] = end - size
+            after[end - size : end][-1:] = end - size
         points = np.concatenate([part[:size] for part, size in zip(parts, sizes, strict=True)])
-        points, pieces = self._divided(points, following)
+        points, pieces = self._divided(points, after)
         return np.split(self._seen(points), np.append(0, np.cumsum(pieces))[ends[:-1]])
 
     def plane_matrices(
@@ -199,36 +199,35 @@ class RollingView:
         return rows if self.keys == 1 else np.einsum("rk,kij->rij", self._row_weights, rows)
 
     def _inside(self, points_camera_m: np.ndarray) -> np.ndarray:
-        """Distances (n, 5) to the borders of the view at the middle key; negative is outside."""
+        """Distances (5, n) to the borders of the view at the middle key; negative is outside."""
         x, y, z = points_camera_m[:, self.keys // 2].T
         low, high = _ray_limits(self.camera)
-        return np.stack(
-            [z - NEAR_M, x - low[0] * z, high[0] * z - x, y - low[1] * z, high[1] * z - y], axis=-1
-        )
+        return np.array([z - NEAR_M, x - low[0] * z, high[0] * z - x, y - low[1] * z, high[1] * z - y])
 
     def _clipped(self, points: np.ndarray) -> np.ndarray:
-        beyond = self._inside(points) < 0
-        if beyond.all(axis=0).any():
+        inside = self._inside(points)
+        beyond = inside < 0
+        if beyond.all(axis=1).any():
             return points[:0]
-        for border in np.flatnonzero(beyond.any(axis=0)):
-            points = cut_polygon(points, self._inside(points)[:, border])
+        for count, border in enumerate(np.flatnonzero(beyond.any(axis=1))):
+            points = cut_polygon(points, self._inside(points)[border] if count else inside[border])
             if len(points) < 3:
                 break
         return points
 
     def _divided(
-        self, points: Float[np.ndarray, "n K 3"], following: Int[np.ndarray, "n"]
+        self, points: Float[np.ndarray, "n K 3"], after: Int[np.ndarray, "n"]
     ) -> tuple[Float[np.ndarray, "m K 3"], Int[np.ndarray, "n"]]:
         """Points with more between each and the one that follows it, and the number of pieces there."""
         if not self.bends:
             return points, np.ones(len(points), np.int64)
         pixels = self.camera.project(points[:, self.keys // 2])
-        lengths = np.nan_to_num(np.linalg.norm(pixels[following] - pixels, axis=1))
+        lengths = np.nan_to_num(np.linalg.norm(pixels[after] - pixels, axis=1))
         pieces = np.clip(np.ceil(lengths / PIECE_PX), 1, 1000).astype(np.int64)
         index = np.repeat(np.arange(len(points)), pieces)
         within = np.arange(len(index)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
         fraction = (within / pieces[index])[:, None, None]
-        return points[index] * (1 - fraction) + points[following[index]] * fraction, pieces
+        return points[index] * (1 - fraction) + points[after[index]] * fraction, pieces
 
 
 @lru_cache(maxsize=16)
@@ -258,15 +257,18 @@ def cut_polygon(points: np.ndarray, inside: np.ndarray) -> np.ndarray:
         return points
     if not keep.any():
         return points[:0]
-    following = np.roll(points, -1, axis=0)
-    next_inside = np.roll(inside, -1)
-    crossing = keep != (next_inside >= 0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        fraction = inside / (inside - next_inside)
-    fraction = np.where(crossing, fraction, 0.0).reshape(-1, *([1] * (points.ndim - 1)))
-    cuts = points + fraction * (following - points)
-    both = np.stack([points, cuts], axis=1).reshape(-1, *points.shape[1:])
-    return both[np.stack([keep, crossing], axis=1).reshape(-1)]
+    kept, cut = np.flatnonzero(keep), np.flatnonzero(keep != following(keep))
+    start, end = inside[cut], inside[(cut + 1) % len(inside)]
+    fraction = (start / (start - end)).reshape(-1, *([1] * (points.ndim - 1)))
+    cuts = points[cut] + fraction * (points[(cut + 1) % len(points)] - points[cut])
+    # Each cut comes after the point at which its edge starts.
+    order = np.argsort(np.concatenate([2 * kept, 2 * cut + 1]))
+    return np.concatenate([points[kept], cuts])[order]
+
+
+def following(points: np.ndarray) -> np.ndarray:
+    """The next point of each point of a polygon."""
+    return np.concatenate([points[1:], points[:1]])
 
 
 def ray_table(camera: Camera) -> np.ndarray:

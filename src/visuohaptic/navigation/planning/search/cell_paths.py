@@ -126,10 +126,8 @@ def unclear_steps(
 
     Parameters
     ----------
-    domain
-        Static map and bodies.
-    shifts
-        Displacements of the bodies from their mapped positions [cells].
+    domain, shifts
+        Static map and bodies, and the displacements of the bodies from their mapped positions [cells].
     clearance
         Clearance of the layer [cells].
     cells
