@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from ..sensing.foam.sensor import FoamSensor
     from ..simulation.houses.guided_platform import GuidedPlatform
     from ..tasks.manipulation.squeeze_task import SqueezeCurve
+    from ..tasks.mobile.floor_outline import FloorOutline
     from ..viewer.page import LivePage
     from .bottle import TableBottle
     from .memory import BottleMemory, MissionMemory
@@ -120,8 +121,9 @@ class Known:
     map_now: OccupancyMap = field(init=False)  #: including the objects in the door
     pose: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: estimated: x, y [m], heading [rad]
     goal_m: tuple[float, float] = (0.0, 0.0)  #: position from which the table is reached
-    obstacle_points_m: tuple[Float[np.ndarray, "n 2"], ...] = ()  #: laser points of each object in the door
-    ahead_rad: float = 0.0  #: direction of approach to the obstacles
+    obstacles: tuple[
+        tuple[FloorOutline, FloorOutline], ...
+    ] = ()  #: of each object in the door the more probable outline first
     objects: tuple[MovableObject, ...] = ()  #: with footprints and measured tags
     arrived: bool = False  #: at the table
     probe_sigma_N: float = field(init=False)  #: of the beam sensor's force
