@@ -149,7 +149,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
     known.arrived = True
     pushed = sorted({record.object for record in found.records if record.event in ("pushed", "brushed")})
     what = f"{', '.join(pushed)} pushed aside" if pushed else "nothing had to be pushed"
-    mission.spent(found.duration_s, found.pushes)
+    mission.record_cost(found.duration_s, found.pushes)
     for name, memory_name in mission.remembered.items():
         place = senses.look(name)
         if mission.memory is not None and place is not None:

@@ -144,7 +144,7 @@ def map_route(mission: Mission) -> ChapterResult:
     known = mission.known
     known.map = known.map_now = found
     known.pose, mission.mapper, mission.platform = mapper.pose, mapper, platform
-    mission.spent(platform.t_s)
+    mission.record_cost(platform.t_s)
     if lost > 0.2 * len(poses):
         return failed(f"{lost} of {len(poses)} scans do not fit the map that was made")
     if mission.memory is not None:
@@ -209,7 +209,7 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     path = _path(grid, [known.pose[:2], known.goal_m], ROBOT.radius_m)
     since_s = mission.platform.t_s
     groups, views_m = _drive_until_blocked(mission, path)
-    mission.spent(mission.platform.t_s - since_s)
+    mission.record_cost(mission.platform.t_s - since_s)
     near = [one for one in groups if _distance(one, path) < BESIDE_M]
     known.map_now = mark_points(grid, groups)
     blocked = without_pushing(_problem(mission, known.map_now))

@@ -77,7 +77,7 @@ class Measure:
     """A number with its true value."""
 
     what: str  #: with unit
-    ours: float | bool | str | None
+    estimate: float | bool | str | None
     truth: float | bool | str | None = None
 
 
@@ -108,9 +108,9 @@ class ChapterResult:
         return self.outcome is ChapterOutcome.DONE
 
     @property
-    def right(self) -> bool | None:
+    def correct(self) -> bool | None:
         """Whether all claims are correct; ``None`` without claims."""
-        return all(claim.right for claim in self.claims) if self.done and self.claims else None
+        return all(claim.correct for claim in self.claims) if self.done and self.claims else None
 
 
 @dataclass(slots=True)
@@ -177,7 +177,7 @@ class Mission:
     robot_s: float = 0.0  #: time used by the robot so far, simulated
     attempt: int = 0  #: attempt of the current chapter: 1 for the alternative
 
-    def spent(self, seconds: float, touches: int = 0) -> None:
+    def record_cost(self, seconds: float, touches: int = 0) -> None:
         """Record time and touches.
 
         Parameters
@@ -250,7 +250,7 @@ class Story:
     @property
     def wrong_claims(self) -> tuple[str, ...]:
         """Completed chapters with wrong claims."""
-        return tuple(one.name for one in self.chapters if one.right is False)
+        return tuple(one.name for one in self.chapters if one.correct is False)
 
     @property
     def claims(self) -> tuple[Claim, ...]:

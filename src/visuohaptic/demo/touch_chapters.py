@@ -74,7 +74,7 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
         on_message=lambda line: mission.log(f"  {line}" if line else ""),
         page=mission.page,
         explore=QUICK if mission.quick else EXPLORE,
-        through=lambda source: _through(mission, source),
+        wrap_frames=lambda source: _with_faults(mission, source),
     )
     measures = []
     for k, one in zip(order, found.objects, strict=True):
@@ -131,7 +131,7 @@ def _take(mission: Mission, one: DemoObject, seen: FloorOutline) -> MovableObjec
     """Result of a push, and the current pose of the object."""
     known, true = mission.known, _true_pose(mission)
     mission.placed[one.name] = one.end_pose
-    mission.spent(one.exploration.states[-1].t_s - one.exploration.states[0].t_s, 1)
+    mission.record_cost(one.exploration.states[-1].t_s - one.exploration.states[0].t_s, 1)
     felt = HapticTag() if one.exploration.fit_state is None else one.tag
     mission.tags[one.name] = felt
     # The push is known from the platform's own motion, relative to the laser's position of the object.
@@ -169,7 +169,7 @@ def _mass_kg(path: ApproachPath) -> float:
     return path.obstacle.mass_kg if path.obstacle.movable else math.inf
 
 
-def _through(mission: Mission, source: FrameSource) -> FrameSource:
+def _with_faults(mission: Mission, source: FrameSource) -> FrameSource:
     if mission.fault is None:
         return source
     at_s = float(mission.rng(7).uniform(1.0, 6.0))
