@@ -100,7 +100,7 @@ def recognise(
 
 
 def _log_prior(new: int, old: int, known: int) -> float:
-    """Prior of an assignment with so many new and known objects, of all known ones."""
+    """Log prior of an assignment of ``new`` unknown and ``old`` known objects, among ``known`` ones."""
     lg = math.lgamma
     return lg(new + 1) + lg(old + 1) - lg(new + old + 2) + lg(known - old + 1) - lg(known + 1)
 
