@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +18,7 @@ from ..navigation.planning.search.domain_builder import build_search_domain
 from ..navigation.planning.search.drives import pull_string
 from ..navigation.planning.search.search_domain import grid_from_world, world_from_grid
 from ..navigation.problem.planning_problem import MovableObject, PlanningProblem, RobotModel
+from ..report.floor_chart import MapObject
 from ..simulation.faults import FaultKind, wrong_map
 from ..simulation.houses.guided_platform import GuidedPlatform
 from ..simulation.mobile.obstacles import ObstacleKind, SimulatedObstacle
@@ -27,7 +28,7 @@ from .judge import Claim
 from .memory import RememberedMap
 from .story import ChapterResult, Illustration, Measure, Mission, done, failed
 
-__all__ = ["ROBOT", "find_the_door_blocked", "map_route", "world_map"]
+__all__ = ["ROBOT", "find_the_door_blocked", "map_picture", "map_route", "world_map"]
 
 ROBOT = RobotModel(0.17)
 #: Distance between two scans [m].
@@ -160,10 +161,10 @@ def map_route(mission: Mission) -> ChapterResult:
         Measure("position error after the round, by odometry alone [m]", drift_m),
         Measure("free cells that are truly free [%]", 100 * right),
         Measure("occupied cells with nothing within 10 cm [%]", 100 * wrong),
-        _map_picture(
+        map_picture(
             found,
             np.array(path_m),
-            {},
+            (),
             "The map made by the laser, and the path of the tour by scan matching: to the table and back",
         ),
     )
@@ -225,10 +226,10 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
         f"{len(known.obstacles)} objects block every path to the table",
         *(_place_claim(mission, one) for one, _ in known.obstacles),
         Measure("objects in the way", len(known.obstacles)),
-        _map_picture(
+        map_picture(
             known.map_now,
             path[:, :2],
-            {f"new {k + 1}": one.corners_m for k, (one, _) in enumerate(known.obstacles)},
+            [MapObject(f"new {k + 1}", one.corners_m) for k, (one, _) in enumerate(known.obstacles)],
             "The planned path to the table on the map, and the new objects that block it",
         ),
     )
@@ -339,13 +340,24 @@ def _problem(
     return PlanningProblem(grid, ROBOT, np.array(known.pose[:2]), np.array(known.goal_m), objects)
 
 
-def _map_picture(
-    grid: OccupancyMap, path_m: Float[np.ndarray, "n 2"], outlines_m: Mapping[str, np.ndarray], caption: str
+def map_picture(
+    grid: OccupancyMap, path_m: Float[np.ndarray, "n 2"], objects: Sequence[MapObject], caption: str
 ) -> Illustration:
-    """A map with a path that ends at the platform, and the named outlines of objects."""
-    from ..report.floor_chart import MapObject, floor_map
+    """A map with a path that ends at the platform, and objects.
 
-    objects = [MapObject(name, outline) for name, outline in outlines_m.items()]
+    Parameters
+    ----------
+    grid
+        The map.
+    path_m
+        The path [m].
+    objects
+        Objects with their outlines.
+    caption
+        Of the illustration.
+    """
+    from ..report.floor_chart import floor_map
+
     x, y, _ = grid.origin
     figure = floor_map(
         grid.cells, grid.resolution_m, (x, y), path_world_m=path_m, objects=objects,

@@ -148,7 +148,6 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     wall = wall_from_stiffness(known.outline_m, stiffness, model_wall_m)
     model = ContentsModel(known.outline_m, wall, outline_sigma_m=known.outline_sigma_m)
     contents = identify_contents(hand, model, object_m, _open_m(known))
-    known.wall_factor = wall / model_wall_m
     mission.record_cost(hand.arm.pose()[0], len(known.curves) + len(contents.curves))
     parts = [
         Measure("squeezes for the class", len(known.curves)),

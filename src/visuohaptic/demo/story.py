@@ -138,7 +138,6 @@ class Known:
     readings: list[TouchReading] = field(default_factory=list)  #: of these squeezes
     class_name: str = ""
     class_model: ContainerDescription = field(init=False)  #: of the recognised class, as large as the outline
-    wall_factor: float = 1.0
     closed: bool = False  #: the contents cannot escape
     fill: float = 0.0  #: filled fraction of its volume
     mass_kg: float = 0.0  #: measured on lifting
