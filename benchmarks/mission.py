@@ -174,7 +174,7 @@ def _tell(seed: int, fault: FaultKind | None, chapters: tuple[str, ...] | None) 
         "summary": story.summary(),
         "ended": last,
         "spent_s": {one.name: round(one.duration_s, 2) for one in story.chapters},
-        "chapters": {one.name: [one.outcome.value, one.right, one.reason] for one in story.chapters},
+        "chapters": {one.name: [one.outcome.value, one.correct, one.reason] for one in story.chapters},
     }
 
 

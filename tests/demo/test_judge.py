@@ -13,10 +13,10 @@ from visuohaptic.demo.judge import Claim, RunOutcome
 
 def test_a_number_is_right_within_what_its_use_allows_whatever_was_declared():
     for sigma in (1e-6, 10.0):
-        assert Claim("friction", "box", 5.4, 5.0, sigma=sigma).right
-        assert not Claim("friction", "box", 5.6, 5.0, sigma=sigma).right
-    assert Claim("friction", "bin", 0.3, 0.22, sigma=0.1).right  # a tenth of a newton at least
-    assert not Claim("fill", "bottle", 0.5, 0.7, sigma=1.0).right
+        assert Claim("friction", "box", 5.4, 5.0, sigma=sigma).correct
+        assert not Claim("friction", "box", 5.6, 5.0, sigma=sigma).correct
+    assert Claim("friction", "bin", 0.3, 0.22, sigma=0.1).correct  # a tenth of a newton at least
+    assert not Claim("fill", "bottle", 0.5, 0.7, sigma=1.0).correct
 
 
 def test_a_forecast_is_how_often_a_gaussian_error_is_allowed():
@@ -44,7 +44,7 @@ def test_a_run_is_complete_honest_or_wrong():
 
 def test_a_claim_that_is_not_sure_is_a_claim():
     unsure = Claim("friction", "bin", 1.5, 1.3, sigma=0.19)
-    assert not unsure.right
+    assert not unsure.correct
     assert unsure.forecast == pytest.approx(0.57, abs=0.01)
     assert RunOutcome.of([unsure], True) is RunOutcome.WRONG
 

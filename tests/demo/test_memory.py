@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.tasks.laser_hits import VIEWS_M, box, cylinder, scans
 
 from visuohaptic.core import Estimate, HapticTag, VisuoHapticObject
 from visuohaptic.core.objects import Geometry
@@ -19,7 +20,7 @@ from visuohaptic.demo.memory import (
 )
 from visuohaptic.demo.story import Mission, Story, run_chapters
 from visuohaptic.io.maps import OccupancyMap
-from visuohaptic.tasks.mobile import recognise
+from visuohaptic.tasks.mobile import FloorOutline, fit_outlines, recognise, remembered_outline
 
 BIN_M, BOX_M, LEG_M = 0.09, 0.17, 0.05
 
@@ -33,14 +34,10 @@ def square(side_m: float) -> np.ndarray:
     return 0.5 * side_m * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
-def hits(shape: str, size_m: float, at_m: tuple[float, float], rng: np.random.Generator) -> np.ndarray:
-    """What a laser sees of it from along x: its near side, with a noise of 8 mm."""
-    if shape == "circle":
-        angle = np.pi + rng.uniform(-1.2, 1.2, 60)
-        points = size_m * np.column_stack([np.cos(angle), np.sin(angle)])
-    else:
-        points = np.column_stack([np.full(60, -0.5 * size_m), rng.uniform(-0.5, 0.5, 60) * size_m])
-    return points + at_m + 0.008 * rng.standard_normal(points.shape)
+def seen(shape: str, size_m: float, rng: np.random.Generator) -> tuple[FloorOutline, FloorOutline]:
+    """Outlines of what a laser sees of it."""
+    outline = cylinder(size_m) if shape == "circle" else box(size_m, size_m, 0.0)
+    return fit_outlines(scans(outline, rng), VIEWS_M, 0.0)
 
 
 def known() -> list[VisuoHapticObject]:
@@ -61,8 +58,7 @@ def test_objects_are_recognised_wherever_they_stand_and_strangers_are_not(seed: 
         "": ("square", 0.30),
     }
     order = rng.permutation(list(truth))
-    groups = [hits(*truth[name], (5.0, 0.5 * k), rng) for k, name in enumerate(order)]
-    found = recognise(groups, known(), 0.0)
+    found = recognise([seen(*truth[name], rng) for name in order], known())
     for name, one in zip(order, found, strict=True):
         assert one is None or one[0].id == name  # never taken for another
     assert sum(one is not None for one in found) >= 2
@@ -74,7 +70,7 @@ def test_of_two_alike_neither_is_sure() -> None:
         VisuoHapticObject(name, geometry=Geometry(footprint_m=circle(BIN_M)), tag=HapticTag(fixed=False))
         for name in "ab"
     ]
-    assert recognise([hits("circle", BIN_M, (5.0, 0.0), rng)], twins, 0.0) == [None]
+    assert recognise([seen("circle", BIN_M, rng)], twins) == [None]
 
 
 def test_a_container_is_recognised_by_the_part_that_is_seen() -> None:
@@ -98,7 +94,7 @@ def test_what_is_kept_is_there_for_another_robot_and_refined(tmp_path: Path) -> 
     cells[2:18, 2:28] = 0
     cells[2] = 100
     bottle = BottleMemory("", "smoothie", 0.99, np.array([[0.03, 0.0], [0.03, 0.15]]), 0.002, "closed", 0.4)
-    outline = circle(BIN_M) + np.array([3.0, 1.0])
+    outline = FloorOutline(True, (3.0 - BIN_M, 1.0, 0.0), (2 * BIN_M, 2 * BIN_M), (0.002, 0.003))
 
     def tag(force_N: float) -> HapticTag:
         return HapticTag(static_friction_N=Estimate(force_N, 0.1), fixed=False, explored=1)
@@ -127,7 +123,11 @@ def test_what_is_kept_is_there_for_another_robot_and_refined(tmp_path: Path) -> 
         (one,) = second.floor_objects()
         assert one.seen is not None
         assert one.seen.position_m[:2] == pytest.approx((4.0, 1.5))
-        np.testing.assert_allclose(one.geometry.footprint_m, circle(BIN_M), atol=1e-9)
+        own = remembered_outline(one)
+        assert own is not None
+        assert own.round
+        assert own.size_m == pytest.approx(outline.size_m)
+        assert own.sigma_m == pytest.approx(outline.sigma_m)
         (kept,) = second.bottles()
         assert (kept.class_name, kept.lid) == ("smoothie", "closed")
         assert kept.fill == pytest.approx(0.4)

@@ -125,10 +125,10 @@ def test_what_is_touched_in_a_map_is_told_like_a_story(
     monkeypatch.setattr(touch_chapters, "run_demo", lambda *_, **__: result)
     story = touch_in_map(tmp_path, tmp_path / "map.yaml", seed=1, on_message=lambda _: None)
     assert [one.outcome for one in story.chapters] == ["done", "failed"]
-    assert story.chapters[0].right
+    assert story.chapters[0].correct
     assert story.outcome == "honest failure"
     assert any(
-        m.what.startswith("bin: rms error") and m.ours == pytest.approx(0.1)
+        m.what.startswith("bin: rms error") and m.estimate == pytest.approx(0.1)
         for m in story.chapters[0].measures
     )
     assert "nothing_found" in write_story(story, tmp_path / "report.html").read_text(encoding="utf-8")
@@ -213,7 +213,7 @@ def test_contents_outside_of_the_model_are_not_claimed(tmp_path: Path) -> None:
     swapped(mission, closed=False, fill=0.95, kg_per_m3=1600.0)
     result = recognise_the_bottle(mission)
     assert not result.done
-    assert result.right is None
+    assert result.correct is None
 
 
 def test_the_beam_reads_known_loads(tmp_path: Path) -> None:
@@ -261,4 +261,4 @@ def test_a_container_of_no_class_is_not_taken_for_one() -> None:
 
 
 def test_a_failed_chapter_claims_nothing() -> None:
-    assert failed("why").right is None
+    assert failed("why").correct is None

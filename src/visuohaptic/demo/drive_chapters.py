@@ -12,6 +12,7 @@ from ..navigation.mapping.mapper import OccupancyMapper
 from ..navigation.planning.policies import make_plan, without_pushing
 from ..navigation.problem.path_plan import Plan
 from ..navigation.problem.planning_problem import PlanningProblem
+from ..report.floor_chart import MapObject
 from ..simulation.faults import FaultKind
 from ..simulation.floor.floor_model import FloorObject
 from ..simulation.floor.floor_senses import FloorSenses
@@ -22,7 +23,7 @@ from ..tasks.framework.supervised_parts import Supervisor
 from ..tasks.mobile.travel.navigate import Travel, travel
 from ..tasks.mobile.travel.travel_memory import map_with_footprints
 from ..tasks.mobile.travel.travel_types import TravelSettings
-from .floor_chapters import MIN_FIT, ROBOT, SEEN_SIGMA_M, fit_fraction, outline_m, world_map
+from .floor_chapters import MIN_FIT, ROBOT, SEEN_SIGMA_M, fit_fraction, map_picture, outline_m, world_map
 from .judge import Claim
 from .push_demo import show_obstacle
 from .story import ChapterResult, Illustration, Measure, Mission, counted, done, failed
@@ -149,7 +150,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
     known.arrived = True
     pushed = sorted({record.object for record in found.records if record.event in ("pushed", "brushed")})
     what = f"{', '.join(pushed)} pushed aside" if pushed else "nothing had to be pushed"
-    mission.spent(found.duration_s, found.pushes)
+    mission.record_cost(found.duration_s, found.pushes)
     for name, memory_name in mission.remembered.items():
         place = senses.look(name)
         if mission.memory is not None and place is not None:
@@ -262,24 +263,13 @@ def _picture(
     track: Float[np.ndarray, "n 3"],
     world: FloorWorld,
 ) -> Illustration:
-    from ..report.floor_chart import MapObject, floor_map
-
     objects = [
         MapObject(item.id, item.footprint_m, item.tag, world.footprint_m(item.id)) for item in problem.objects
     ]
-    grid = mission.known.map
-    x, y, _ = grid.origin
-    path = track[:, :2] if len(track) else None
-    figure = floor_map(
-        grid.cells,
-        grid.resolution_m,
-        (x, y),
-        path_world_m=path,
-        objects=objects,
-        robot_radius_m=ROBOT.radius_m,
-    )
-    return Illustration(
-        figure,
+    return map_picture(
+        mission.known.map,
+        track[:, :2],
+        objects,
         "The path through the door: footprints as felt with their tags, dashed where the objects truly ended; "
         f"{counted(found.pushes, 'push', 'pushes')}, {counted(found.plans, 'plan')}",
     )

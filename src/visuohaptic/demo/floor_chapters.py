@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from ..core.geometry import compose_2d, relative_2d, rotation_2d
-from ..io.maps.occupancy_map import OccupancyMap
+from ..io.maps.occupancy_map import OCCUPIED, OccupancyMap
 from ..navigation.mapping.map_changes import map_agreement, mark_points, new_objects, scan_fit
 from ..navigation.mapping.mapper import OccupancyMapper
 from ..navigation.planning.policies import without_pushing
@@ -18,16 +18,17 @@ from ..navigation.planning.search.domain_builder import build_search_domain
 from ..navigation.planning.search.drives import pull_string
 from ..navigation.planning.search.search_domain import grid_from_world, world_from_grid
 from ..navigation.problem.planning_problem import MovableObject, PlanningProblem, RobotModel
+from ..report.floor_chart import MapObject
 from ..simulation.faults import FaultKind, wrong_map
 from ..simulation.houses.guided_platform import GuidedPlatform
-from ..simulation.mobile.obstacles import SimulatedObstacle
-from ..tasks.mobile.doorway_objects import heading_across, join_sides, near_side
-from ..tasks.mobile.travel.travel_memory import map_with_footprints
+from ..simulation.mobile.obstacles import ObstacleKind, SimulatedObstacle
+from ..tasks.mobile.doorway_objects import heading_across, join_sides
+from ..tasks.mobile.floor_outline import SIDE_M, FloorOutline, fit_outlines
 from .judge import Claim
 from .memory import RememberedMap
 from .story import ChapterResult, Illustration, Measure, Mission, done, failed
 
-__all__ = ["ROBOT", "find_the_door_blocked", "map_route", "world_map"]
+__all__ = ["ROBOT", "find_the_door_blocked", "map_picture", "map_route", "world_map"]
 
 ROBOT = RobotModel(0.17)
 #: Distance between two scans [m].
@@ -51,8 +52,20 @@ def world_map(mission: Mission) -> OccupancyMap:
     mission
         Mission with the house, and the true poses of its objects.
     """
-    outlines = [outline_m(mission, one) for one in mission.house.obstacles]
-    return map_with_footprints(mission.house.fine_grid(), outlines)
+    import shapely
+
+    grid = mission.house.fine_grid()
+    cells = grid.cells.copy()
+    for one in mission.house.obstacles:
+        outline = outline_m(mission, one)
+        # Cells whose centre is inside: with every cell that the outline touches, a side would be half a cell further out.
+        corners = grid.cell_from_world(outline).astype(int)
+        window = np.ix_(
+            *(np.arange(low, high + 1) for low, high in zip(corners.min(0), corners.max(0), strict=True))
+        )
+        x, y = grid.world_from_cell(np.stack(np.broadcast_arrays(*window), axis=-1)).transpose(2, 0, 1)
+        cells[window] = np.where(shapely.contains_xy(shapely.Polygon(outline), x, y), OCCUPIED, cells[window])
+    return OccupancyMap(cells, grid.resolution_m, grid.origin)
 
 
 def outline_m(
@@ -132,7 +145,7 @@ def map_route(mission: Mission) -> ChapterResult:
     known = mission.known
     known.map = known.map_now = found
     known.pose, mission.mapper, mission.platform = mapper.pose, mapper, platform
-    mission.spent(platform.t_s)
+    mission.record_cost(platform.t_s)
     if lost > 0.2 * len(poses):
         return failed(f"{lost} of {len(poses)} scans do not fit the map that was made")
     if mission.memory is not None:
@@ -148,10 +161,10 @@ def map_route(mission: Mission) -> ChapterResult:
         Measure("position error after the round, by odometry alone [m]", drift_m),
         Measure("free cells that are truly free [%]", 100 * right),
         Measure("occupied cells with nothing within 10 cm [%]", 100 * wrong),
-        _map_picture(
+        map_picture(
             found,
             np.array(path_m),
-            {},
+            (),
             "The map made by the laser, and the path of the tour by scan matching: to the table and back",
         ),
     )
@@ -196,46 +209,52 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
         return failed("what the laser sees does not fit the map: the platform does not know where it is")
     path = _path(grid, [known.pose[:2], known.goal_m], ROBOT.radius_m)
     since_s = mission.platform.t_s
-    groups = _drive_until_blocked(mission, path)
-    mission.spent(mission.platform.t_s - since_s)
+    groups, views_m = _drive_until_blocked(mission, path)
+    mission.record_cost(mission.platform.t_s - since_s)
     near = [one for one in groups if _distance(one, path) < BESIDE_M]
     known.map_now = mark_points(grid, groups)
     blocked = without_pushing(_problem(mission, known.map_now))
     if blocked.reachable:
         return done(f"nothing new is in the way, {len(groups)} new beside it")
-    known.ahead_rad = heading_across(near, path, grid)
-    near = join_sides(near, known.ahead_rad)
-    known.obstacle_points_m = tuple(near)
-    for one in near:
-        (x, y), wide = near_side(one, known.ahead_rad)
-        mission.log(f"  something new at ({x:.2f}, {y:.2f}) m, {100 * wide:.0f} cm wide as seen")
+    ahead_rad = heading_across(near, path)
+    known.obstacles = tuple(fit_outlines(one, views_m, ahead_rad) for one in join_sides(near, ahead_rad))
+    for one, _ in known.obstacles:
+        x, y, heading = one.pose
+        shape = "round" if one.round else f"a box turned by {math.degrees(heading - ahead_rad):.0f} degrees"
+        mission.log(f"  something new at ({x:.2f}, {y:.2f}) m, {100 * one.size_m[0]:.0f} cm wide, {shape}")
     return done(
-        f"{len(near)} objects block every path to the table",
-        *(_place_claim(mission, one) for one in near),
-        Measure("objects in the way", len(near)),
-        _map_picture(
+        f"{len(known.obstacles)} objects block every path to the table",
+        *(_place_claim(mission, one) for one, _ in known.obstacles),
+        Measure("objects in the way", len(known.obstacles)),
+        map_picture(
             known.map_now,
             path[:, :2],
-            {f"new {k + 1}": _box(one) for k, one in enumerate(near)},
+            [MapObject(f"new {k + 1}", one.corners_m) for k, (one, _) in enumerate(known.obstacles)],
             "The planned path to the table on the map, and the new objects that block it",
         ),
     )
 
 
-def _drive_until_blocked(mission: Mission, path: Float[np.ndarray, "n 3"]) -> list[Float[np.ndarray, "k 2"]]:
-    """Groups of new points along the path; the platform stops before the first that blocks it."""
+def _drive_until_blocked(
+    mission: Mission, path: Float[np.ndarray, "n 3"]
+) -> tuple[list[Float[np.ndarray, "k 2"]], Float[np.ndarray, "v 2"]]:
+    """Groups of new points along the path, and the positions from which it was scanned; the platform stops before the
+    first group that blocks it.
+    """
     grid = mission.known.map
     seen: list[Float[np.ndarray, "k 2"]] = []
+    views: list[tuple[float, float]] = []
     groups: list[Float[np.ndarray, "k 2"]] = []
     for pose in path:
         seen.append(_look_from(mission, _pose(pose)))
+        views.append(mission.known.pose[:2])
         groups = new_objects(grid, np.concatenate(seen[-10:]))
         ahead = [one for one in groups if _distance(one, path) < BESIDE_M]
         gap = min((float(np.hypot(*(one - pose[:2]).T).min()) for one in ahead), default=math.inf)
         if gap < LOOK_M:
             break
     else:
-        return groups
+        return groups, np.array(views)
     marked = mark_points(grid, groups)
     here = mission.known.pose
     for aside in np.linspace(-ASIDE_M, ASIDE_M, 7):
@@ -246,8 +265,9 @@ def _drive_until_blocked(mission: Mission, path: Float[np.ndarray, "n 3"]) -> li
         ).reachable:
             continue
         seen.append(_look_from(mission, place))
+        views.append(mission.known.pose[:2])
     _look_from(mission, here)
-    return new_objects(grid, np.concatenate(seen))
+    return new_objects(grid, np.concatenate(seen)), np.array(views)
 
 
 def _look_from(mission: Mission, pose: tuple[float, float, float]) -> Float[np.ndarray, "k 2"]:
@@ -265,15 +285,13 @@ def _distance(group: Float[np.ndarray, "k 2"], path: Float[np.ndarray, "n 3"]) -
     return float(np.hypot(*(group[:, None] - path[None, :, :2]).transpose(2, 0, 1)).min())
 
 
-def _place_claim(mission: Mission, group: Float[np.ndarray, "k 2"]) -> Claim:
-    """Centre of an object from its laser points, compared with the nearest true one."""
-    true = nearest_obstacle(mission, group.mean(axis=0))
+def _place_claim(mission: Mission, outline: FloorOutline) -> Claim:
+    """Centre of an object, compared with the nearest true one."""
+    true = nearest_obstacle(mission, outline.centre_m)
     x, y, _ = mission.placed[true.name]
-    front, width = near_side(group, mission.known.ahead_rad)
-    # Only the near side is visible: an object is assumed to be as deep as it is wide, +- half of that. Its centre
-    # has an error of half of the depth's deviation, 1 / sqrt(12) of the width, along one of two axes.
-    value = front + 0.5 * width * rotation_2d(mission.known.ahead_rad)[:, 0]
-    sigma = math.hypot(SEEN_SIGMA_M, 0.5 * width / math.sqrt(12.0) / math.sqrt(2.0))
+    # Half of the error of the depth, along one of two axes.
+    sigma = math.hypot(SEEN_SIGMA_M, 0.5 * outline.sigma_m[1] / math.sqrt(2.0))
+    value = outline.centre_m
     return Claim("place", true.name, (float(value[0]), float(value[1])), (x, y), sigma=sigma)
 
 
@@ -322,24 +340,30 @@ def _problem(
     return PlanningProblem(grid, ROBOT, np.array(known.pose[:2]), np.array(known.goal_m), objects)
 
 
-def _map_picture(
-    grid: OccupancyMap, path_m: Float[np.ndarray, "n 2"], outlines_m: Mapping[str, np.ndarray], caption: str
+def map_picture(
+    grid: OccupancyMap, path_m: Float[np.ndarray, "n 2"], objects: Sequence[MapObject], caption: str
 ) -> Illustration:
-    """A map with a path that ends at the platform, and the named outlines of objects."""
-    from ..report.floor_chart import MapObject, floor_map
+    """A map with a path that ends at the platform, and objects.
 
-    objects = [MapObject(name, outline) for name, outline in outlines_m.items()]
+    Parameters
+    ----------
+    grid
+        The map.
+    path_m
+        The path [m].
+    objects
+        Objects with their outlines.
+    caption
+        Of the illustration.
+    """
+    from ..report.floor_chart import floor_map
+
     x, y, _ = grid.origin
     figure = floor_map(
         grid.cells, grid.resolution_m, (x, y), path_world_m=path_m, objects=objects,
         robot_radius_m=ROBOT.radius_m,
     )  # fmt: skip
     return Illustration(figure, caption)
-
-
-def _box(points: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "4 2"]:
-    (x0, y0), (x1, y1) = points.min(axis=0) - 0.01, points.max(axis=0) + 0.01
-    return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
 
 
 def default_map(mission: Mission) -> None:
@@ -356,8 +380,13 @@ def default_map(mission: Mission) -> None:
 
 def default_door(mission: Mission) -> None:
     """True positions of the obstacles."""
-    known, house = mission.known, mission.house
+    house, obstacles = mission.house, []
     path = _path(house.grid, [house.start[:2], house.table_m], ROBOT.radius_m)
-    outlines = [outline_m(mission, one) for one in house.obstacles]
-    near = [one for one in outlines if _distance(one, path) < BESIDE_M]
-    known.obstacle_points_m, known.ahead_rad = tuple(near), heading_across(near, path, house.grid)
+    for one in house.obstacles:
+        if _distance(outline_m(mission, one), path) < BESIDE_M:
+            pose = compose_2d(mission.placed[one.name], (-0.5 * one.length_m, 0.0, 0.0))
+            outline = FloorOutline(
+                one.kind is ObstacleKind.CYLINDER, pose, (one.width_m, one.length_m), (SIDE_M, SIDE_M)
+            )
+            obstacles.append((outline, outline))
+    mission.known.obstacles = tuple(obstacles)

@@ -148,8 +148,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     wall = wall_from_stiffness(known.outline_m, stiffness, model_wall_m)
     model = ContentsModel(known.outline_m, wall, outline_sigma_m=known.outline_sigma_m)
     contents = identify_contents(hand, model, object_m, _open_m(known))
-    known.wall_factor = wall / model_wall_m
-    mission.spent(hand.arm.pose()[0], len(known.curves) + len(contents.curves))
+    mission.record_cost(hand.arm.pose()[0], len(known.curves) + len(contents.curves))
     parts = [
         Measure("squeezes for the class", len(known.curves)),
         Measure("wall [mm]", 1e3 * wall, 1e3 * bottle.wall_m),

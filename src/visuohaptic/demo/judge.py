@@ -74,7 +74,7 @@ class Claim:
     probability: float = math.nan  #: declared probability; with neither, the claim has probability 1
 
     @property
-    def right(self) -> bool:
+    def correct(self) -> bool:
         """Whether it is correct by the rule of its kind."""
         allowed = RULES[self.kind].allowed(self.truth)
         if isinstance(self.value, (str, bool)):
@@ -105,11 +105,11 @@ class Claim:
     @property
     def confidently_wrong(self) -> bool:
         """Wrong, and claimed with a probability above ``CONFIDENT_PROBABILITY``."""
-        return not self.right and self.forecast > CONFIDENT_PROBABILITY
+        return not self.correct and self.forecast > CONFIDENT_PROBABILITY
 
     def as_row(self) -> list[Any]:
         """Kind, object, value, truth, forecast and correctness, for JSON."""
-        return [self.kind, self.what, self.value, self.truth, round(self.forecast, 6), self.right]
+        return [self.kind, self.what, self.value, self.truth, round(self.forecast, 6), self.correct]
 
 
 class RunOutcome(StrEnum):
@@ -130,6 +130,6 @@ class RunOutcome(StrEnum):
         complete
             Whether no chapter failed.
         """
-        if not all(claim.right for claim in claims):
+        if not all(claim.correct for claim in claims):
             return cls.WRONG
         return cls.COMPLETE if complete else cls.HONEST_FAILURE

@@ -19,7 +19,6 @@ from jaxtyping import Float
 
 from ..core.errors import InputError
 from ..core.files import decode_image
-from ..core.geometry import polygon_centroid
 from ..core.objects import (
     Appearance,
     Estimate,
@@ -34,7 +33,8 @@ from ..core.objects import (
 from ..core.resources import Closing
 from ..io.maps.occupancy_map import OccupancyMap
 from ..recognition.touch.haptic_model import UNKNOWN
-from ..tasks.mobile.known_objects import CONFIDENT_PROBABILITY, NEW, POINT_M
+from ..tasks.mobile.floor_outline import POINT_M, FloorOutline
+from ..tasks.mobile.known_objects import CONFIDENT_PROBABILITY
 
 __all__ = ["BottleMemory", "MissionMemory", "RememberedMap", "recognise_bottle"]
 
@@ -149,21 +149,22 @@ class MissionMemory(Closing):
         """Touched objects on this floor: tag, outline about its centroid, and last position."""
         return [one for one in self._objects("floor") if one.geometry is not None and one.tag is not None]
 
-    def store_floor_object(self, outline_m: Float[np.ndarray, "p 2"], tag: HapticTag) -> str:
+    def store_floor_object(self, outline: FloorOutline, tag: HapticTag) -> str:
         """Store an object that was touched; returns its name in this memory.
 
         Parameters
         ----------
-        outline_m
-            Current outline, map frame [m].
+        outline
+            Current outline, map frame.
         tag
             Measured tag.
         """
-        middle = polygon_centroid(outline_m)
+        about = replace(outline, pose=(-0.5 * outline.size_m[1], 0.0, 0.0))
         name = f"floor-{len(self._objects('floor')) + 1}"
         self._keep(
-            name, geometry=Geometry(footprint_m=outline_m - middle), tag=tag, seen=self._sighting(middle)
-        )
+            name, geometry=Geometry(footprint_m=about.corners_m), tag=tag, seen=self._sighting(outline.centre_m),
+            state=dict(zip(("width_sigma_m", "depth_sigma_m"), outline.sigma_m, strict=True)),
+        )  # fmt: skip
         return name
 
     def move_floor_object(self, name: str, place_m: Sequence[float]) -> None:
@@ -243,14 +244,15 @@ def recognise_bottle(
     known
         Containers that stood here.
     """
-    logs = [math.log(NEW) - len(seen_m) * math.log(ANY_RADIUS_M)]
+    # Whether it was here before is as probable as not; all known containers are.
+    logs = [math.log(0.5) - len(seen_m) * math.log(ANY_RADIUS_M)]
     for one in known:
         radius = np.interp(seen_m[:, 1], one.outline_m[:, 1], one.outline_m[:, 0])
         sigma = math.hypot(RADIUS_M, one.sigma_m)
         height = (float(seen_m[-1, 1]) - float(one.outline_m[-1, 1])) / sigma
         # Errors of adjacent slices are correlated: two thirds of the square.
         square = float(np.sum(((radius - seen_m[:, 0]) / sigma) ** 2)) / 1.5 + height**2
-        logs.append(math.log((1 - NEW) / len(known)) - len(seen_m) * math.log(sigma) - 0.5 * square)
+        logs.append(math.log(0.5 / len(known)) - len(seen_m) * math.log(sigma) - 0.5 * square)
     weights = np.exp(np.array(logs) - max(logs))
     weights /= weights.sum()
     k = int(np.argmax(weights))

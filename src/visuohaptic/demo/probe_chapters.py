@@ -348,7 +348,7 @@ def _probe(mission: Mission, bottle: TableBottle, completion: Completion, touche
         settings,
         T_base_visual=PLACE,
     )
-    mission.spent(arm.t_s, len(touched.touches))
+    mission.record_cost(arm.t_s, len(touched.touches))
     return touched
 
 

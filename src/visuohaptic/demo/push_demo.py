@@ -89,7 +89,7 @@ def run_demo(
     on_message: Callable[[str], None] = log.info,
     page: LivePage | None = None,
     explore: ExploreSettings = SLOW_EXPLORATION,
-    through: Callable[[FrameSource], FrameSource] = lambda source: source,
+    wrap_frames: Callable[[FrameSource], FrameSource] = lambda source: source,
 ) -> DemoResult:
     """Create the scene, calibrate and zero the sensor, explore the obstacles.
 
@@ -107,7 +107,7 @@ def run_demo(
         Live page.
     explore
         Parameters of the drive and the push; slow by default.
-    through
+    wrap_frames
         Wrapper of the frame source, e.g. injected faults.
     """
     start_s = time.monotonic()
@@ -137,14 +137,14 @@ def run_demo(
         recording.write_map(grid, 0.0)
         stage = _Stage(world, virtual, sensor, on_message, page, recording, table)
         for number, path in enumerate(paths):
-            objects.append(_Push(stage, path, seed + number).explore(explore, through))
+            objects.append(_Push(stage, path, seed + number).explore(explore, wrap_frames))
             if page is not None:
                 page.set_tags({one.name: one.tag for one in objects})
     return DemoResult(tuple(objects), sensor, time.monotonic() - start_s)
 
 
 def _placed(
-    map_path: Path | str, say: Callable[[str], None]
+    map_path: Path | str, on_message: Callable[[str], None]
 ) -> tuple[OccupancyMap, tuple[ApproachPath, ...]]:
     """A user's map with three obstacles."""
     grid = OccupancyMap.load(map_path)
@@ -152,7 +152,7 @@ def _placed(
         paths = obstacles_for_map(grid.cells, grid.resolution_m, grid.origin)
     except InputError as error:
         raise InputError(map_path, error.problem, remedy=error.remedy) from error
-    say(f"map {map_path}: {grid.size_m[0]:.1f} m x {grid.size_m[1]:.1f} m")
+    on_message(f"map {map_path}: {grid.size_m[0]:.1f} m x {grid.size_m[1]:.1f} m")
     return grid, paths
 
 
@@ -178,7 +178,9 @@ class _Push:
         self.best: tuple[float, UInt8[np.ndarray, "rows columns 3"], ObservedStrip] | None = None
         self.touching = False
 
-    def explore(self, settings: ExploreSettings, through: Callable[[FrameSource], FrameSource]) -> DemoObject:
+    def explore(
+        self, settings: ExploreSettings, wrap_frames: Callable[[FrameSource], FrameSource]
+    ) -> DemoObject:
         stage, path = self.stage, self.path
         world = stage.world
         world.place_platform(*path.start)
@@ -197,7 +199,7 @@ class _Push:
         guard = Supervisor(clock=lambda: world.t_s)
         found = explore_obstacle(
             guard.base(world.base),
-            guard.frames(through(camera)),
+            guard.frames(wrap_frames(camera)),
             guard.sensor(self.stage.sensor),
             settings,
             scene=tracker,

@@ -14,7 +14,7 @@ from .story import ChapterOutcome, ChapterResult, Measure, Story
 
 __all__ = ["measure_texts", "write_story"]
 
-_RIGHT = {True: "yes", False: "no", None: ""}
+_YES_NO = {True: "yes", False: "no", None: ""}
 
 #: What a claim of each kind states of its object; unit, factor from SI units, and decimals of a number.
 _CLAIMS = {
@@ -84,7 +84,7 @@ def _row(number: int, one: ChapterResult) -> dict[str, Any]:
         "chapter": f"{number}. {one.title}",
         "outcome": one.outcome.value,
         "reason": one.reason,
-        "correct": _RIGHT[one.right],
+        "correct": _YES_NO[one.correct],
         "time [s]": f"{one.duration_s:.0f}",
     }
 
@@ -105,7 +105,7 @@ def _claim_row(claim: Claim) -> dict[str, Any]:
         "reported": shown(claim.value) + sigma,
         "probability": f"{claim.forecast:.3f}",
         "truth": shown(claim.truth),
-        "correct": _RIGHT[claim.right],
+        "correct": _YES_NO[claim.correct],
     }
 
 
@@ -117,7 +117,7 @@ def measure_texts(measure: Measure) -> tuple[str, str, str]:
     measure
         Measure with its unit in square brackets at the end of its name.
     """
-    name, values = measure.what, [measure.ours, measure.truth]
+    name, values = measure.what, [measure.estimate, measure.truth]
     what, _, unit = name.removesuffix("]").rpartition(" [")
     numbers = [abs(v) for v in values if isinstance(v, (int, float)) and not isinstance(v, bool)]
     if unit in _SMALL and numbers and max(numbers) < _SMALL[unit][2]:

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from ..sensing.foam.sensor import FoamSensor
     from ..simulation.houses.guided_platform import GuidedPlatform
     from ..tasks.manipulation.squeeze_task import SqueezeCurve
+    from ..tasks.mobile.floor_outline import FloorOutline
     from ..viewer.page import LivePage
     from .bottle import TableBottle
     from .memory import BottleMemory, MissionMemory
@@ -76,7 +77,7 @@ class Measure:
     """A number with its true value."""
 
     what: str  #: with unit
-    ours: float | bool | str | None
+    estimate: float | bool | str | None
     truth: float | bool | str | None = None
 
 
@@ -107,9 +108,9 @@ class ChapterResult:
         return self.outcome is ChapterOutcome.DONE
 
     @property
-    def right(self) -> bool | None:
+    def correct(self) -> bool | None:
         """Whether all claims are correct; ``None`` without claims."""
-        return all(claim.right for claim in self.claims) if self.done and self.claims else None
+        return all(claim.correct for claim in self.claims) if self.done and self.claims else None
 
 
 @dataclass(slots=True)
@@ -120,8 +121,9 @@ class Known:
     map_now: OccupancyMap = field(init=False)  #: including the objects in the door
     pose: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: estimated: x, y [m], heading [rad]
     goal_m: tuple[float, float] = (0.0, 0.0)  #: position from which the table is reached
-    obstacle_points_m: tuple[Float[np.ndarray, "n 2"], ...] = ()  #: laser points of each object in the door
-    ahead_rad: float = 0.0  #: direction of approach to the obstacles
+    obstacles: tuple[
+        tuple[FloorOutline, FloorOutline], ...
+    ] = ()  #: of each object in the door the more probable outline first
     objects: tuple[MovableObject, ...] = ()  #: with footprints and measured tags
     arrived: bool = False  #: at the table
     probe_sigma_N: float = field(init=False)  #: of the beam sensor's force
@@ -136,7 +138,6 @@ class Known:
     readings: list[TouchReading] = field(default_factory=list)  #: of these squeezes
     class_name: str = ""
     class_model: ContainerDescription = field(init=False)  #: of the recognised class, as large as the outline
-    wall_factor: float = 1.0
     closed: bool = False  #: the contents cannot escape
     fill: float = 0.0  #: filled fraction of its volume
     mass_kg: float = 0.0  #: measured on lifting
@@ -175,7 +176,7 @@ class Mission:
     robot_s: float = 0.0  #: time used by the robot so far, simulated
     attempt: int = 0  #: attempt of the current chapter: 1 for the alternative
 
-    def spent(self, seconds: float, touches: int = 0) -> None:
+    def record_cost(self, seconds: float, touches: int = 0) -> None:
         """Record time and touches.
 
         Parameters
@@ -248,7 +249,7 @@ class Story:
     @property
     def wrong_claims(self) -> tuple[str, ...]:
         """Completed chapters with wrong claims."""
-        return tuple(one.name for one in self.chapters if one.right is False)
+        return tuple(one.name for one in self.chapters if one.correct is False)
 
     @property
     def claims(self) -> tuple[Claim, ...]:

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
 
-from ..core.geometry import compose_2d, polygon_centroid, relative_2d, rotation_2d
+from ..core.geometry import compose_2d, relative_2d
 from ..core.objects import Estimate, HapticTag
 from ..core.robots import FrameSource
 from ..navigation.problem.planning_problem import MovableObject
@@ -19,7 +18,7 @@ from ..sensing.push.tag import BOUND_PROBABILITY, fixed_probability
 from ..simulation.faults import FaultyFrames, frame_faults
 from ..simulation.mobile.obstacles import SimulatedObstacle
 from ..simulation.mobile.office import ApproachPath
-from ..tasks.mobile.doorway_objects import near_side
+from ..tasks.mobile.floor_outline import FloorOutline
 from ..tasks.mobile.footprint_after_push import footprint_after_push
 from ..tasks.mobile.known_objects import recognise
 from .floor_chapters import ROBOT, default_door, nearest_obstacle, outline_m
@@ -52,21 +51,21 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
     """
     known = mission.known
     grid = known.map_now
-    if not known.obstacle_points_m:
+    if not known.obstacles:
         return done("nothing is in the way that could be touched")
     objects: list[MovableObject] = []
     claims: list[Claim] = []
     unknown = []
-    for group, recalled in zip(known.obstacle_points_m, _recall(mission), strict=True):
+    for (seen, _), recalled in zip(known.obstacles, _recall(mission), strict=True):
         if recalled is None:
-            unknown.append(group)
+            unknown.append(seen)
             continue
         objects.append(recalled)
-        claims += tag_claims(nearest_obstacle(mission, group.mean(axis=0)), recalled.tag)
+        claims += tag_claims(nearest_obstacle(mission, seen.centre_m), recalled.tag)
     if not unknown:
         known.objects = tuple(objects)
         return done(f"all {len(objects)} objects are known from an earlier visit", *claims)
-    paths = [_approach(mission, group) for group in unknown]
+    paths = [_approach(mission, seen) for seen in unknown]
     order = sorted(sorted(range(len(paths)), key=lambda k: _mass_kg(paths[k]))[: mission.obstacles])
     found = run_demo(
         mission.folder / "touch",
@@ -75,7 +74,7 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
         on_message=lambda line: mission.log(f"  {line}" if line else ""),
         page=mission.page,
         explore=QUICK if mission.quick else EXPLORE,
-        through=lambda source: _through(mission, source),
+        wrap_frames=lambda source: _with_faults(mission, source),
     )
     measures = []
     for k, one in zip(order, found.objects, strict=True):
@@ -128,35 +127,28 @@ def touch_in_map(
     return Story(tuple(chapters), Mission(seed, folder), found.duration_s)
 
 
-def _take(mission: Mission, one: DemoObject, group: Float[np.ndarray, "k 2"]) -> MovableObject:
+def _take(mission: Mission, one: DemoObject, seen: FloorOutline) -> MovableObject:
     """Result of a push, and the current pose of the object."""
     known, true = mission.known, _true_pose(mission)
     mission.placed[one.name] = one.end_pose
-    mission.spent(one.exploration.states[-1].t_s - one.exploration.states[0].t_s, 1)
+    mission.record_cost(one.exploration.states[-1].t_s - one.exploration.states[0].t_s, 1)
     felt = HapticTag() if one.exploration.fit_state is None else one.tag
     mission.tags[one.name] = felt
     # The push is known from the platform's own motion, relative to the laser's position of the object.
-    outline = footprint_after_push(
-        one.exploration,
-        _moved(group, known.pose, true),
-        front_m=ROBOT.radius_m,
-        heading_rad=one.path.start[2],
-    )
+    outline = footprint_after_push(one.exploration, _moved(seen, known.pose, true), front_m=ROBOT.radius_m)
     outline = _moved(outline, true, known.pose)
     ready = felt.fixed is not None or felt.min_static_friction_N is not None
     if ready and mission.memory is not None:
         mission.remembered[one.name] = mission.memory.store_floor_object(outline, felt)
     mission.log(f"  {one.name}: {_felt_text(felt) if ready else one.exploration.outcome.value}")
-    return MovableObject(one.name, outline, felt if ready else None)
+    return MovableObject(one.name, outline.corners_m, felt if ready else None)
 
 
-def _approach(mission: Mission, group: Float[np.ndarray, "k 2"]) -> ApproachPath:
-    """Drive to the position from the laser; the object there and its true pose are taken from the simulated world."""
-    ahead = mission.known.ahead_rad
-    (x, y), width = near_side(group, ahead)
-    true = nearest_obstacle(mission, group.mean(axis=0))
-    here = relative_2d(mission.known.pose, (float(x), float(y), ahead))
-    here = compose_2d(here, (0.0, 0.25 * width * mission.attempt, 0.0))
+def _approach(mission: Mission, seen: FloorOutline) -> ApproachPath:
+    """Drive to the near side by the laser; the object there and its true pose are taken from the simulated world."""
+    true = nearest_obstacle(mission, seen.centre_m)
+    here = relative_2d(mission.known.pose, seen.pose)
+    here = compose_2d(here, (0.0, 0.25 * seen.size_m[0] * mission.attempt, 0.0))
     before = ROBOT.radius_m + START_M
     start = compose_2d(compose_2d(_true_pose(mission), here), (-before, 0.0, 0.0))
     return ApproachPath(true.moved(*mission.placed[true.name]), start, before)
@@ -167,20 +159,17 @@ def _true_pose(mission: Mission) -> tuple[float, float, float]:
 
 
 def _moved(
-    points_m: Float[np.ndarray, "k 2"],
-    before: tuple[float, float, float],
-    after: tuple[float, float, float],
-) -> Float[np.ndarray, "k 2"]:
-    """Transform points, observed from one pose, to a frame with another pose."""
-    turn = rotation_2d(after[2] - before[2])
-    return (points_m - before[:2]) @ turn.T + after[:2]
+    outline: FloorOutline, before: tuple[float, float, float], after: tuple[float, float, float]
+) -> FloorOutline:
+    """Transform an outline, observed from one pose, to a frame with another pose."""
+    return replace(outline, pose=compose_2d(after, relative_2d(before, outline.pose)))
 
 
 def _mass_kg(path: ApproachPath) -> float:
     return path.obstacle.mass_kg if path.obstacle.movable else math.inf
 
 
-def _through(mission: Mission, source: FrameSource) -> FrameSource:
+def _with_faults(mission: Mission, source: FrameSource) -> FrameSource:
     if mission.fault is None:
         return source
     at_s = float(mission.rng(7).uniform(1.0, 6.0))
@@ -217,23 +206,21 @@ def tag_claims(true: SimulatedObstacle, tag: HapticTag | None) -> list[Claim]:
 def _recall(mission: Mission) -> list[MovableObject | None]:
     """Stored data for each object on the path."""
     known = mission.known
-    groups = known.obstacle_points_m
     if mission.memory is None:
-        return [None] * len(groups)
+        return [None] * len(known.obstacles)
     found: list[MovableObject | None] = []
-    for group, match in zip(
-        groups, recognise(groups, mission.memory.floor_objects(), known.ahead_rad), strict=True
-    ):
+    matches = recognise(known.obstacles, mission.memory.floor_objects())
+    for (seen, _), match in zip(known.obstacles, matches, strict=True):
         if match is None:
             found.append(None)
             continue
         one, probability, outline = match
-        name = nearest_obstacle(mission, group.mean(axis=0)).name
+        name = nearest_obstacle(mission, seen.centre_m).name
         mission.remembered[name] = one.id.removeprefix(f"{mission.memory.kitchen}.")
         assert one.tag is not None
         mission.tags[name] = one.tag
-        found.append(MovableObject(name, outline, one.tag))
-        moved_m = math.dist(one.seen.position_m[:2], polygon_centroid(outline)) if one.seen else math.nan
+        found.append(MovableObject(name, outline.corners_m, one.tag))
+        moved_m = math.dist(one.seen.position_m[:2], outline.centre_m) if one.seen else math.nan
         been = f", {moved_m:.1f} m from where it was left" if moved_m > MOVED_M else ""
         mission.log(
             f"  {mission.remembered[name]} is known (probability {probability:.2f}){been}: {_felt_text(one.tag)}"
@@ -296,11 +283,11 @@ def default_tags(mission: Mission) -> None:
     mission
         Receives tags and footprints.
     """
-    if not mission.known.obstacle_points_m:
+    if not mission.known.obstacles:
         default_door(mission)
     rng = mission.rng(9)
     objects = []
-    near = [nearest_obstacle(mission, group.mean(axis=0)) for group in mission.known.obstacle_points_m]
+    near = [nearest_obstacle(mission, seen.centre_m) for seen, _ in mission.known.obstacles]
     for true in near:
         outline = outline_m(mission, true, math.pi / 8)
         tag = HapticTag(fixed=not true.movable, explored=1, failed=0)

@@ -24,7 +24,7 @@ _DEEPEST_M, _FRAMES = 0.008, 40
 
 
 def write_example(
-    folder: Path | str, *, seed: int = 1, say: Callable[[str], None] = lambda text: None
+    folder: Path | str, *, seed: int = 1, on_message: Callable[[str], None] = lambda text: None
 ) -> Path:
     """Write press log, camera and sensor files, two videos and the truth.
 
@@ -38,7 +38,7 @@ def write_example(
         Output folder.
     seed
         Seed of all noise sources.
-    say
+    on_message
         Called with the name of each step.
     """
     folder = Path(folder)
@@ -51,7 +51,7 @@ def write_example(
     write_calibration_csv(folder / "strain_stress.csv", rows)
     virtual.rig.write(folder)
     renderer = virtual.renderer()
-    say("rendering rest.mp4")
+    on_message("rendering rest.mp4")
     write_video(folder / "rest.mp4", renderer.repeated(rest_scene(virtual.geometry), 20, rng=rng))
     depths = _DEEPEST_M * np.sin(np.linspace(0.0, np.pi, 2 * _FRAMES + 1)) ** 2
     truth: list[tuple[float, float, float]] = []
@@ -61,7 +61,7 @@ def write_example(
             truth.append((index / virtual.frame_rate_Hz, sample.strip.load_N, sample.depth_m))
             yield renderer.render(sample.scene, rng=rng)
 
-    say("rendering push.mp4")
+    on_message("rendering push.mp4")
     write_video(folder / "push.mp4", frames())
     write_truth(folder, ("t_s", "force_N", "depth_m"), truth)
     return folder

@@ -23,7 +23,7 @@ _CLOSING, _OPENING = 20, 20  #: frames each way
 
 
 def write_gripper_example(
-    folder: Path | str, *, seed: int = 1, say: Callable[[str], None] = lambda text: None
+    folder: Path | str, *, seed: int = 1, on_message: Callable[[str], None] = lambda text: None
 ) -> Path:
     """Write sensor files, two videos and the truth of a finger with foam and an AprilTag.
 
@@ -32,14 +32,14 @@ def write_gripper_example(
 
     Parameters
     ----------
-    folder, seed, say
+    folder, seed, on_message
         As in :func:`~visuohaptic.rigs.foam_example.write_example`.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     rng, maker = np.random.default_rng(seed), GripperSensor(stripe=False, effects=_DAYLIGHT)
     maker.write(folder, rng)
-    say("rendering rest.mp4")
+    on_message("rendering rest.mp4")
     still = maker.gripper(rng=rng)
     write_video(folder / "rest.mp4", (still.frame().image for _ in range(20)), crf=_CRF)
     gripper, truth = maker.gripper(BOTTLE, rng=rng), []
@@ -55,7 +55,7 @@ def write_gripper_example(
             truth.append((frame.t_s - _BEGIN_S, now.force_N, now.position_m))
             yield frame.image
 
-    say("rendering grip.mp4")
+    on_message("rendering grip.mp4")
     write_video(folder / "grip.mp4", images(), crf=_CRF)
     write_truth(folder, ("t_s", "force_N", "position_m"), truth)
     return folder

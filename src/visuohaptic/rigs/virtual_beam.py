@@ -315,7 +315,7 @@ def push_and_twist(frames: int = 90) -> Float[np.ndarray, "frames 6"]:
 
 
 def write_beam_example(
-    folder: Path | str, *, seed: int = 1, say: Callable[[str], None] = lambda text: None
+    folder: Path | str, *, seed: int = 1, on_message: Callable[[str], None] = lambda text: None
 ) -> Path:
     """Write sensor files, two videos and the truth.
 
@@ -324,7 +324,7 @@ def write_beam_example(
 
     Parameters
     ----------
-    folder, seed, say
+    folder, seed, on_message
         As in :func:`~visuohaptic.rigs.foam_example.write_example`.
     """
     folder = Path(folder)
@@ -338,9 +338,9 @@ def write_beam_example(
             yield frame.image
 
     loads = push_and_twist()
-    say("rendering rest.mp4")
+    on_message("rendering rest.mp4")
     write_video(folder / "rest.mp4", images(np.zeros((30, 6)), -1.0), crf=_CRF)
-    say("rendering push.mp4")
+    on_message("rendering push.mp4")
     write_video(folder / "push.mp4", images(loads, 0.0), crf=_CRF)
     write_truth(folder, WRENCH_COLUMNS, ((k / virtual.frame_rate_Hz, *load) for k, load in enumerate(loads)))
     return folder

@@ -1,6 +1,5 @@
 from .doorway_objects import heading_across as heading_across
 from .doorway_objects import join_sides as join_sides
-from .doorway_objects import near_side as near_side
 from .explore import ExploreStep as ExploreStep
 from .explore import ObstacleExploration as ObstacleExploration
 from .explore import explore_obstacle as explore_obstacle
@@ -10,13 +9,16 @@ from .explore_records import ExploreOutcome as ExploreOutcome
 from .explore_records import ExploreSettings as ExploreSettings
 from .explore_records import ExploreState as ExploreState
 from .explore_task import ExploreTask as ExploreTask
+from .floor_outline import FloorOutline as FloorOutline
+from .floor_outline import fit_outlines as fit_outlines
+from .floor_outline import log_depth_prior as log_depth_prior
 from .footprint_after_push import footprint_after_push as footprint_after_push
 from .force_guard import FoamLimit as FoamLimit
 from .force_guard import ForceGuard as ForceGuard
 from .force_guard import GuardState as GuardState
 from .force_guard import ReactionTime as ReactionTime
-from .known_objects import outline_fit as outline_fit
 from .known_objects import recognise as recognise
+from .known_objects import remembered_outline as remembered_outline
 from .steered_push import PushEnd as PushEnd
 from .steered_push import PushSettings as PushSettings
 from .steered_push import SteeredPush as SteeredPush

@@ -52,7 +52,7 @@ def written(args: Any, write: Callable[..., Path], verb: str) -> dict[str, Any]:
     verb
         Its words, such as ``example foam``.
     """
-    return report_files(args, write(args.out, seed=args.seed, say=args.report), verb)
+    return report_files(args, write(args.out, seed=args.seed, on_message=args.report), verb)
 
 
 def report_files(args: Any, folder: Path, verb: str) -> dict[str, Any]:

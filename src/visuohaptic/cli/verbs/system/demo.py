@@ -150,9 +150,11 @@ def _tell(args: Any, page: Any) -> dict[str, Any]:
                 "name": one.name,
                 "outcome": one.outcome.value,
                 "reason": one.reason,
-                "claim_is_true": one.right,
+                "claim_is_true": one.correct,
                 "claims": [claim.as_row() for claim in one.claims],
-                "measures": [{"what": m.what, "ours": m.ours, "truth": m.truth} for m in one.measures],
+                "measures": [
+                    {"what": m.what, "estimate": m.estimate, "truth": m.truth} for m in one.measures
+                ],
                 "duration_s": one.duration_s,
             }
             for one in story.chapters
