@@ -26,7 +26,7 @@ from .transparency.detector import TransparencyDetector
 from .transparency.evidence import EvidenceDetector, EvidenceSettings
 from .transparency.pose_refinement import common_sigma_m, refine_poses
 from .transparency.refracted_rays import mask_refracted_rays
-from .transparency.regions import TransparentRegion, outer_points, save_regions
+from .transparency.regions import TransparentRegion, outer_voxels, save_regions
 from .transparency.search_report import SearchReport
 
 __all__ = ["METHODS", "Reconstruction", "reconstruct", "sequence_noise"]
@@ -211,10 +211,9 @@ def reconstruct(
         surface = SparseTsdfVolume(grid.voxel_m, color=color)
     else:
         surface = TsdfVolume.around(grid.low_m, grid.high_m, grid.voxel_m, color=color)
-    for frame in frames:
-        surface.integrate(mask_refracted_rays(frame, regions))
-    inside, score = detector.inside(), detector.score()
-    points_m, scores = outer_points(inside, score, grid)
+    surface.integrate_all([mask_refracted_rays(frame, regions) for frame in frames])
+    cells = outer_voxels(detector.inside())
+    points_m, scores = grid.centres_m(cells), detector.score(cells)
     kept = np.zeros(len(points_m), dtype=bool)
     for region in regions:
         kept |= region.contains(points_m)

@@ -79,12 +79,13 @@ class FusionView:
         return origin, steps, self.intrinsics, self.depth, self.image
 
     def tiles(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Smallest and largest depth [m] of each tile of the image, and which tiles have missing depths."""
-        shape = tuple(-(-n // kernels.TILE) for n in self.depth.shape)
-        low, high = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-        holes = np.zeros(shape, np.uint8)
-        kernels.tile_ranges(self.depth, low, high, holes)
-        return low, high, holes
+        """Smallest and largest depth [m] of each tile of the image, and the integral image of missing depths."""
+        rows, columns = self.depth.shape
+        shape = -(-rows // kernels.TILE), -(-columns // kernels.TILE)
+        low, high = np.empty(shape, np.float32), np.empty(shape, np.float32)
+        missing = np.empty((rows + 1, columns + 1), np.int32)
+        kernels.tile_ranges(self.depth, low, high, missing)
+        return low, high, missing
 
 
 def pinhole_images(frame: DepthFrame, *, color: bool) -> tuple[np.ndarray, np.ndarray | None]:

@@ -8,6 +8,8 @@ volume of KinectFusion, Alt 2016, Sec. 2.2.1 and 5.3).
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -113,12 +115,39 @@ class TsdfVolume:
         weight
             Weight of the view in the average.
         """
-        view = FusionView(frame, self.color is not None)
+        bricks = tuple(-(-n // kernels.CUBE) for n in self.distance.shape)
+        self._fuse(FusionView(frame, self.color is not None), weight, np.ones(bricks, np.uint8))
+
+    def integrate_all(self, frames: Sequence[DepthFrame]) -> None:
+        """Integrate views around the surfaces that any of them sees; free space far from surfaces stays unobserved.
+
+        The mesh is that of :meth:`integrate` for each view in turn, in less than half of the time.
+
+        Parameters
+        ----------
+        frames
+            Views of one camera.
+        """
+        views = [FusionView(frame, self.color is not None) for frame in frames]
+        marked = np.zeros([-(-n // kernels.CUBE) for n in self.distance.shape], np.uint8)
+        # A margin of one voxel: the surface crosses cells next to the band.
+        reach = np.float32(self.truncation_m + math.sqrt(3) * self.voxel_m)
+        for view in views:
+            origin, steps, camera, depth, _ = view.seen_from(self.origin_m, self.voxel_m)
+            kernels.mark_surface(
+                marked, self.distance.shape, origin, steps, camera, depth, *view.tiles(), reach
+            )
+        for view in views:
+            self._fuse(view, 1.0, marked)
+
+    def _fuse(self, view: FusionView, weight: float, marked: np.ndarray) -> None:
+        """Integrate a view into the marked bricks."""
         kernels.fuse_dense(
             self.distance,
             self.weight,
             self.color if self.color is not None else NO_COLOR,
             view.use_color,
+            marked,
             *view.seen_from(self.origin_m, self.voxel_m),
             *view.tiles(),
             np.float32(self.truncation_m),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float32, Int
 
@@ -95,6 +97,17 @@ class SparseTsdfVolume:
             np.float32(self.max_weight),
         )
         self.views += 1
+
+    def integrate_all(self, frames: Sequence[DepthFrame]) -> None:
+        """Integrate views.
+
+        Parameters
+        ----------
+        frames
+            Views of one camera.
+        """
+        for frame in frames:
+            self.integrate(frame)
 
     def _make_bricks(self, view: FusionView) -> None:
         """Allocate bricks within the band along the rays of the view."""

@@ -9,7 +9,51 @@ from numba import prange
 
 from ...core.kernels import kernel
 
-__all__ = ["cast_rays", "error_score", "plane_equations", "smooth_points", "view_moments", "warp_views"]
+__all__ = [
+    "cast_rays",
+    "error_score",
+    "plane_equations",
+    "project_row",
+    "smooth_points",
+    "view_moments",
+    "warp_views",
+]
+
+
+# A loop over a row is a function of its own: only so does the compiler vectorise it.
+@kernel(error_model="numpy")
+def project_row(m, across, down, depth, fx, fy, cx, cy, rows, columns, margin, u, v, there):
+    """Fill the pixels and depths of the points of a row in another view.
+
+    Parameters
+    ----------
+    m
+        ``T_other_this`` (3, 4).
+    across, down
+        Tangents of the rays of the row: along the columns (w), and of the row.
+    depth
+        Depths of the row (w) [m].
+    fx, fy, cx, cy
+        Focal lengths and principal point [px].
+    rows, columns, margin
+        Size of the other image, and width of its border that is left out [px].
+    u, v, there
+        Columns and rows (w) [px], and depths in the other view (w) [m], filled; NaN outside of its image and without depth.
+    """
+    half, one, zero = np.float32(0.5), np.float32(1), np.float32(0)
+    least, right, low = np.float32(margin), np.float32(columns - margin), np.float32(rows - margin)
+    ax, ay, az = m[0, 0], m[1, 0], m[2, 0]
+    bx, by, bz = m[0, 1] * down + m[0, 2], m[1, 1] * down + m[1, 2], m[2, 1] * down + m[2, 2]
+    tx, ty, tz = m[0, 3], m[1, 3], m[2, 3]
+    for j in range(depth.size):
+        z = depth[j]
+        far = z * (az * across[j] + bz) + tz
+        inverse = one / far
+        x = fx * (z * (ax * across[j] + bx) + tx) * inverse + cx + half
+        y = fy * (z * (ay * across[j] + by) + ty) * inverse + cy + half
+        inside = (z > zero) & (far > np.float32(0.05)) & (x >= least) & (y >= least) & (x < right) & (y < low)
+        u[j], v[j] = np.int32(x if inside else one), np.int32(y if inside else one)
+        there[j] = far if inside else np.float32(np.nan)
 
 
 @kernel(parallel=True)
@@ -28,34 +72,22 @@ def warp_views(depths, motions, fx, fy, cx, cy, warped):
         Depths in this view (n, h, w) float32 [m], filled; infinite where no point projects.
     """
     views, rows, columns = depths.shape
-    one, zero, half = np.float32(1), np.float32(0), np.float32(0.5)
     for k in prange(views):
-        m = motions[k]
         target = warped[k]
+        across, there = np.empty(columns, np.float32), np.empty(columns, np.float32)
+        u, v = np.empty(columns, np.int32), np.empty(columns, np.int32)
+        for j in range(columns):
+            across[j] = (np.float32(j) - cx) / fx
         for i in range(rows):
             for j in range(columns):
                 target[i, j] = np.float32(np.inf)
         for i in range(rows):
-            y = (np.float32(i) - cy) / fy
-            ax = m[0, 1] * y + m[0, 2] - m[0, 0] * cx / fx
-            ay = m[1, 1] * y + m[1, 2] - m[1, 0] * cx / fx
-            az = m[2, 1] * y + m[2, 2] - m[2, 0] * cx / fx
-            bx, by, bz = m[0, 0] / fx, m[1, 0] / fx, m[2, 0] / fx
+            down = (np.float32(i) - cy) / fy
+            project_row(motions[k], across, down, depths[k, i], fx, fy, cx, cy, rows, columns, 0, u, v, there)
             for j in range(columns):
-                depth = depths[k, i, j]
-                if not depth > zero:
-                    continue
-                u = np.float32(j)
-                z = depth * (az + bz * u) + m[2, 3]
-                if z <= np.float32(0.05):
-                    continue
-                inverse = one / z
-                column = (depth * (ax + bx * u) + m[0, 3]) * inverse * fx + cx + half
-                row = (depth * (ay + by * u) + m[1, 3]) * inverse * fy + cy + half
-                if column >= zero and row >= zero and column < columns and row < rows:
-                    a, b = int(row), int(column)
-                    if z < target[a, b]:
-                        target[a, b] = z
+                a, b = np.uint32(v[j]), np.uint32(u[j])
+                if there[j] < target[a, b]:
+                    target[a, b] = there[j]
 
 
 @kernel(parallel=True)

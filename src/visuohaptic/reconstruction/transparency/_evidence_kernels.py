@@ -6,6 +6,7 @@ import numpy as np
 from numba import prange
 
 from ...core.kernels import kernel
+from ..fusion._fusion_kernels import look_up, project_cube, scatter, set_offsets
 
 __all__ = ["EDGE", "sum_evidence", "tile_bounds"]
 
@@ -86,31 +87,10 @@ def _block_sight(m, fx, fy, cx, cy, rows, columns, corner, size, nearest, farthe
 
 
 @kernel
-def _add_view(limit, on_ray, at_voxel, weight, m, fx, fy, cx, cy, low, voxel, first, shape, evidence, extent):  # fmt: skip
-    """Add the evidence of one view to the voxels of a block."""
-    rows, columns = limit.shape
-    half = np.float32(0.5)
-    for i in range(first[0], first[0] + shape[0]):
-        x = low[0] + voxel * (np.float32(i) + half)
-        for j in range(first[1], first[1] + shape[1]):
-            y = low[1] + voxel * (np.float32(j) + half)
-            px = m[0, 0] * x + m[0, 1] * y + m[0, 3]
-            py = m[1, 0] * x + m[1, 1] * y + m[1, 3]
-            pz = m[2, 0] * x + m[2, 1] * y + m[2, 3]
-            for k in range(first[2], first[2] + shape[2]):
-                w = low[2] + voxel * (np.float32(k) + half)
-                z = pz + m[2, 2] * w
-                if z <= np.float32(0.05):
-                    continue
-                inverse = np.float32(1) / z
-                u = fx * (px + m[0, 2] * w) * inverse + cx + half
-                v = fy * (py + m[1, 2] * w) * inverse + cy + half
-                if not (u >= 0 and v >= 0 and u < columns and v < rows):
-                    continue
-                a, b = int(v), int(u)
-                if z < limit[a, b]:
-                    evidence[i, j, k] += weight * on_ray[a, b]
-                    extent[i, j, k] += weight * at_voxel[a, b]
+def _add(weight, limit, there, here, total):
+    """Add the weighted evidence of the rays that end behind the voxels of a block."""
+    for n in range(total.size):
+        total[n] += weight * here[n] if there[n] < limit[n] else np.float32(0)
 
 
 @kernel
@@ -153,15 +133,26 @@ def sum_evidence(limits, on_ray, at_voxel, weights, motions, fx, fy, cx, cy, nea
     """
     views, rows, columns = limits.shape
     bx, by, bz = seen.shape
-    half = np.float32(0.5)
+    half, size_n = np.float32(0.5), EDGE * EDGE * EDGE
+    camera, offsets, steps = (
+        np.empty(4, np.float32),
+        np.empty((views, 3, size_n), np.float32),
+        np.empty((3, 3), np.float32),
+    )
+    camera[0], camera[1], camera[2], camera[3] = fx, fy, cx, cy
+    for n in range(views):
+        for along in range(3):
+            for axis in range(3):
+                steps[along, axis] = voxel * motions[n, axis, along]
+        set_offsets(EDGE, steps, offsets[n])
     for block in prange(bx * by * bz):
-        first, shape = np.empty(3, np.int64), np.empty(3, np.int64)
+        first, stop = np.empty(3, np.int64), np.empty(3, np.int64)
         first[0], first[1], first[2] = block // (by * bz) * EDGE, block // bz % by * EDGE, block % bz * EDGE
         corner, size = np.empty(3, np.float32), np.empty(3, np.float32)
         for axis in range(3):
-            shape[axis] = min(EDGE, evidence.shape[axis] - first[axis])
+            stop[axis] = min(first[axis] + EDGE, evidence.shape[axis])
             corner[axis] = low[axis] + voxel * (np.float32(first[axis]) + half)
-            size[axis] = voxel * np.float32(shape[axis] - 1)
+            size[axis] = voxel * np.float32(stop[axis] - first[axis] - 1)
         x, y, w = corner[0] + half * size[0], corner[1] + half * size[1], corner[2] + half * size[2]
         sight = np.empty(views, np.uint8)
         bound, reach, whole = np.float32(0), np.float32(0), np.float32(0)
@@ -176,14 +167,38 @@ def sum_evidence(limits, on_ray, at_voxel, weights, motions, fx, fy, cx, cy, nea
                     whole += weights[n]
         seen[first[0] // EDGE, first[1] // EDGE, first[2] // EDGE] = whole
         summed = bound > 0 or reach > 0
-        for i in range(first[0], first[0] + shape[0]):
-            for j in range(first[1], first[1] + shape[1]):
-                for k in range(first[2], first[2] + shape[2]):
-                    evidence[i, j, k] = np.float32(0) if summed else bound
-                    extent[i, j, k] = np.float32(0) if summed else reach
-        for n in range(views):
-            if summed and sight[n] != NO_VOXEL:
-                _add_view(
-                    limits[n], on_ray[n], at_voxel[n], weights[n], motions[n], fx, fy, cx, cy, low, voxel, first, shape,
-                    evidence, extent
-                )  # fmt: skip
+        on, at = np.empty(size_n, np.float32), np.empty(size_n, np.float32)
+        for n in range(size_n):
+            on[n], at[n] = np.float32(0) if summed else bound, np.float32(0) if summed else reach
+        if summed:
+            pixels, there = np.empty((2, size_n), np.int32), np.empty(size_n, np.float32)
+            limit, here, place = (
+                np.empty(size_n, np.float32),
+                np.empty(size_n, np.float32),
+                np.empty(3, np.float32),
+            )
+            for n in range(views):
+                if sight[n] == NO_VOXEL:
+                    continue
+                m = motions[n]
+                for axis in range(3):
+                    place[axis] = (
+                        m[axis, 0] * corner[0] + m[axis, 1] * corner[1] + m[axis, 2] * corner[2] + m[axis, 3]
+                    )
+                project_cube(
+                    offsets[n],
+                    place,
+                    camera,
+                    np.float32(rows),
+                    np.float32(columns),
+                    np.float32(0.05),
+                    pixels,
+                    there,
+                )
+                look_up(limits[n], pixels, limit)
+                look_up(on_ray[n], pixels, here)
+                _add(weights[n], limit, there, here, on)
+                look_up(at_voxel[n], pixels, here)
+                _add(weights[n], limit, there, here, at)
+        scatter(on, EDGE, first, stop, evidence)
+        scatter(at, EDGE, first, stop, extent)

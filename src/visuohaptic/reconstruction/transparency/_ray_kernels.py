@@ -6,8 +6,9 @@ import numpy as np
 from numba import prange
 
 from ...core.kernels import kernel
+from ._background_kernels import project_row
 
-__all__ = ["depth_deviation", "projector_shadow", "read_rays"]
+__all__ = ["depth_deviation", "projector_shadow", "ray_codes", "read_rays"]
 
 UNKNOWN, SAME, FAR, NEAR, DROPPED = 0, 1, 2, 3, 4
 
@@ -67,8 +68,9 @@ def _votes(x, y, z, sigma, depths, sigmas, motions, fx, fy, cx, cy, width):
         there = m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3]
         if there <= np.float32(0.05):
             continue
-        u = fx * (m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3]) / there + cx + half
-        v = fy * (m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3]) / there + cy + half
+        inverse = np.float32(1) / there
+        u = fx * (m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3]) * inverse + cx + half
+        v = fy * (m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3]) * inverse + cy + half
         if not (u >= 1 and v >= 1 and u < columns - 1 and v < rows - 1):
             continue
         i, j = int(v), int(u)
@@ -76,12 +78,12 @@ def _votes(x, y, z, sigma, depths, sigmas, motions, fx, fy, cx, cy, width):
         if not seen > 0:
             lost += 1
             continue
-        tolerance = width * np.sqrt(sigmas[k, i, j] * sigmas[k, i, j] + sigma * sigma)
-        if abs(seen - there) <= tolerance:
+        square = width * width * (sigmas[k, i, j] * sigmas[k, i, j] + sigma * sigma)
+        if (seen - there) * (seen - there) <= square:
             agree += 1
         elif seen > there:
             # At an edge the rounded pixel is ambiguous: require all four neighbours to be beyond the point.
-            past = there + tolerance
+            past = there + np.sqrt(square)
             if (
                 depths[k, i - 1, j] > past
                 and depths[k, i + 1, j] > past
@@ -92,6 +94,47 @@ def _votes(x, y, z, sigma, depths, sigmas, motions, fx, fy, cx, cy, width):
         else:
             nearer += 1
     return agree, through, nearer, lost
+
+
+@kernel
+def _look_up_row(image, u, v, found):
+    """Fill the values of an image at the pixels of a row."""
+    for j in range(found.size):
+        found[j] = image[np.uint32(v[j]), np.uint32(u[j])]
+
+
+@kernel
+def _compare_row(there, seen, spread, sigma, width, agree, nearer, lost, past):
+    """Count a view that agrees with each point of a row, sees another in front of it, or has no reading there.
+
+    ``past`` is the depth beyond which the view looks through the point; infinite where it does not.
+    """
+    infinite, zero = np.float32(np.inf), np.float32(0)
+    for j in range(there.size):
+        gap = seen[j] - there[j]
+        square = width * width * (spread[j] * spread[j] + sigma[j] * sigma[j])
+        inside, read = there[j] > zero, seen[j] > zero
+        same = gap * gap <= square
+        agree[j] += np.int32(1) if same else np.int32(0)
+        nearer[j] += np.int32(1) if inside & read & (not same) & (gap < zero) else np.int32(0)
+        lost[j] += np.int32(1) if inside & (not read) else np.int32(0)
+        past[j] = there[j] + np.sqrt(square) if read & (not same) & (gap > zero) else infinite
+
+
+@kernel
+def _look_through_row(depth, u, v, past, through):
+    """Count a view that looks through each point of a row: at an edge the pixel is ambiguous, so all four neighbours have to."""
+    for j in range(past.size):
+        limit = past[j]
+        if limit < np.float32(np.inf):
+            a, b = v[j], u[j]
+            if (
+                depth[a - 1, b] > limit
+                and depth[a + 1, b] > limit
+                and depth[a, b - 1] > limit
+                and depth[a, b + 1] > limit
+            ):
+                through[j] += 1
 
 
 @kernel(parallel=True)
@@ -130,19 +173,32 @@ def read_rays(depth, sigma, depths, sigmas, motions, warped, fx, fy, cx, cy, wid
     infinite = np.float32(np.inf)
     for i in prange(rows):
         sorted_m = np.empty(views, np.float32)
+        agrees, throughs, nearers, losts = (
+            np.zeros(columns, np.int32), np.zeros(columns, np.int32), np.zeros(columns, np.int32), np.zeros(columns, np.int32)
+        )  # fmt: skip
+        across, there, seen, spread, past = (
+            np.empty(columns, np.float32), np.empty(columns, np.float32), np.empty(columns, np.float32),
+            np.empty(columns, np.float32), np.empty(columns, np.float32)
+        )  # fmt: skip
+        u, v = np.empty(columns, np.int32), np.empty(columns, np.int32)
+        for j in range(columns):
+            across[j] = (np.float32(j) - cx) / fx
+        down = (np.float32(i) - cy) / fy
+        for k in range(views):
+            project_row(motions[k], across, down, depth[i], fx, fy, cx, cy, rows, columns, 1, u, v, there)
+            _look_up_row(depths[k], u, v, seen)
+            _look_up_row(sigmas[k], u, v, spread)
+            _compare_row(there, seen, spread, sigma[i], width, agrees, nearers, losts, past)
+            _look_through_row(depths[k], u, v, past, throughs)
         for j in range(columns):
             reading[i, j], predicted[i, j], votes[i, j], empty[i, j] = UNKNOWN, np.float32(0), 0, 0
             z, s = depth[i, j], sigma[i, j]
             valid = z > np.float32(0)
             sx, sy = (np.float32(j) - cx) / fx, (np.float32(i) - cy) / fy
-            agree, through, nearer, lost = 0, 0, 0, 0
-            if valid:
-                agree, through, nearer, lost = _votes(
-                    sx * z, sy * z, z, s, depths, sigmas, motions, fx, fy, cx, cy, width
-                )
-                if agree >= 2 and through + nearer == 0:
-                    reading[i, j], predicted[i, j], votes[i, j], empty[i, j] = SAME, z, agree, lost
-                    continue
+            agree, through, nearer, lost = agrees[j], throughs[j], nearers[j], losts[j]
+            if valid and agree >= 2 and through + nearer == 0:
+                reading[i, j], predicted[i, j], votes[i, j], empty[i, j] = SAME, z, agree, lost
+                continue
             count = 0
             for k in range(views):
                 w = warped[k, i, j]
@@ -223,3 +279,75 @@ def projector_shadow(predicted, focal_baseline, slack, shadow):
             if lit > front - slack + 1.0:
                 shadow[i, j] = 1
             front = min(front, lit)
+
+
+@kernel
+def _add_class(values, limits, context):
+    """Append the class of each value of a row, the number of limits that it reaches, to the numbers of the contexts."""
+    for j in range(context.size):
+        context[j] *= np.int32(limits.size + 1)
+    for limit in limits:
+        for j in range(context.size):
+            context[j] += np.int32(1) if values[j] >= limit else np.int32(0)
+
+
+@kernel(error_model="numpy")
+def _set_beyond(predicted, focal_baseline, half, number, context):
+    """Set the context of the pixels of a row for which less than half of a window is in the image of the second eye."""
+    zero, last = np.float32(0), np.float32(context.size - 1) - half
+    for j in range(context.size):
+        there = np.float32(j) - focal_baseline / predicted[j]
+        outside = (predicted[j] > zero) & ((there < half) | (there > last))
+        context[j] = np.int32(number) if outside else context[j]
+
+
+@kernel
+def _set_limit(predicted, reading, quadratic, constant, offset, tracking, factor, limit):
+    """Fill the depth less three standard deviations [m] of the known readings of a row; 0 for the others."""
+    three, zero = np.float32(3) * factor, np.float32(0)
+    for j in range(limit.size):
+        z = predicted[j]
+        device = constant + quadratic * (z - offset) * (z - offset)
+        lower = z - three * np.sqrt(device * device + tracking * tracking)
+        limit[j] = lower if reading[j] != UNKNOWN else zero
+
+
+@kernel(parallel=True)
+def ray_codes(reading, predicted, votes, empty, distance, focal_baseline, half, far, seen, dark, deep, quadratic, constant, offset, tracking, factor, code, limit):  # fmt: skip
+    """Context and reading of each pixel as one number, and the depth up to which its ray is evidence.
+
+    Parameters
+    ----------
+    reading, predicted, votes, empty
+        As of :func:`read_rays`.
+    distance
+        Distance from camera failures (h, w), in edge margins.
+    focal_baseline
+        Focal length times baseline of the second eye [px m]; 0: none. It sees the point of column u and depth z at u - f b / z.
+    half
+        Half of the matching window [px]: less of it in the image of the second eye is a class of distance of its own.
+    far, seen, dark, deep
+        Ascending lower limits of the classes of distance, votes, fraction of views without a reading, and depth [m].
+    quadratic, constant, offset, tracking, factor
+        Coefficients of the depth noise.
+    code
+        Context times 5, plus the reading (h, w), filled.
+    limit
+        Predicted depth less three standard deviations (h, w) [m], filled; 0 where the reading is unknown.
+    """
+    rows, columns = reading.shape
+    for i in prange(rows):
+        context = np.zeros(columns, np.int32)
+        count, lost = np.empty(columns, np.float32), np.empty(columns, np.float32)
+        for j in range(columns):
+            count[j] = np.float32(votes[i, j])
+            lost[j] = np.float32(empty[i, j]) / np.float32(max(votes[i, j] + empty[i, j], 1))
+        _add_class(distance[i], far, context)
+        if focal_baseline != np.float32(0):
+            _set_beyond(predicted[i], focal_baseline, half, far.size + 1, context)
+        _add_class(count, seen, context)
+        _add_class(lost, dark, context)
+        _add_class(predicted[i], deep, context)
+        for j in range(columns):
+            code[i, j] = 5 * context[j] + reading[i, j]
+        _set_limit(predicted[i], reading[i], quadratic, constant, offset, tracking, factor, limit[i])

@@ -13,7 +13,7 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float, Float32, Int
 
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
@@ -185,9 +185,15 @@ class TransparencyDetector:
         origin = frame.T_world_camera.translation_m
         cast_rays(origin, ends, score[i, j], self.grid.low_m, self.grid.voxel_m, 4, self.volume)
 
-    def score(self) -> Float[np.ndarray, "x y z"]:
-        """Summed score of each voxel per compared view."""
-        return self.volume / np.float32(max(self.used, 1))
+    def score(self, cells: Int[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+        """Summed scores of voxels per compared view.
+
+        Parameters
+        ----------
+        cells
+            Indices (n, 3) of the voxels.
+        """
+        return self.volume[tuple(cells.T)] / np.float32(max(self.used, 1))
 
     def inside(self) -> Bool[np.ndarray, "x y z"]:
         """Mask of the transparent voxels."""
@@ -200,7 +206,13 @@ class TransparencyDetector:
     def regions(self) -> tuple[TransparentRegion, ...]:
         """Clusters of transparent voxels with their convex hulls."""
         inside = self.inside()
-        return find_regions(self.score(), inside, inside, self.grid, min_voxels=self.settings.min_voxels)
+        return find_regions(
+            self.volume / np.float32(max(self.used, 1)),
+            inside,
+            inside,
+            self.grid,
+            min_voxels=self.settings.min_voxels,
+        )
 
     def report(self) -> SearchReport:
         """Summary of the search, with the reason if nothing was found."""

@@ -30,7 +30,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float, Float32, Int
 
 from ...core.errors import InputError
 from ...io.depth.depth_sequence import DepthFrame
@@ -260,6 +260,8 @@ class EvidenceDetector:
         """Extract parts in order of falling evidence; each explains the evidence of the rays through it."""
         from scipy import ndimage
 
+        if self.evidence.max() < self.threshold:
+            return
         labels, _ = ndimage.label(self.extent > 0, np.ones((3, 3, 3)))
         boxes = ndimage.find_objects(labels)
         held, best = labels > 0, np.full(len(boxes), -np.inf)
@@ -351,7 +353,7 @@ class EvidenceDetector:
         if len(cells):
             chosen = tuple(cells.T)
             self._inside[chosen] = True
-            self._found += (region_of(cells, self._probability(self.evidence[chosen]), grid, body),)
+            self._found += (region_of(cells, self.score(cells), grid, body),)
         return part
 
     def _explain(self, points_m: Float[np.ndarray, "n 3"]) -> None:
@@ -365,13 +367,18 @@ class EvidenceDetector:
         low_m = self.grid.low_m + self.grid.voxel_m * np.array([s.start for s in box])
         return SpaceGrid(low_m, (nx, ny, nz), self.grid.voxel_m)
 
-    def score(self) -> Float[np.ndarray, "x y z"]:
-        """Probability of glass in each voxel; the prior expects one place with glass in the volume."""
-        return self._probability(self.evidence)
+    def score(self, cells: Int[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+        """Probability of glass in voxels; the prior expects one place with glass in the volume.
 
-    def _probability(self, evidence: Float32[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+        Parameters
+        ----------
+        cells
+            Indices (n, 3) of the voxels.
+        """
         prior = self.threshold + math.log(self.settings.false_alarm_rate)
-        found: Float[np.ndarray, "*n"] = 1 / (1 + np.exp(np.clip(prior - evidence, -50.0, 50.0)))
+        found: Float[np.ndarray, "n"] = 1 / (
+            1 + np.exp(np.clip(prior - self.evidence[tuple(cells.T)], -50.0, 50.0))
+        )
         return found
 
     def inside(self) -> Bool[np.ndarray, "x y z"]:

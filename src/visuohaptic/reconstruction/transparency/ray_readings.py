@@ -194,7 +194,7 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
         Noise of camera and poses.
     """
     from ._background_kernels import warp_views
-    from ._ray_kernels import read_rays
+    from ._ray_kernels import ray_codes, read_rays
 
     pose, camera = view.frame.T_world_camera, intrinsics(view.frame.camera)
     depths = np.stack([other.depth_m for other in others])
@@ -212,18 +212,18 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
     own = (view.depth_m, view.sigma_m, depths, sigmas, there, warped)
     read_rays(*own, *camera, *numbers, quorum, predicted_m, votes, empty, reading)
     focal_px = view.frame.camera.focal_px
-    margin_px = noise.device.edge_px(focal_px) + noise.pixels(focal_px)
+    margin_px = np.float32(noise.device.edge_px(focal_px) + noise.pixels(focal_px))
     distance = _from_failures(predicted_m, noise, focal_px) / margin_px
-    far = np.digitize(distance, _DISTANCES, right=True)
-    far[_beyond_second_eye(predicted_m, noise.device, focal_px)] = len(_DISTANCES) + 1
-    seen = np.digitize(votes, _VOTES, right=True)
-    deep = np.digitize(predicted_m, _DEPTHS_M)
-    dark = np.digitize(empty / np.maximum(votes + empty, 1), _EMPTY)
-    context = far
-    for limits, part in ((_VOTES, seen), (_EMPTY, dark), (_DEPTHS_M, deep)):
-        context = context * (len(limits) + 1) + part
-    limit_m = np.where(reading > 0, predicted_m - 3 * noise.sigma_m(predicted_m), 0.0).astype(np.float32)
-    return RayImage(reading, (5 * context + reading).astype(np.uint16), predicted_m, limit_m, distance > 1)
+    device, beyond = noise.device, np.float32(np.inf)
+    # A class begins above these limits, at the limits of the others.
+    above = [np.nextafter(np.array(limits, np.float32), beyond) for limits in (_DISTANCES, _VOTES)]
+    limits = (*above, np.array(_EMPTY, np.float32), np.array(_DEPTHS_M, np.float32))
+    eye = np.float32(focal_px * device.baseline_m), np.float32(0.5 * device.window_px(focal_px))
+    coefficients = device.quadratic_per_m, device.constant_m, device.offset_m, noise.tracking_m, noise.factor
+    code, limit_m = np.empty(shape, np.uint16), np.empty(shape, np.float32)
+    rates = (np.float32(number) for number in coefficients)
+    ray_codes(reading, predicted_m, votes, empty, distance, *eye, *limits, *rates, code, limit_m)
+    return RayImage(reading, code, predicted_m, limit_m, distance > 1)
 
 
 def _from_failures(
@@ -253,22 +253,6 @@ def _from_failures(
         projector_shadow(predicted_m, focal_px * noise.device.baseline_m, 0.5, shadow)
         failing |= shadow > 0
     return cv2.distanceTransform((~failing).astype(np.uint8), cv2.DIST_L2, 3)
-
-
-def _beyond_second_eye(
-    predicted_m: Float32[np.ndarray, "h w"], device: DepthNoise, focal_px: float
-) -> Bool[np.ndarray, "h w"]:
-    """Mask of pixels for which less than half of a matching window is in the image of the second eye or projector.
-
-    It sees the point of column u and depth z at u - f b / z (same optics, displaced by +b along the rows).
-    """
-    reach = np.zeros_like(predicted_m)
-    np.divide(np.float32(focal_px * device.baseline_m), predicted_m, out=reach, where=predicted_m > 0)
-    columns = predicted_m.shape[1]
-    there = np.arange(columns, dtype=np.float32) - reach
-    half = 0.5 * device.window_px(focal_px)
-    outside: Bool[np.ndarray, "h w"] = (reach != 0) & ((there < half) | (there > columns - 1 - half))
-    return outside
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -378,11 +362,14 @@ def reading_tables(codes: Sequence[UInt16[np.ndarray, "*n"]]) -> Float32[np.ndar
     return tables.reshape(len(_KINDS), -1)
 
 
-def _log_ratio(ratio: Float32[np.ndarray, "n h w"], elsewhere: float) -> Float32[np.ndarray, "n h w"]:
+def _log_ratio(ratios: Float32[np.ndarray, "n h w"], elsewhere: float) -> Float32[np.ndarray, "n h w"]:
     """Evidence of windows for glass here, with the probability ``elsewhere`` of glass elsewhere [nat]."""
-    found: Float32[np.ndarray, "n h w"] = np.log(
-        ((1 - HIDDEN) * ratio + HIDDEN) / ((1 - elsewhere) + elsewhere * ratio)
-    ).astype(np.float32)
+    import cv2
+
+    found = np.empty_like(ratios)
+    for ratio, evidence in zip(ratios, found, strict=True):
+        here, there = ((1 - p) * ratio + p for p in (np.float32(HIDDEN), np.float32(1 - elsewhere)))
+        cv2.log(np.divide(here, there, out=here), evidence)
     return found
 
 

@@ -14,7 +14,7 @@ from ...core.files import write_text
 from ..fusion.volume import SpaceGrid
 from .outline_fit import UprightBody
 
-__all__ = ["TransparentRegion", "find_regions", "outer_points", "region_of", "save_regions"]
+__all__ = ["TransparentRegion", "find_regions", "outer_voxels", "region_of", "save_regions"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,25 +135,22 @@ def region_of(
     )
 
 
-def outer_points(
-    inside: Bool[np.ndarray, "x y z"], score: Float[np.ndarray, "x y z"], grid: SpaceGrid
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
-    """Centres [m] and scores of the outer voxels: the approximate shape as in Alt 2016, Fig. 5.6.
+def outer_voxels(inside: Bool[np.ndarray, "x y z"]) -> Int[np.ndarray, "n 3"]:
+    """Indices of the outer voxels of transparent parts: the approximate shape as in Alt 2016, Fig. 5.6.
 
     Parameters
     ----------
     inside
         Which voxels (x, y, z) are transparent.
-    score
-        Their scores (x, y, z).
-    grid
-        Position and size of the voxels.
     """
     from scipy import ndimage
 
-    outer = inside & ~ndimage.binary_erosion(inside)
-    cells = np.argwhere(outer)
-    return grid.centres_m(cells), score[outer]
+    if not inside.any():
+        return np.zeros((0, 3), np.int64)
+    # The erosion is computed in the bounding box only; voxels on its faces are outer ones.
+    box = ndimage.find_objects(inside.view(np.uint8))[0]
+    cells: Int[np.ndarray, "n 3"] = np.argwhere(inside[box] & ~ndimage.binary_erosion(inside[box]))
+    return cells + [side.start for side in box]
 
 
 def _body_entries(body: UprightBody) -> dict[str, Any]:
