@@ -134,7 +134,7 @@ def map_route(mission: Mission) -> ChapterResult:
     known.pose, mission.mapper, mission.platform = mapper.pose, mapper, platform
     mission.spent(platform.t_s)
     if lost > 0.2 * len(poses):
-        return failed(f"{lost} of {len(poses)} scans do not fit the map that was made")
+        return failed(f"{lost} of {len(poses)} scans do not fit the map built from them")
     if mission.memory is not None:
         mission.memory.store_map(RememberedMap(found, known.goal_m, mapper.pose, mapper.mean_hits_m()))
     sigma_m = math.sqrt(float(np.max(np.diag(mapper.matches[-1].covariance)[:2])))
@@ -167,7 +167,7 @@ def _recall_the_map(mission: Mission, recalled: RememberedMap) -> ChapterResult:
         recalled.grid, recalled.home, mission.platform.odometry(), hits_m=recalled.hits_m
     )
     return done(
-        "the map of an earlier visit fits what the laser sees",
+        "the map of an earlier visit fits the laser scan",
         Claim("place", "table", known.goal_m, house.table_m, sigma=SEEN_SIGMA_M),
     )
 
@@ -193,7 +193,7 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     for turn in (0.5, -0.5, 0.0) if mission.attempt else ():
         _look_from(mission, compose_2d(known.pose, (0.0, 0.0, turn * math.pi)))
     if fit_fraction(mission, grid, mission.platform.pose, known.pose) < MIN_FIT:
-        return failed("what the laser sees does not fit the map: the platform does not know where it is")
+        return failed("the laser scan does not fit the map: the pose of the platform is unknown")
     path = _path(grid, [known.pose[:2], known.goal_m], ROBOT.radius_m)
     since_s = mission.platform.t_s
     groups = _drive_until_blocked(mission, path)
@@ -202,17 +202,17 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     known.map_now = mark_points(grid, groups)
     blocked = without_pushing(_problem(mission, known.map_now))
     if blocked.reachable:
-        return done(f"nothing new is in the way, {len(groups)} new beside it")
+        return done(f"no new object blocks the path, {len(groups)} near it")
     known.ahead_rad = heading_across(near, path, grid)
     near = join_sides(near, known.ahead_rad)
     known.obstacle_points_m = tuple(near)
     for one in near:
         (x, y), wide = near_side(one, known.ahead_rad)
-        mission.log(f"  something new at ({x:.2f}, {y:.2f}) m, {100 * wide:.0f} cm wide as seen")
+        mission.log(f"  new object at ({x:.2f}, {y:.2f}) m, {100 * wide:.0f} cm wide as observed")
     return done(
         f"{len(near)} objects block every path to the table",
         *(_place_claim(mission, one) for one in near),
-        Measure("objects in the way", len(near)),
+        Measure("new objects that block the path", len(near)),
         _map_picture(
             known.map_now,
             path[:, :2],

@@ -53,7 +53,7 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
     known = mission.known
     grid = known.map_now
     if not known.obstacle_points_m:
-        return done("nothing is in the way that could be touched")
+        return done("there is no obstacle that could be touched")
     objects: list[MovableObject] = []
     claims: list[Claim] = []
     unknown = []
