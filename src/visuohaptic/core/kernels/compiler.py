@@ -19,7 +19,7 @@ __all__ = ["call_template", "compiled_s"]
 _log = logging.getLogger(__name__)
 
 
-def _resolved_once(function: BaseFunction, context: Any, args: tuple[Type, ...], kws: dict[str, Type]) -> Any:
+def _resolved_once(function: Any, context: Any, args: tuple[Type, ...], kws: dict[str, Type]) -> Any:
     """Numba's signature of a call to a library function or an operator, resolved once for the same types.
 
     For every ``+`` of two numbers, numba tries all templates of ``+`` again, and it hashes all options of the
@@ -41,8 +41,9 @@ def _resolved_once(function: BaseFunction, context: Any, args: tuple[Type, ...],
 
 
 _resolved: dict[Any, tuple[Any, Any]] = {}
-_resolve = BaseFunction.get_call_type
-BaseFunction.get_call_type = _resolved_once
+_numba: Any = BaseFunction
+_resolve = _numba.get_call_type
+_numba.get_call_type = _resolved_once
 
 
 def call_template(typed: Callable[..., Any], args: tuple[Type, ...], kws: dict[str, Type]) -> Any:
