@@ -122,7 +122,7 @@ MISUSES = {
     ),
     "a tag in millimetres": Misuse("template sheet --ids 1 --size-m 40 --out t.pdf", ("does not fit on A4",), first=()),
     "a map's picture for a map": Misuse(
-        "plan rooms.pgm --robot robot.yaml --start 1 1 --goal 2 1", ("is a picture", "image: rooms.pgm, resolution:"), first=()
+        "plan rooms.pgm --robot robot.yaml --start 1 1 --goal 2 1", ("is an image", "image: rooms.pgm, resolution:"), first=()
     ),
 }  # fmt: skip
 

@@ -64,7 +64,7 @@ def test_what_was_not_asked_for_is_not_reported(tube: Path, capsys: pytest.Captu
 
 def test_a_wall_of_a_metre_is_refused(tube: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["stiffness", str(tube), "--thickness", "1"]) == 2
-    assert "the wall would cut itself" in capsys.readouterr().err
+    assert "the wall would intersect itself" in capsys.readouterr().err
 
 
 def test_a_mesh_gives_nearly_the_same(tube: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -102,7 +102,7 @@ def test_a_face_that_names_no_vertex_is_named(tmp_path: Path, capsys: pytest.Cap
     corners = [f"v {x} {y} {z}" for x in (0, 1) for y in (0, 1) for z in (0, 1)]
     bad.write_text("\n".join([*corners, "f 1 2 3", "f 1 2 4", "f 2 3 9"]))
     assert main(["stiffness", str(bad)]) == 2
-    assert "face 3 names vertex 9, the file has 8" in capsys.readouterr().err
+    assert "face 3 refers to vertex 9, the file has 8" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_a_face_that_names_no_vertex_is_named(tmp_path: Path, capsys: pytest.Cap
         (["cup", "--unit", "mm"], "not a mesh"),
         (["cup", "--around", "7"], "multiple of 4"),
         (["cup", "--variant", "-1"], "expected 0 to"),
-        (["cup", "--thickness", "0.5"], "cut itself"),
+        (["cup", "--thickness", "0.5"], "intersect itself"),
         (["cup", "--base-stiffness", "0"], "expected > 0"),
         (["cup", "--thickness", "thin"], "expected a number, LOW:HIGH"),
         (["cup", "--thickness", "2e-4:1e-4"], "expected 0 < low < high"),
@@ -193,7 +193,7 @@ def test_a_squeeze_says_its_curve(tube: Path, tmp_path: Path, capsys: pytest.Cap
         (["cup", "--at", "0", "0", "0", "--height", "0.1"], "expected one of them"),
         (["cup", "--force", "-3"], "more than 0"),
         (["cup", "--height", "3"], "expected 0 to"),
-        (["cup", "--at", "0", "0", "0"], "the wall is held at"),
+        (["cup", "--at", "0", "0", "0"], "the wall is clamped at"),
         (["cup", "--points", "0"], "2 to 100"),
     ],
 )

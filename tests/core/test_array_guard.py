@@ -34,7 +34,7 @@ POINTS = np.arange(6.0).reshape(3, 2)
         ({"points_m": POINTS[0]}, r"points_m: found shape \(2,\), expected numbers \(n, 2\)"),
         ({"points_m": None}, "points_m: found None"),
         ({"points_m": "points"}, "points_m: found 'points'"),
-        ({"points_m": [[1, 2], [3]]}, "points_m: found list of unequal parts"),
+        ({"points_m": [[1, 2], [3]]}, "points_m: found list with parts of unequal length"),
         ({"points_m": POINTS + 1j}, "points_m: found an array of complex128"),
         ({"points_m": POINTS.astype(object)}, "points_m: found an array of object"),
         ({"points_m": np.ma.masked_array(POINTS)}, "points_m: found masked"),
@@ -90,7 +90,7 @@ def test_what_cannot_be_computed_names_the_array_and_mistakes_of_ours_stay_visib
         solve(np.diag([1.0, 1.0, 0.0]))
     with pytest.raises(InputError, match="pick: values: found no values"):
         pick(np.zeros(0), np.zeros(2, int))
-    with pytest.raises(InputError, match="pick: index: found integers from 1 to 9, which are no indices"):
+    with pytest.raises(InputError, match="pick: index: found integers from 1 to 9, which are not indices"):
         pick(np.arange(3.0), np.array([1, 9]))
     for value, said in ((np.nan, "found NaN or infinity"), (1e200, "found 1e.200, expected at most")):
         with pytest.raises(InputError, match=said):

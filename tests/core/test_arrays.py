@@ -125,7 +125,7 @@ def test_a_cut_npy_is_refused(tmp_path):
     np.save(data, np.arange(10.0))
     path = tmp_path / "x.npy"
     path.write_bytes(data.getvalue()[:-8])
-    with pytest.raises(InputError, match="the header says 80 bytes, found 72"):
+    with pytest.raises(InputError, match="the header declares 80 bytes, found 72"):
         read_npy(path, "points")
     path.write_bytes(_header((10**12,)))
     refusal("visuohaptic.core.files:read_npy(path, 'points')", path)

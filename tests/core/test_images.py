@@ -76,7 +76,7 @@ def test_cut_files_are_refused(tmp_path, kind):
     cv2.imwrite(str(path), _pixels())
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     for check in (True, False):
-        with pytest.raises(InputError, match=rf"x.{kind}: (is cut|is a damaged image)"):
+        with pytest.raises(InputError, match=rf"x.{kind}: (is truncated|is a damaged image)"):
             read_image(path, check_pixels=check)
 
 
@@ -110,12 +110,12 @@ def test_photographs_are_turned_only_when_asked():
 
 
 def test_a_compressed_ros_image_goes_through_the_same_gate():
-    with pytest.raises(InputError, match="camera: is cut"):
+    with pytest.raises(InputError, match="camera: is truncated"):
         decode_image(memoryview(_png(60, 60, idat=0xFFFFFFFF)), "camera", check_pixels=False)
 
 
 @pytest.mark.parametrize("name", ["depth", "depth.xyz"])
 def test_an_image_of_no_known_kind_is_refused_with_those_that_are(name, tmp_path):
-    with pytest.raises(InputError, match=r"found a kind '\.\w*', expected \.png, \.jpg or \.webp"):
+    with pytest.raises(InputError, match=r"found suffix '\.\w*', expected \.png, \.jpg or \.webp"):
         write_image(tmp_path / name, np.zeros((4, 4), np.uint8))
     assert not list(tmp_path.iterdir())

@@ -78,7 +78,7 @@ def _broken(change):
             lambda c, a: c["tag"]["primitive"].update(parameters=[1.0, 2.0, "nan"]),
             "is not finite|found 'nan'",
         ),
-        (lambda c, a: c["stiffness"].update(faces=[[0, 1, 3]]), "faces name vertices outside of 0..2"),
+        (lambda c, a: c["stiffness"].update(faces=[[0, 1, 3]]), "faces refer to vertices outside 0..2"),
         (
             lambda c, a: c["stiffness"].update(stiffness_N_per_m=[1.0, 2.0]),
             "one stiffness and sigma for 3|shape",

@@ -41,14 +41,16 @@ def test_what_a_killed_run_has_left_is_kept_under_numbers(tmp_path: Path, caplog
         "run.unfinished1.csv.part": "first",
         "run.unfinished2.csv.part": "second",
     }
-    assert "run.unfinished2.csv.part makes it whole" in caplog.text
+    assert caplog.messages[-1].endswith("run.unfinished2.csv.part")
 
 
 def test_two_runs_do_not_write_one_file(tmp_path: Path) -> None:
     first = PartFile(tmp_path / "run.csv")
     first.write(b"a row\nhalf a r")
     for refused in (lambda: PartFile(tmp_path / "run.csv"), lambda: whole_lines(first.part)):
-        with pytest.raises(InputError, match="another run is writing this file; wait for its end"):
+        with pytest.raises(
+            InputError, match="another process is writing this file; wait until it has finished"
+        ):
             refused()
     first.write(b"ow\n")
     first.finish()
@@ -100,7 +102,7 @@ def test_a_full_disk_ends_the_run_and_says_how_to_go_on(
     monkeypatch.setattr(part, "_stream", disk)
     assert part.write(b"12345678") == 8  # in two pieces
     with pytest.raises(
-        InputError, match=r"No space left .*; make room and run: visuohaptic recording recover"
+        InputError, match=r"No space left .*; free disk space and run: visuohaptic recording recover"
     ):
         part.write(b"abcd")
     assert disk.taken == b"12345678ab"

@@ -71,11 +71,11 @@ def test_a_clock_that_stands_is_noticed_by_periods_and_by_the_host():
     host = [0.0]
     watch = ClockWatch(max_periods=3, max_host_s=10.0, host_clock=lambda: host[0])
     assert [watch.update(t) for t in (1.0, 1.5, 1.5, 1.5)] == ["", "", "", ""]
-    assert watch.update(1.5) == "the robot's clock stands at 1.5 s for 3 control periods"
+    assert watch.update(1.5) == "the robot's clock has stood still at 1.5 s for 3 control periods"
     assert watch.update(1.6) == ""
     assert watch.update(float("nan")) == ""
     host[0] = 10.5
-    assert watch.update(0.1).startswith("the robot's clock stands at 0.1 s for 2 ")
+    assert watch.update(0.1).startswith("the robot's clock has stood still at 0.1 s for 2 ")
     polled = ClockWatch(max_periods=None, max_host_s=10.0, host_clock=lambda: host[0])
     assert not any(polled.update(2.0) for _ in range(1000))
     host[0] = 20.6
@@ -95,7 +95,7 @@ def test_beams_that_hit_are_points_of_the_plane():
         ({"ranges_m": np.zeros((2, 2))}, r"found shape \(2, 2\), expected 1 to"),
         ({"ranges_m": np.zeros(0)}, r"found shape \(0,\)"),
         ({"range_min_m": 30.0}, "range_min_m: found 30.0, expected less than range_max_m 30.0"),
-        ({"angle_step_rad": 0.0}, "angle_step_rad: found 0, expected a step that is not 0"),
+        ({"angle_step_rad": 0.0}, "angle_step_rad: found 0, expected a non-zero step"),
         ({"t_s": np.nan}, "t_s: found nan"),
     ],
 )

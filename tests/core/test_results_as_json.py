@@ -46,5 +46,5 @@ def test_every_kind_arrives_as_json_has_it() -> None:
 
 @pytest.mark.parametrize("value", [object(), Result, {"a": [b"bytes"]}, 1j])
 def test_what_json_cannot_hold_is_a_mistake_of_the_verb(value: object) -> None:
-    with pytest.raises(TypeError, match=r"a result has a value of type .*, which JSON cannot hold"):
+    with pytest.raises(TypeError, match=r"a result has a value of type .*, which JSON cannot represent"):
         dumps(value)

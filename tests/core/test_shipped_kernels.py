@@ -22,7 +22,7 @@ print(shipped_name())
 
 
 @pytest.mark.skipif(
-    not kernels._runs_shipped_code(), reason="compiled kernels are shipped for x86-64-v3 only"
+    not kernels.cache._runs_shipped_code(), reason="compiled kernels are shipped for x86-64-v3 only"
 )
 def test_shipped_code_is_used_where_our_own_is_absent(pack, folder, tmp_path, monkeypatch):
     """A package made on one machine is found on another; what it lacks, and other versions, are compiled."""
@@ -45,7 +45,7 @@ def test_shipped_code_is_used_where_our_own_is_absent(pack, folder, tmp_path, mo
     Path(made).rename(package / name)
     assert call_pack(pack) == (1011, 0)
     assert not folder.exists()  # nothing is copied
-    monkeypatch.setattr(kernels, "_shipped_package", lambda: package)
+    monkeypatch.setattr(kernels.cache, "_shipped_package", lambda: package)
     for path in (package / name).iterdir():
         path.write_bytes(path.read_bytes()[:-1])
     assert import_pack(pack) == (1011, 2)  # damaged: compiled, and kept as our own
@@ -70,9 +70,9 @@ def test_shipped_code_is_passed_over_on_another_processor(
 
     def found(machine, features):
         monkeypatch.setattr("platform.machine", lambda: machine)
-        present = dict.fromkeys(kernels._SHIPPED_FEATURES, True) | {"fma": features}
+        present = dict.fromkeys(kernels.cache._SHIPPED_FEATURES, True) | {"fma": features}
         monkeypatch.setattr("llvmlite.binding.get_host_cpu_features", lambda: present)
-        return kernels._shipped_package.__wrapped__()
+        return kernels.cache._shipped_package.__wrapped__()
 
     assert found("x86_64", True) == tmp_path / "visuohaptic_kernels"
     for name, value in environment.items():

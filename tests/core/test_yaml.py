@@ -51,7 +51,7 @@ def test_what_multiplies_is_refused_in_small_memory(tmp_path, call, text):
 
 def test_aliases_are_counted_before_they_are_expanded():
     """Values and characters: neither many short ones nor a long text many times."""
-    with pytest.raises(InputError, match="aliases that stand for more than 1000000"):
+    with pytest.raises(InputError, match="aliases that expand to more than 1000000"):
         parse_yaml(BOMB, "b.yaml")
     with pytest.raises(InputError, match="aliases"):
         parse_yaml(f"[&a {'x' * 100_000}{', *a' * 11}]", "b.yaml")  # adds 1.1 million characters

@@ -123,7 +123,7 @@ def test_arrays_that_are_gone_or_of_another_object(tmp_path: Path) -> None:
     second.write_bytes(kept)
     with open_database(tmp_path) as db:
         for number in (1, 2):
-            with pytest.raises(DatabaseError, match="do not have the hash"):
+            with pytest.raises(DatabaseError, match="do not match their stored hash"):
                 db.get(f"o000000{number}")
         assert len([one for one in db.check().problems if "another hash" in one]) == 2
     first.unlink()
@@ -234,7 +234,7 @@ def test_folders_that_cannot_be_exported_or_imported(tmp_path: Path) -> None:
     folder = card if card.is_dir() else card.parent
     assert [one.id for one in import_objects(folder)] == ["box"]
     (folder / "mesh.glb").unlink()
-    with pytest.raises(InputError, match=r"mesh\.glb: is missing, but the card names it"):
+    with pytest.raises(InputError, match=r"mesh\.glb: is missing, but card.yaml lists it"):
         import_object(folder)
 
 

@@ -170,8 +170,8 @@ def test_sampling_anew_is_asked_for_and_priced(tmp_path: Path) -> None:
     wall = WallProperties(thickness_m=WALL_m)
     given = import_container(tmp_path / "pot.ply", wall=wall)
     cast = import_container(tmp_path / "pot.ply", wall=wall, convention=MeshConvention(remesh="cast"))
-    assert not any("sampling anew" in note for note in given.notes)
-    note = next(note for note in cast.notes if "sampling anew" in note)
+    assert not any("resampling on rings" in note for note in given.notes)
+    note = next(note for note in cast.notes if "resampling on rings" in note)
     price = float(note.split("up to ")[1].split(" %")[0]) / 100
     heights = (0.03, 0.055, 0.08)
     difference = stiffness_at(cast, heights) / stiffness_at(given, heights) - 1
@@ -184,7 +184,7 @@ def test_what_cannot_be_repaired_names_the_way_out(tmp_path: Path) -> None:
     centre = mesh.triangles_center
     cut = np.abs(centre[:, 2] - 0.06) < 0.004
     trimesh.Trimesh(mesh.vertices, mesh.faces[~cut], process=False).export(tmp_path / "two.ply")
-    with pytest.raises(InputError, match=r"2 parts that are not joined; mend it, .* with --remesh cast"):
+    with pytest.raises(InputError, match=r"2 disconnected parts; repair it, .* with --remesh cast"):
         import_container(tmp_path / "two.ply")
     assert import_container(tmp_path / "two.ply", convention=MeshConvention(remesh="cast")).height_m > 0.1
 

@@ -147,7 +147,7 @@ def test_two_containers_side_by_side_are_refused(tmp_path: Path) -> None:
     other = tube()
     other.apply_translation([0.2, 0, 0])
     path = write(trimesh.util.concatenate([tube(), other]), tmp_path / "two.stl")
-    with pytest.raises(InputError, match="no wall round the axis"):
+    with pytest.raises(InputError, match="no wall around the axis"):
         import_container(path)
 
 
@@ -257,7 +257,7 @@ def test_a_handle_is_left_out_and_said(tmp_path: Path, reference: float) -> None
     handle.apply_translation([0.055, 0, 0.08])
     path = write(trimesh.util.concatenate([tube(), handle]), tmp_path / "mug.stl")
     container = import_container(path)
-    assert any("(a handle?) are left out" in note and "(0.055, " in note for note in container.notes)
+    assert any("(a handle?) are ignored" in note and "(0.055, " in note for note in container.notes)
     assert middle_stiffness(path) == pytest.approx(reference, rel=0.02)
 
 

@@ -173,7 +173,7 @@ def test_meshes_that_cannot_be_are_refused(change, text):
 
 def test_supports_that_cannot_be_are_refused():
     mesh = ShellMesh(np.eye(3), np.array([[0, 1, 2]]), 0.001)
-    with pytest.raises(InputError, match="nothing is held"):
+    with pytest.raises(InputError, match="no vertex is clamped"):
         ShellModel(mesh, MATERIAL, [])
     with pytest.raises(InputError, match="found vertex 3"):
         ShellModel(mesh, MATERIAL, [3])

@@ -159,7 +159,7 @@ def test_the_map_of_the_first_visit_saves_the_tour_of_the_second(
     second = visit(tmp_path, 1, ("map", "door"))
     assert first.outcome == "complete"
     assert second.outcome == "complete"
-    assert second.chapters[0].reason == "the map of an earlier visit fits what the laser sees"
+    assert second.chapters[0].reason == "the map of an earlier visit fits the laser scan"
     assert second.mission.robot_s < 0.3 * first.mission.robot_s
     # Localised on the stored map as on that of the tour: a few millimetres, not half a cell.
     estimated, true = second.mission.known.pose, second.mission.platform.pose

@@ -83,6 +83,24 @@ PROSE = {phrase: instead for phrase, instead in PHRASES.items() if phrase != r"\
     r"\bthe text\b": "the dissertation",
     r"\btrusted\b": "valid, reliable, used",
 }
+#: Further phrases of messages: errors, warnings, reasons, labels.
+MESSAGES = PROSE | {
+    r"\b(?:are|is) no (?:container|indices|message|number|record|touch)\b": "is not a ...",
+    r"\bbeside\b": "next to, near",
+    r"\bfelt\b": "measured",
+    r"\b(?:has|is) gone\b": "lost the connection, was closed",
+    r"\bis cut\b": "is truncated",
+    r"\bis left of\b": "remains of",
+    r"\bmake room\b": "free disk space",
+    r"\bmeanwhile\b": "in the meantime",
+    r"\b(?:met (?:no|some)thing|nothing met)\b": "no contact, contact",
+    r"\bof one (?:name|size)\b": "the same name",
+    r"\bround (?:the|it)\b": "around",
+    r"\bsays?\b": "declares, states, reports",
+    r"\bsomething else than\b": "name what was found",
+    r"\btaken back\b": "cancelled",
+    r"\bwhatever is\b": "regardless of",
+}
 #: Packages whose docstrings and comments are in the terms of the field.
 PLAIN = (
     "cli",
@@ -136,19 +154,20 @@ def test_a_notebook_has_none_of_the_replaced_phrases(path: Path) -> None:
     assert found(text) == []
 
 
+def texts(module: str) -> list[str]:
+    """The strings of a module of several words, without its docstrings."""
+    tree = ast.parse(module)
+    docs = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    found = [node for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in docs]
+    return [node.value for node in found if isinstance(node.value, str) and " " in node.value.strip()]
+
+
 @pytest.mark.parametrize(
-    "path",
-    sorted(path for room in ("cli", "report", "viewer") for path in (SOURCE / room).rglob("*.py")),
-    ids=lambda path: path.relative_to(SOURCE).as_posix(),
+    "path", sorted(SOURCE.rglob("*.py")), ids=lambda path: path.relative_to(SOURCE).as_posix()
 )
-def test_texts_of_command_line_report_and_viewer_have_none_of_the_replaced_phrases(path: Path) -> None:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    texts = [
-        node.value
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Constant) and isinstance(node.value, str)
-    ]
-    assert [hit for text in texts for hit in found(text)] == []
+def test_messages_and_help_texts_have_none_of_the_replaced_phrases(path: Path) -> None:
+    module = path.read_text(encoding="utf-8")
+    assert [hit for text in texts(module) for hit in found(text, MESSAGES)] == []
 
 
 def docstrings_and_comments(text: str) -> list[str]:
@@ -173,6 +192,11 @@ def test_docstrings_and_comments_have_none_of_the_replaced_phrases(path: Path) -
 def test_a_comment_and_a_docstring_are_searched_and_a_parameter_name_is_not() -> None:
     module = '"""Nobody asks.\n\nParameters\n----------\nwanted\n    A mask.\n"""\nx = 1  #: goes on\n'
     assert len([hit for text in docstrings_and_comments(module) for hit in found(text, PROSE)]) == 2
+
+
+def test_a_part_of_a_message_is_searched_and_a_docstring_is_not() -> None:
+    module = '''"""It says so."""\nraise ValueError(f"{x}: the header says {y}")\n'''
+    assert len([hit for text in texts(module) for hit in found(text, MESSAGES)]) == 1
 
 
 def test_the_search_ignores_line_breaks_and_case() -> None:

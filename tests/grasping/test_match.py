@@ -60,7 +60,7 @@ def test_as_predicted_goes_on_and_too_soft_stops(shape):
     assert good.reason == ""
     soft = match_shape(shape, cloud(shape.vertices_m + 3 * shape.displacement_m, rng))
     assert soft.stop
-    assert "allowed are 5 mm" in soft.reason
+    assert "limit 5 mm" in soft.reason
     stiff = match_shape(shape, cloud(shape.vertices_m, rng))
     assert stiff.stop
     assert "stiffer than predicted" in stiff.reason

@@ -102,9 +102,9 @@ def test_without_a_force_each_place_gets_what_its_load_needs():
 
 
 def test_a_map_alone_needs_a_force():
-    with pytest.raises(InputError, match="a map has no weight"):
+    with pytest.raises(InputError, match="a map does not contain the mass"):
         plan_map(tube_map(0.03, 0.1, 1e4, around=16), GraspTask())
-    with pytest.raises(InputError, match="a map does not say when it spills"):
+    with pytest.raises(InputError, match="a map does not contain the spill limit"):
         plan_map(tube_map(0.03, 0.1, 1e4, around=16), GraspTask(force_N=1.0, fill=0.5))
 
 
@@ -176,7 +176,7 @@ def test_the_simulation_refuses_a_cup_that_the_map_would_grasp():
     said = confirm_grasp(shell, best.vertex, 5.0, friction=0.2)
     assert not said.holds
     assert said.deformation_m > 0.005
-    assert "allowed are 5 mm" in said.reason
+    assert "limit 5 mm" in said.reason
     np.testing.assert_array_equal(said.curve_m[0], 0.0)
 
 

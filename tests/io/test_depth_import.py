@@ -118,7 +118,7 @@ def test_a_plain_folder_needs_all_that_it_does_not_say(tmp_path):
     assert (found.layout, found.frames, found.skipped) == ("plain", 1, [])
     (frame,) = DepthSequence(tmp_path / "out")
     assert frame.t_s == pytest.approx(4.0)
-    with pytest.raises(InputError, match="is not empty; name a new folder"):
+    with pytest.raises(InputError, match="is not empty; choose a new folder"):
         import_sequence(source, tmp_path / "out", depth_scale_m=0.001, **told)
     with pytest.raises(InputError, match="is not a folder"):
         import_sequence(source / "nowhere", tmp_path / "other")
@@ -153,6 +153,6 @@ def test_folders_without_a_usable_image_say_which(tmp_path):
     with pytest.raises(InputError, match="kind: found 'clear', expected transparent or opaque"):
         import_sequence(source, tmp_path / "out", kind="clear")
     (source / "000000000-opaque-depth-img.exr").write_bytes(b"v/1\x01 and no more")
-    with pytest.raises(InputError, match="not one image of the source can be used; the first: "):
+    with pytest.raises(InputError, match="no image of the source can be used; the first: "):
         import_sequence(source, tmp_path / "out", kind="opaque")
     assert not (tmp_path / "out").exists()

@@ -148,7 +148,7 @@ def test_exr_files_are_read(compression, even, tmp_path):
             "of unknown type 7",
         ),
         (lambda data: data.replace(b"Z\0", b"N\0", 1), "has channels A, N, expected one of Z, Y, R"),
-        (lambda data: data[:-40], "is a cut OpenEXR file"),
+        (lambda data: data[:-40], "is a truncated OpenEXR file"),
     ],
 )
 def test_an_exr_file_that_is_not_read_says_why(change, said):

@@ -129,7 +129,7 @@ def test_topics_are_named_where_there_are_several(tmp_path: Path) -> None:
     ("change", "said"),
     [
         ({"ranges": []}, "ranges: found 0 beams, expected 1 to"),
-        ({"angle_increment": 0.0}, "expected a step that is not 0"),
+        ({"angle_increment": 0.0}, "expected a non-zero step"),
     ],
 )
 def test_a_message_that_is_no_scan_is_told_with_its_topic(tmp_path: Path, change: dict, said: str) -> None:

@@ -387,7 +387,7 @@ def test_decompression_bomb_is_left_out(tmp_path: Path) -> None:
         path.write_bytes(whole[:8] + struct.pack("<BQ", 6, len(body)) + body + whole[8:])
         file = McapFile(path)
         assert len(list(file.messages())) == 1
-        assert "unpacks to 51 bytes, expected 50" in str(file.damage) or "claims" in str(file.damage)
+        assert "unpacks to 51 bytes, expected 50" in str(file.damage) or "declares" in str(file.damage)
 
 
 @pytest.mark.parametrize(("chunk_bytes", "max_bytes"), [(0, 2.0), (1 << 16, 40.0)])

@@ -47,11 +47,11 @@ def glb(document: dict[str, object]) -> bytes:
         (
             "a.ply",
             b"ply\nformat binary_little_endian 1.0\nelement vertex 99999999999\nproperty float x\nend_header\n",
-            "more than the file can hold",
+            "more than fit into the file",
         ),
         ("a.ply", b"plywood", "PLY"),
         ("a.glb", b"glTF", "GLB header"),
-        ("a.glb", glb({"accessors": [{"count": 10**12, "componentType": 5126, "type": "VEC3"}]}), "can hold"),
+        ("a.glb", glb({"accessors": [{"count": 10**12, "componentType": 5126, "type": "VEC3"}]}), "fit into"),
         ("a.glb", glb({"nodes": [{"children": [1]}, {"children": [1]}]}), "two parents"),
         ("a.glb", glb({"nodes": [{"children": [{}]}]}), "numbers"),
         ("a.dae", b'<!DOCTYPE a [<!ENTITY b "c">]><COLLADA/>', "entities"),

@@ -33,10 +33,10 @@ end_header
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (POINTS + FACES.replace("f 2 3 4", "f 2 3 9"), "line 7: face 3 names vertex 9, the file has 4"),
-        (POINTS + FACES.replace("f 2 3 4", "f 2/1 3/1 0/1"), "face 3 names vertex 0, OBJ counts from 1"),
-        (POINTS + FACES.replace("f 2 3 4", "f -1 -2 -9"), "face 3 names vertex -9, the file has 4"),
-        (POINTS + FACES.replace("f 2 3 4", "f 2 x 4"), "face 3 names vertex 'x'"),
+        (POINTS + FACES.replace("f 2 3 4", "f 2 3 9"), "line 7: face 3 refers to vertex 9, the file has 4"),
+        (POINTS + FACES.replace("f 2 3 4", "f 2/1 3/1 0/1"), "face 3 refers to vertex 0, OBJ counts from 1"),
+        (POINTS + FACES.replace("f 2 3 4", "f -1 -2 -9"), "face 3 refers to vertex -9, the file has 4"),
+        (POINTS + FACES.replace("f 2 3 4", "f 2 x 4"), "face 3 refers to vertex 'x'"),
         (POINTS.replace("v 0 1 0", "v 0 one 0") + FACES, "line 3: vertex 3 is '0 one 0'"),
         (POINTS, "no triangles"),
     ],
@@ -51,7 +51,7 @@ def test_obj(text: str, said: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (PLY.replace("3 0 1 3", "3 0 1 7"), "face 2 names vertex 7, expected 0 to 3"),
+        (PLY.replace("3 0 1 3", "3 0 1 7"), "face 2 refers to vertex 7, expected 0 to 3"),
         (PLY.replace("3 0 1 3\n", ""), "1 of 2 lines of face"),
         (PLY.replace("1 0 0", "1 zero 0"), "vertex 2 is '1 zero 0'"),
         (PLY.replace("3 0 1 3", "3 0 one 3"), "face 2 is '3 0 one 3', expected a count and vertex numbers"),
@@ -70,7 +70,7 @@ def test_stl(tmp_path: Path) -> None:
     data = trimesh.creation.box().export(file_type="stl")
     path = tmp_path / "bad.stl"
     path.write_bytes(data[:-75])
-    with pytest.raises(InputError, match="says 12 triangles, the file has room for 10"):
+    with pytest.raises(InputError, match="declares 12 triangles, but the file has room for 10"):
         load_mesh(path)
 
 

@@ -111,7 +111,7 @@ def test_the_image_stays_inside_the_folder(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="inside the folder"):
         OccupancyMap.load(path)
     write(inner, LEVELS, image=tmp_path / "secret.png")
-    with pytest.raises(InputError, match="which is not there"):
+    with pytest.raises(InputError, match="which does not exist"):
         OccupancyMap.load(path)
     write(inner, LEVELS, image="/elsewhere/m.png")
     assert OccupancyMap.load(path).shape == (1, 8), (
@@ -128,7 +128,7 @@ def test_the_image_stays_inside_the_folder(tmp_path: Path) -> None:
         ({"resolution": ".inf"}, "resolution"),
         ({"mode": "fancy"}, "mode"),
         ({"free_thresh": 0.7}, "expected less than occupied_thresh"),
-        ({"image": "none.png"}, "which is not there"),
+        ({"image": "none.png"}, "which does not exist"),
     ],
 )
 def test_bad_yaml(tmp_path: Path, fields: dict[str, object], problem: str) -> None:
@@ -154,7 +154,7 @@ def test_bad_yaml(tmp_path: Path, fields: dict[str, object], problem: str) -> No
         (b"P2\n2 2\n255\n1 2 3 # 4", "has 3 pixels, expected 4"),
         (b"P2\n2 2\n255\n1 2 3 -4", "has pixels from -4 to 3"),
         (b"P2\n2 2\n255\n1 2", "has 4 bytes of pixels, expected at least 7"),
-        (b"P5\n2 2\n255x1234", "behind the PGM header, expected a space"),
+        (b"P5\n2 2\n255x1234", "after the PGM header, expected a space"),
         (b"P5\n2 2\n# no more", "expected a number in the PGM header"),
         (b"GIF89a", "expected a PNG"),
         (b"", "expected a PNG"),

@@ -95,7 +95,7 @@ def test_a_sequence_that_was_stopped_is_not_written_over(tmp_path: Path) -> None
 
     with pytest.raises(RuntimeError):
         write_sequence(tmp_path / "scan", broken())
-    with pytest.raises(InputError, match="did not end; run: visuohaptic recording recover"):
+    with pytest.raises(InputError, match="was not completed; run: visuohaptic recording recover"):
         write_sequence(tmp_path / "scan", frames())
     # An image without its pose: the process ended between the two.
     (tmp_path / "scan/depth/000003.png").write_bytes((tmp_path / "scan/depth/000000.png").read_bytes())
@@ -117,7 +117,7 @@ def test_two_runs_at_once_into_one_file_are_refused(tmp_path: Path) -> None:
     with TableWriter(tmp_path / "r.csv") as table:
         table.write(profile(0.0, valid=True, force_N=1.0))
         (message,), _ = Victim.start(refused_writer).end()
-        assert "another run is writing this file" in message
+        assert "another process is writing this file" in message
         code = "import sys\nfrom visuohaptic.io import recover\nrecover(sys.argv[1])\n"
         done = subprocess.run(
             [sys.executable, "-c", code, str(tmp_path / "r.csv.part")],
@@ -126,7 +126,7 @@ def test_two_runs_at_once_into_one_file_are_refused(tmp_path: Path) -> None:
             timeout=60,
             check=False,
         )
-        assert "another run is writing this file" in done.stderr
+        assert "another process is writing this file" in done.stderr
         table.write(profile(0.1, valid=True, force_N=2.0))
     assert numbers(tmp_path / "r.csv") == [1.0, 2.0]
 

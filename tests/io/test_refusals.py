@@ -73,7 +73,7 @@ def _written(path: Path, data: bytes) -> Path:
         (read_poses, lambda at: _written(at / "p.txt", b"1 0 0 0 0 0 0 0.5\n"), ""),
         (VideoSource, lambda at: at / "absent.mp4", "is not a file"),
         (VideoSource, lambda at: _sound(at / "sound.wav"), "has no video stream"),
-        (recover, lambda at: _folder(at / "scan"), "has not one whole frame"),
+        (recover, lambda at: _folder(at / "scan"), "contains no complete frame"),
         (OccupancyMap.load, lambda at: _map(at / "m.yaml", "bright.pgm"), "has pixels up to 255, its maxval is 100"),
         (OccupancyMap.load, lambda at: _map(at / "m.yaml", "a" * 300), "which cannot be a file"),
         (load_mesh, lambda at: _written(at / "m.glb", bytes(40)), "does not start with a GLB header"),
@@ -86,7 +86,7 @@ def _written(path: Path, data: bytes) -> Path:
                 b"ply\nformat binary_little_endian 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
                 b"property float z\nelement face 0\nproperty list uchar int vertex_indices\nend_header\n" + bytes(20),
             ),
-            "is cut: 20 of 24 bytes of its vertex",
+            "is truncated: 20 of 24 bytes of its vertex",
         ),
     ],
 )  # fmt: skip

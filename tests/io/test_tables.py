@@ -144,7 +144,7 @@ def test_a_scale_says_newtons_or_grams(tmp_path: Path, text: str, force_N: list,
     [
         ("t_s,weight\n0,1\n", "line 1: found columns t_s, weight; expected t_s and one of force_N, mass_g"),
         ("", "line 1: found columns none"),
-        ("t_s,force_N\n0,1\n2,1\n2,1\n", "line 4, t_s: found a time that is not after the one before"),
+        ("t_s,force_N\n0,1\n2,1\n2,1\n", "line 4, t_s: found a time that is not later than the previous one"),
         ("force_N\n1\n", "missing: t_s"),
         ("t_s,force_N\n0,x\n", "line 2, force_N: found 'x', expected a number"),
     ],
@@ -169,7 +169,8 @@ def test_what_a_killed_run_has_left_is_kept(
         assert not part.exists()
     assert len(read_force_table(path).t_s) == 1
     assert [
-        record.getMessage().count("kept: visuohaptic recording recover") for record in caplog.records
+        record.getMessage().count("is kept; to recover it: visuohaptic recording recover")
+        for record in caplog.records
     ] == [1, 1]
 
 

@@ -73,12 +73,12 @@ def test_bad_files(tmp_path: Path) -> None:
     save_layer(tmp_path / "a.yaml", np.zeros((7, 11)), GRID)
     text = (tmp_path / "a.yaml").read_text()
     (tmp_path / "b.yaml").write_text(text.replace("a.png", "../a.png"))
-    with pytest.raises(InputError, match="beside it"):
+    with pytest.raises(InputError, match="next to it"):
         load_layer(tmp_path / "b.yaml")
     (tmp_path / "c.yaml").write_text(text.replace("linear16", "bits32"))
-    with pytest.raises(InputError, match="expected a bits32 picture"):
+    with pytest.raises(InputError, match="expected a bits32 image"):
         load_layer(tmp_path / "c.yaml")
     picture = (tmp_path / "a.png").read_bytes()
     (tmp_path / "a.png").write_bytes(picture[:-20])
-    with pytest.raises(InputError, match=r"is cut|is damaged"):
+    with pytest.raises(InputError, match=r"is truncated|is damaged"):
         load_layer(tmp_path / "a.yaml")

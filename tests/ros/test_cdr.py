@@ -118,8 +118,8 @@ HEADER = {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "a"}
     [
         ("std_msgs/msg/String", {}, "data missing"),
         ("std_msgs/msg/String", {"data": "a", "date": 1}, "date unknown"),
-        ("std_msgs/msg/String", {"data": 1}, "data: found 1, expected a text"),
-        ("std_msgs/msg/String", {"data": "a\0b"}, "expected a text without zeros"),
+        ("std_msgs/msg/String", {"data": 1}, "data: found 1, expected a string"),
+        ("std_msgs/msg/String", {"data": "a\0b"}, "expected a string without NUL characters"),
         ("std_msgs/msg/String", "a", "expected a mapping"),
         ("std_msgs/msg/Header", HEADER | {"stamp": {"sec": 2**31, "nanosec": 0}}, "stamp.sec: found 2147483648"),
         ("std_msgs/msg/Header", HEADER | {"stamp": {"sec": 0.5, "nanosec": 0}}, "stamp.sec: found 0.5, expected int32"),

@@ -202,11 +202,11 @@ def test_a_search_that_does_not_end_is_not_waited_for(
         assert until(lambda: len(node.component._asked) == 2, 10.0)
         node.deactivate()  # while the search is held: one that is waited for fails, and says so instead of the below
         asking.join(10.0)
-        assert told == ["the node plan was deactivated meanwhile"]
+        assert told == ["the node plan was deactivated in the meantime"]
         node.activate()
         let_go.set()
         # The first search of a process may still compile its kernels: both limits end a test that hangs.
-        assert until(lambda: "deactivated meanwhile" in node.component.status().reason, 200.0)
+        assert until(lambda: "deactivated in the meantime" in node.component.status().reason, 200.0)
         time.sleep(0.5)  # nor is the request of before planned by the new activation
         assert not paths
         goals.publish({"header": header, "pose": there})

@@ -175,7 +175,7 @@ def test_it_drives_to_a_goal_and_stops_when_that_is_taken_back(robot: Robot, tmp
             with pytest.raises(DeviceError, match="drives to another goal"):
                 node.navigate(navigate_to(1.5, 1.5), tell, lambda: False)
             assert robot.trigger("/travel/cancel").success
-            assert until(lambda: node.status().reason == "the goal was taken back", PATIENCE_S)
+            assert until(lambda: node.status().reason == "the goal was cancelled", PATIENCE_S)
             assert until(lambda: abs(world.base.state().speed_m_s) < 1e-3, PATIENCE_S)
             assert world.pose_m()[0] < 3.0
     finally:

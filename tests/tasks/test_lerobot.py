@@ -85,7 +85,7 @@ def test_a_robot_that_is_gone_is_an_error_of_ours(robot: LeKiwi, parts: RobotPar
     with pytest.raises(DeviceError, match=r"LeRobot: DeviceNotConnectedError: .* is it connected\?"):
         parts.base.drive(0.1, 0.0)
     robot.is_connected = True
-    with pytest.raises(DeviceError, match=r"observes no 'gripper.pos', but arm_"):
+    with pytest.raises(DeviceError, match=r"has no observation 'gripper.pos', only arm_"):
         LeRobotGripper(LeRobotLink(robot), JAW)
 
 

@@ -111,7 +111,7 @@ def test_an_arm_does_not_run_into_what_was_fused() -> None:
         watched.pose()
         arm.at = np.array([0.4, 0.0, 0.1])
         with pytest.raises(
-            DeviceError, match=r"the tool comes as near as -?\d+ mm from \(0\.\d+, 0\.\d+, 0\.200\) m after"
+            DeviceError, match=r"the tool comes within -?\d+ mm from \(0\.\d+, 0\.\d+, 0\.200\) m after"
         ):
             watched.move_linear(at(0.45, 0.3, 0.1), 0.15)
         assert arm.goal is None

@@ -100,7 +100,7 @@ BASES = {
     "arguments swapped": (driven(lambda v, w: (w, v)), "a positive turn rate turns"),
     "forgets its command": (Forgetful(), "a positive turn rate turns"),
     "does not stop": (Runaway(), "it stands a second after stop()"),
-    "takes nonsense": (Deaf(), "a speed that is no number is refused"),
+    "takes nonsense": (Deaf(), "a speed that is not a number is refused"),
     "no stop": (NoStop(), "it is a MobileBase"),
     "other arguments": (OtherArguments(), "it is a MobileBase"),
     "raises": (Raising(), "its methods work"),
@@ -220,9 +220,9 @@ BASE = right.Base()
 SENSORS = {
     "map in mm": ({"base": BASE, "localizer": MapInMillimetres(BASE)}, "it moves with the base"),
     "map mirrored": ({"base": BASE, "localizer": MapMirrored(BASE)}, "it turns with the base"),
-    "map that is old": ({"base": BASE, "localizer": MapOnce(BASE)}, "it is measured anew within 0.2 s"),
+    "map that is old": ({"base": BASE, "localizer": MapOnce(BASE)}, "it is measured again within 0.2 s"),
     "no localizer": ({"localizer": object()}, "it is a Localizer"),
-    "slow odometry": ({"base": Slow()}, "it is measured anew within 0.2 s"),
+    "slow odometry": ({"base": Slow()}, "it is measured again within 0.2 s"),
     "depth in mm": ({"depth": DepthInMillimetres()}, "its depths are in metres"),
     "depth with zeros": ({"depth": DepthZeros()}, "its depths are in metres"),
     "depth turned": ({"depth": DepthTurned()}, "its images are of the camera's size"),
@@ -237,8 +237,8 @@ SENSORS = {
 
 OTHERS = {
     "gripper in mm": ({"gripper": OpeningInMillimetres()}, "its opening is in metres"),
-    "gripper from the other end": ({"gripper": Closing()}, "it moves at the speed it is told"),
-    "fast gripper": ({"gripper": Slamming()}, "it moves at the speed it is told"),
+    "gripper from the other end": ({"gripper": Closing()}, "it moves at the commanded speed"),
+    "fast gripper": ({"gripper": Slamming()}, "it moves at the commanded speed"),
     "gripper that goes on": ({"gripper": Wandering()}, "it holds after stop()"),
     "arm in mm": ({"arm": ArmInMillimetres()}, "reach_m() is two ascending distances"),
     "arm without limits": ({"arm": Unlimited()}, "a pose out of reach is refused"),
@@ -356,4 +356,4 @@ def test_the_doctor_reaches_a_robot_in_a_process_of_its_own(capsys):
     assert main(["doctor", "--robot", "visuohaptic.simulation.served:kitchen", "--apart", "--still"]) == 0
     kept = capsys.readouterr().out
     assert "feel     kept    it feels no force there, in newtons" in kept
-    assert "gripper  kept    it is measured anew within 0.2 s" in kept
+    assert "gripper  kept    it is measured again within 0.2 s" in kept

@@ -88,7 +88,7 @@ def test_a_reading_that_is_not_fresh_holds_the_platform_within_200_ms(name):
         assert driven(base, guard, 1.0) == pytest.approx(1.0)  # it goes on when it is read again
         last = base.state()
         base.lie = lambda _: last
-        with pytest.raises(DeviceError, match=r"has not been read anew for .*, for 5"):
+        with pytest.raises(DeviceError, match=r"has not been updated for .*, for 5"):
             driven(base, guard, 6.0)
         assert not base.velocity.any()
 
@@ -132,7 +132,7 @@ def test_a_task_that_hangs_leaves_nothing_moving():
             if not base.velocity.any():
                 break
         assert not base.velocity.any()
-    assert "has not been read anew" in guard.holds[0].reason
+    assert "has not been updated" in guard.holds[0].reason
 
 
 @pytest.mark.parametrize("name", ["drive", "turn"])
@@ -233,7 +233,7 @@ def test_frozen_images_are_no_readings():
             watched.state()
             watched.drive(0.2, 0.0)
     assert 29 / 30 < moved < 31 / 30 + STOPPED_S
-    assert "the camera has not been read anew" in guard.holds[0].reason
+    assert "the camera has not been updated" in guard.holds[0].reason
 
 
 def test_a_hand_with_a_blind_task_does_not_squeeze_beyond_the_limit():
@@ -293,7 +293,7 @@ def test_a_travel_whose_own_guard_is_blind_is_held():
 
         done = go(Wrapped(), STOOL)
     assert not done.arrived
-    assert any("the force has not been read anew" in hold.reason for hold in guard.holds)
+    assert any("the force has not been updated" in hold.reason for hold in guard.holds)
     assert max(force for force, _ in robot.pressed) <= 5.0 + 1e3 * 0.08 * (STOPPED_S + PERIOD_S)
 
 

@@ -168,7 +168,7 @@ def test_files_become_views(tmp_path, cup):
         ("a.json", "[1]", "found neither tasks of a plan nor steps"),
         ("a.json", '{"steps": [["a", 1]]}', r"expected a list of \[question, answer\]"),
         ("a.txt", "", "found suffix '.txt'"),
-        ("a.pgm", "P5", "give the .yaml of the map beside it"),
+        ("a.pgm", "P5", "give the .yaml file of the map"),
         ("a.npz", "no zip", "is not a stiffness map"),
         ("a.yaml", "image: nowhere.pgm\n", "a.yaml"),
     ],

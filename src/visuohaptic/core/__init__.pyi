@@ -53,10 +53,10 @@ from .geometry import so3_log as so3_log
 from .geometry import sphere_directions as sphere_directions
 from .geometry import vertex_normals as vertex_normals
 from .geometry import wrap_angle as wrap_angle
-from .kernel_code import code_digest as code_digest
 from .kernels import KERNELS as KERNELS
 from .kernels import KernelCache as KernelCache
 from .kernels import cache_folder as cache_folder
+from .kernels import code_digest as code_digest
 from .kernels import kernel as kernel
 from .kernels import remove_stale as remove_stale
 from .laser_scan import LaserScan as LaserScan

@@ -60,5 +60,5 @@ class ClockWatch:
         self.periods += 1
         host_s = self._host_clock() - self._since_s
         if host_s > self._max_host_s or (self._max_periods is not None and self.periods >= self._max_periods):
-            return f"the robot's clock stands at {t_s:g} s for {self.periods} control periods"
+            return f"the robot's clock has stood still at {t_s:g} s for {self.periods} control periods"
         return ""

@@ -42,7 +42,7 @@ class LaserScan:
                 field="range_min_m",
             )
         if self.angle_step_rad == 0:
-            raise InputError("LaserScan", "found 0, expected a step that is not 0", field="angle_step_rad")
+            raise InputError("LaserScan", "found 0, expected a non-zero step", field="angle_step_rad")
         object.__setattr__(self, "ranges_m", ranges)
 
     @property

@@ -115,7 +115,7 @@ def map_tasks(
         if on_death is None:
             raise VisuohapticError(
                 f"{name}: {reason} with task {number + 1} of {len(tasks)}; "
-                "use fewer workers or give them more memory, and run it again to go on"
+                "use fewer workers or give them more memory, and run it again to resume"
             )
         return number, on_death(tasks[number], reason)
 
@@ -173,7 +173,7 @@ def _in_processes(
                 try:
                     connection.send(tasks[running[connection][1]])
                 except OSError:
-                    _log.debug("a worker is gone: the end of its pipe says so below")
+                    _log.debug("a worker has died: the end of its pipe reports this below")
             for ready in wait(list(running)):
                 assert isinstance(ready, Connection)
                 process, number = running.pop(ready)
@@ -280,11 +280,13 @@ def _on_cluster(
         except _scheduler_lost() as error:
             losses += 1
             timeout_s = RECONNECT_S
-            _log.warning("%s: the scheduler at %s is gone; %d tasks are left", name, address, len(left))
+            _log.warning(
+                "%s: lost the connection to the scheduler at %s; %d tasks are left", name, address, len(left)
+            )
             if losses >= MAX_DEATHS:
                 raise VisuohapticError(
-                    f"{name}: the scheduler at {address} is gone ({type(error).__name__}); "
-                    "start it and run it again to go on"
+                    f"{name}: lost the connection to the scheduler at {address} ({type(error).__name__}); "
+                    "start it and run it again to resume"
                 ) from error
 
 
@@ -326,7 +328,7 @@ def _result(name: str, future: Any) -> Any:
     except Exception as error:
         raise VisuohapticError(
             f"{name}: a worker of the cluster cannot run it ({type(error).__name__}: {error}); "
-            "install the same packages there as here"
+            "install the same packages there as on this machine"
         ) from error
     if error is not None:
         raise error

@@ -262,7 +262,7 @@ class StiffnessMap:
 
 def _check_faces(faces: Int[np.ndarray, "f 3"] | None, count: int) -> None:
     if faces is not None and faces.size and not (faces.min() >= 0 and faces.max() < count):
-        raise InputError("faces", f"faces name vertices outside of 0..{count - 1}", field="faces")
+        raise InputError("faces", f"faces refer to vertices outside 0..{count - 1}", field="faces")
 
 
 @dataclass(frozen=True, slots=True)

@@ -336,7 +336,7 @@ def _members(protocol: type) -> list[str]:
 
 def _returned(function: object) -> str:
     found = inspect.signature(function).return_annotation if callable(function) else inspect.Signature.empty
-    return "what its protocol says" if found is inspect.Signature.empty else str(found)
+    return "what its protocol states" if found is inspect.Signature.empty else str(found)
 
 
 def _has(obj: object, name: str) -> bool:

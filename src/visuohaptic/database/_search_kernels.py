@@ -12,13 +12,13 @@ __all__ = ["SEGMENT", "coarse_distances", "exact_distances", "smallest", "within
 SEGMENT = 256
 
 
-@kernel(boundscheck=False)
+@kernel
 def _squared(level, at):
     difference = np.int16(np.int16(level) - at)
     return np.int16(difference * difference)
 
 
-@kernel(boundscheck=False)
+@kernel
 def _add_eight(codes, features, query, j, sums):
     """Eight features at a time: the sums are read and written once, and eight memory accesses overlap."""
     a, b, c, d = codes[features[j]], codes[features[j + 1]], codes[features[j + 2]], codes[features[j + 3]]
@@ -38,7 +38,7 @@ def _add_eight(codes, features, query, j, sums):
         sums[i] = np.int16(sums[i] + np.int16(np.int16(one + two) + np.int16(three + four)))
 
 
-@kernel(boundscheck=False)
+@kernel
 def coarse_distances(codes, features, query, squared, lowest):
     """Squared distances of all quantised rows to a quantised query, in steps.
 
@@ -77,7 +77,7 @@ def coarse_distances(codes, features, query, squared, lowest):
             lowest[(block * h + start) // SEGMENT] = low
 
 
-@kernel(boundscheck=False)
+@kernel
 def smallest(values, lowest, found):
     """Indices of the smallest values, ascending.
 
@@ -104,7 +104,7 @@ def smallest(values, lowest, found):
                 found[j] = i
 
 
-@kernel(boundscheck=False)
+@kernel
 def within(squared, error, reach, found):
     """Indices at which the root of a squared distance is at most ``reach`` plus the row's own error.
 
@@ -133,7 +133,7 @@ def within(squared, error, reach, found):
     return count
 
 
-@kernel(boundscheck=False)
+@kernel
 def exact_distances(vectors, rows, features, query, out):
     """Euclidean distances of selected rows to a query.
 

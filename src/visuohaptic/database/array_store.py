@@ -99,7 +99,7 @@ class ArrayStore:
             data = connection.scalar(select(shard.c.data).where(shard.c.name == row.shard))
             arrays = unpack(pq.ParquetFile(io.BytesIO(data or b"")), [row.row_group], where)[0]
         if cards.arrays_digest(arrays) != row.arrays_sha256:
-            raise DatabaseError(f"{where}: its arrays do not have the hash they were stored with")
+            raise DatabaseError(f"{where}: its arrays do not match their stored hash")
         return arrays
 
     def read_ahead(self, rows: Sequence[Any]) -> None:

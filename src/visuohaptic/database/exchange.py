@@ -145,9 +145,9 @@ def import_object(folder: Path | str) -> VisuoHapticObject:
     for name, said in card.files.items():
         file = path.parent / name
         if not file.is_file():
-            raise InputError(file, "is missing, but the card names it")
+            raise InputError(file, "is missing, but card.yaml lists it")
         if file.stat().st_size != said.bytes or file_sha256(file) != said.sha256:
-            raise InputError(file, "is not the file that the card was written with", remedy="export it again")
+            raise InputError(file, "does not match its checksum in card.yaml", remedy="export it again")
     arrays = {}
     if _ARRAYS in card.files:
         import pyarrow as pa

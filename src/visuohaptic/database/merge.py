@@ -210,7 +210,7 @@ def merge_stiffness(known: StiffnessMap, measured: StiffnessMap) -> StiffnessMap
     k = np.stack([known.stiffness_N_per_m, measured.stiffness_N_per_m])
     s = np.stack([known.stiffness_sigma_N_per_m, measured.stiffness_sigma_N_per_m])
     if not (s[np.isfinite(s)] > 0).all():
-        raise InputError("merge_stiffness", "found standard deviations of 0, expected larger ones")
+        raise InputError("merge_stiffness", "found standard deviations of 0, expected more than 0")
     w = np.where(np.isfinite(k) & np.isfinite(s), s**-2.0, 0.0)
     total = w.sum(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):

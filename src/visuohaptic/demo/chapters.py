@@ -32,16 +32,16 @@ CHAPTERS: tuple[Chapter, ...] = (
         "it turns to either side and looks again",
     ),
     Chapter(
-        "foam", "It touches what stands there, and tags it", ("door",), touch.explore_obstacles, 120,
-        touch.default_tags, "beside the middle of what stands there",
+        "foam", "It touches the obstacles and tags them", ("door",), touch.explore_obstacles, 120,
+        touch.default_tags, "off the centre of the obstacles",
     ),
     Chapter(
         "drive", "It plans with the tags, pushes and arrives", ("map", "foam"), drive.drive_to_the_table, 2,
-        drive.default_arrival, "from where it has ended, with what it has felt on the way",
+        drive.default_arrival, "from its present pose, with the forces measured so far",
     ),
     Chapter(
         "beam", "At the table the probe's beam sensor is zeroed", ("drive",), probe.zero_the_beam, 12,
-        probe.default_beam, "zeroed anew",
+        probe.default_beam, "zeroed again",
     ),
     Chapter(
         "glass", "The camera circles, and finds what is transparent", ("drive",), probe.find_the_glass, 11,

@@ -106,7 +106,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
     fraction = fit_fraction(mission, known.map, mission.platform.pose, known.pose)
     if fraction < MIN_FIT:
         return failed(
-            f"only {100 * fraction:.0f} % of what the laser sees is on the map: it does not set out"
+            f"only {100 * fraction:.0f} % of the laser scan matches the map: the platform does not start"
         )
     grid = map_with_footprints(known.map, [item.footprint_m for item in known.objects])
     problem = PlanningProblem(grid, ROBOT, np.array(known.pose[:2]), np.array(known.goal_m), known.objects)
@@ -270,7 +270,7 @@ def _picture(
         mission.known.map,
         track[:, :2],
         objects,
-        "The path through the door: footprints as felt with their tags, dashed where the objects truly ended; "
+        "The path through the door: measured footprints with their tags, dashed where the objects truly ended; "
         f"{counted(found.pushes, 'push', 'pushes')}, {counted(found.plans, 'plan')}",
     )
 

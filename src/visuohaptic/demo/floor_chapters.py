@@ -147,7 +147,7 @@ def map_route(mission: Mission) -> ChapterResult:
     known.pose, mission.mapper, mission.platform = mapper.pose, mapper, platform
     mission.record_cost(platform.t_s)
     if lost > 0.2 * len(poses):
-        return failed(f"{lost} of {len(poses)} scans do not fit the map that was made")
+        return failed(f"{lost} of {len(poses)} scans do not fit the map built from them")
     if mission.memory is not None:
         mission.memory.store_map(RememberedMap(found, known.goal_m, mapper.pose, mapper.mean_hits_m()))
     sigma_m = math.sqrt(float(np.max(np.diag(mapper.matches[-1].covariance)[:2])))
@@ -180,7 +180,7 @@ def _recall_the_map(mission: Mission, recalled: RememberedMap) -> ChapterResult:
         recalled.grid, recalled.home, mission.platform.odometry(), hits_m=recalled.hits_m
     )
     return done(
-        "the map of an earlier visit fits what the laser sees",
+        "the map of an earlier visit fits the laser scan",
         Claim("place", "table", known.goal_m, house.table_m, sigma=SEEN_SIGMA_M),
     )
 
@@ -206,7 +206,7 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     for turn in (0.5, -0.5, 0.0) if mission.attempt else ():
         _look_from(mission, compose_2d(known.pose, (0.0, 0.0, turn * math.pi)))
     if fit_fraction(mission, grid, mission.platform.pose, known.pose) < MIN_FIT:
-        return failed("what the laser sees does not fit the map: the platform does not know where it is")
+        return failed("the laser scan does not fit the map: the pose of the platform is unknown")
     path = _path(grid, [known.pose[:2], known.goal_m], ROBOT.radius_m)
     since_s = mission.platform.t_s
     groups, views_m = _drive_until_blocked(mission, path)
@@ -215,17 +215,17 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     known.map_now = mark_points(grid, groups)
     blocked = without_pushing(_problem(mission, known.map_now))
     if blocked.reachable:
-        return done(f"nothing new is in the way, {len(groups)} new beside it")
+        return done(f"no new object blocks the path, {len(groups)} near it")
     ahead_rad = heading_across(near, path)
     known.obstacles = tuple(fit_outlines(one, views_m, ahead_rad) for one in join_sides(near, ahead_rad))
     for one, _ in known.obstacles:
         x, y, heading = one.pose
         shape = "round" if one.round else f"a box turned by {math.degrees(heading - ahead_rad):.0f} degrees"
-        mission.log(f"  something new at ({x:.2f}, {y:.2f}) m, {100 * one.size_m[0]:.0f} cm wide, {shape}")
+        mission.log(f"  new object at ({x:.2f}, {y:.2f}) m, {100 * one.size_m[0]:.0f} cm wide, {shape}")
     return done(
         f"{len(known.obstacles)} objects block every path to the table",
         *(_place_claim(mission, one) for one, _ in known.obstacles),
-        Measure("objects in the way", len(known.obstacles)),
+        Measure("new objects that block the path", len(known.obstacles)),
         map_picture(
             known.map_now,
             path[:, :2],

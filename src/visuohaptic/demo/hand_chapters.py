@@ -154,7 +154,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
         Measure("wall [mm]", 1e3 * wall, 1e3 * bottle.wall_m),
         Illustration(
             _belief_figure(squeezer.history(), contents.curves[-1]),
-            "How sure it is of the class, and the last squeeze that tells the lid",
+            "Probability of the classes, and the last squeeze, which determines the lid",
         ),
     ]
     if contents.lid == UNKNOWN or contents.mass_kg is None:
@@ -270,7 +270,7 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
     parts = (
         Measure("mass [kg]", mass, kitchen.container.mass_kg),
         Measure("force of each finger, needed at least [N]", best.needed_N),
-        Measure("force of each finger, felt [N]", held.force_N, kitchen.force_N),
+        Measure("force of each finger, measured [N]", held.force_N, kitchen.force_N),
         Measure("deformation of one side at the grasp [mm]", deformed_mm, truly_mm),
         Measure("lifted [m]", lift.lift_m if held.ending.success else 0.0, kitchen.lifted_m),
         Illustration(

@@ -102,7 +102,7 @@ def zero_the_beam(mission: Mission) -> ChapterResult:
         Measure("standard deviation after these loads [N]", mission.known.probe_sigma_N),
         Measure("largest error in declared standard deviations", worst),
         Illustration(
-            _forces(true, read, sigma), "Forces read from the bending rod beside those that were applied"
+            _forces(true, read, sigma), "Forces read from the bending rod, compared with those applied"
         ),
     ]
     if picture is not None:
@@ -208,7 +208,7 @@ def _depth(frame: DepthFrame, found: Reconstruction) -> Illustration:
 
     return Illustration(
         draw_axes(1, 1, draw, size=(8.0, 5.2)),
-        "The first depth view, black where the sensor says nothing, and the part that all views together "
+        "The first depth view, black where the sensor measures nothing, and the part that all views together "
         "find transparent",
     )
 
@@ -262,7 +262,7 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
         Measure("rms error of the outline that was only seen [m]", _outline_error(seen, bottle)),
         Illustration(
             _outline_figure(outline, bottle, seen, _radial(contacts, foot)),
-            "Outline of the bottle: what the camera saw, what the probe touched, what came of it, and the truth",
+            "Outline of the bottle: seen by the camera, touched by the probe, completed, and true",
         ),
     )
 

@@ -45,10 +45,10 @@ def write_story(story: Story, path: Path | str) -> Path:
     path
         Path of the HTML file.
     """
-    whole = len(story.chapters) > 4
+    whole, summary = len(story.chapters) > 4, story.summary()
     report = Report(
         "A robot looks, touches and remembers" if whole else "Part of the mission",
-        about=f"{story.summary()}. Seed {story.mission.seed}, {story.duration_s:.0f} s of computing. "
+        about=f"{summary[0].upper()}{summary[1:]}. Seed {story.mission.seed}, {story.duration_s:.0f} s of computing. "
         'Everything here is simulated. The column "truth" is the state of the simulated world, '
         "which the robot never sees.",
     )

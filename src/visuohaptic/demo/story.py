@@ -291,7 +291,7 @@ def run_chapters(mission: Mission, chapters: Sequence[Chapter], given: Sequence[
     ended: dict[str, ChapterResult] = {}
     for one in given:
         if one.without is None:
-            raise InputError("mission", f"chapter {one.name} cannot be left out")
+            raise InputError("mission", f"chapter {one.name} cannot be skipped")
         one.without(mission)
         mission.log(f"given, not measured: {one.title.lower()}")
     left_out = {one.name for one in given}

@@ -52,7 +52,7 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
     known = mission.known
     grid = known.map_now
     if not known.obstacles:
-        return done("nothing is in the way that could be touched")
+        return done("there is no obstacle that could be touched")
     objects: list[MovableObject] = []
     claims: list[Claim] = []
     unknown = []

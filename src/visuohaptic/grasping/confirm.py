@@ -127,9 +127,7 @@ def confirm_grasp(
         reached_text = (
             f"{1e3 * deformation:.1f} mm" if np.isfinite(deformation) else f"over {1e3 * at[-1]:.1f} mm"
         )
-        reason = (
-            f"deforms by {reached_text} under {force_N:.3g} N, allowed are {1e3 * max_deformation_m:.3g} mm"
-        )
+        reason = f"deforms by {reached_text} under {force_N:.3g} N, limit {1e3 * max_deformation_m:.3g} mm"
         if not path.complete:
             reason += f" ({path.reason})"
     elif headspace_m3 is not None and pressed_out > headspace_m3:

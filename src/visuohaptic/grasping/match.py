@@ -212,14 +212,14 @@ def _disagreement(
     deformation = amplitude.value * shape.deformation_m
     if amplitude.value - 3 * amplitude.sigma > 1 and deformation > max_deformation_m:
         return (
-            f"deforms by {1e3 * deformation:.1f} mm at {shape.force_N:.3g} N, predicted were "
-            f"{1e3 * shape.deformation_m:.1f} mm, allowed are {1e3 * max_deformation_m:.3g} mm"
+            f"deforms by {1e3 * deformation:.1f} mm at {shape.force_N:.3g} N; predicted "
+            f"{1e3 * shape.deformation_m:.1f} mm, limit {1e3 * max_deformation_m:.3g} mm"
         )
     if abs(amplitude.value - 1) > max(5 * amplitude.sigma, 0.5):
         kind = "softer" if amplitude.value > 1 else "stiffer"
         return f"is {kind} than predicted: {amplitude.value:.2f} times the deformation"
     if residual_m > 3 * sigma_m:
-        return f"has another shape: {1e3 * residual_m:.1f} mm away on average"
+        return f"has a different shape: {1e3 * residual_m:.1f} mm mean distance"
     return ""
 
 

@@ -60,7 +60,9 @@ class GraspPlan:
         if self.notes and not self.rejected:
             return self.notes[0]
         if self.rejected and self.rejected[0].confirmation is not None:
-            return f"the best on the map fails in the simulation: {self.rejected[0].confirmation.reason}"
+            return (
+                f"the best grasp on the map fails in the simulation: {self.rejected[0].confirmation.reason}"
+            )
         used = np.unique(self.surface.faces)
         found = self.feasibility.verdict[used]
         if (found == Verdict.FEASIBLE).any():
@@ -70,7 +72,9 @@ class GraspPlan:
         geometric = (Verdict.NOTHING_OPPOSITE, Verdict.PARTIAL_OVERLAP, Verdict.NEAR_FLOOR)
         rest = found[~np.isin(found, geometric)]
         common = int(np.bincount(rest if len(rest) else found).argmax())
-        return f"no place is feasible, most are {Verdict(common).name.lower().replace('_', ' ')}"
+        return (
+            f"no place is feasible; the most common reason: {Verdict(common).name.lower().replace('_', ' ')}"
+        )
 
 
 def plan_grasps(
@@ -194,10 +198,14 @@ def plan_map(
     """
     if task.force_N is None and task.load is None:
         raise InputError(
-            "plan_map", "a map has no weight", remedy="give the force or the mass (--force, --mass)"
+            "plan_map",
+            "a map does not contain the mass",
+            remedy="give the force or the mass (--force, --mass)",
         )
     if task.fill and not task.closed:
-        raise InputError("plan_map", "a map does not say when it spills", remedy="give the object instead")
+        raise InputError(
+            "plan_map", "a map does not contain the spill limit", remedy="give the object instead"
+        )
     return _plan(
         surface,
         task,

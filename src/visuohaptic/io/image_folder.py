@@ -156,6 +156,6 @@ class ImageFolderSource(RecordedSource):
             try:
                 image = read_image(self._paths[place], mode, check_pixels=False)
             except InputError as error:
-                _log.warning("frame left out: %s", error)
+                _log.warning("frame skipped: %s", error)
                 continue
             yield position, image

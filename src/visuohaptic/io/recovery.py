@@ -73,7 +73,7 @@ def _csv(path: Path, target: Path) -> int:
     lines = whole_lines(path)
     columns = len(next(csv.reader(lines[:1]), []))
     if columns < 2 or any(len(row) != columns for row in csv.reader(lines)):
-        raise InputError(path, "is neither a table, nor MCAP", remedy="nothing of it can be recovered")
+        raise InputError(path, "is neither a table, nor MCAP", remedy="it cannot be recovered")
     write_text(target, "".join(f"{line}\n" for line in lines))
     return len(lines) - 1
 

@@ -140,7 +140,7 @@ def load_classifier(path: Path | str) -> Classifier:
     data = load_feature_set(path.with_suffix(".npz"))
     named = {member: name for name, members in found.groups.items() for member in members}
     if not set(tree.classes) <= {named.get(label, label) for label in data.classes}:
-        raise InputError(path.with_suffix(".npz"), "has other classes than the tree beside it")
+        raise InputError(path.with_suffix(".npz"), "has other classes than its tree")
     return replace(found, tree=tree, data=data)
 
 

@@ -95,7 +95,9 @@ class BodyCompletion:
             (away_m < 2 * max(body.radius_m)) & (visual.vertices_m[:, 2] < body.height_m[0]), 2
         ]
         if not len(below):
-            raise InputError("BodyCompletion", "nothing was seen below the body, expected what it stands on")
+            raise InputError(
+                "BodyCompletion", "no surface was observed below the body, expected the one it stands on"
+            )
         return cls(visual, body, float(np.median(below)), reach_z_m)
 
     def add(self, touch: Touch) -> None:
@@ -274,9 +276,7 @@ class BodyCompletion:
             if self._free(target, start):
                 score = float(sigma_m[best])
                 return TouchPlan.towards_axis(target, start, self.body.axis_m, score, score)
-        raise InputError(
-            "BodyCompletion.next_touch", "something stands in the way of every level line to the axis"
-        )
+        raise InputError("BodyCompletion.next_touch", "every horizontal line to the axis is obstructed")
 
     def _free(self, target_m: Float[np.ndarray, "3"], start_m: Float[np.ndarray, "3"]) -> bool:
         """Whether the line from a start to the wall is clear of the visible surface."""

@@ -243,6 +243,6 @@ def sequence_noise(sequence: DepthSequence | Sequence[DepthFrame]) -> DepthNoise
             return sensor_noise(sequence.sensor)
         except InputError:
             _log.warning(
-                "no noise is known of the sensor %r: that of a Kinect is used (--sensor)", sequence.sensor
+                "the noise of the sensor %r is unknown: that of a Kinect is used (--sensor)", sequence.sensor
             )
     return SENSOR_NOISE["kinect"]

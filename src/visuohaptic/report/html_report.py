@@ -56,7 +56,8 @@ pre { overflow-x: auto; background: var(--card); border: 1px solid var(--line); 
   padding: .8rem 1rem; font-size: .87rem; line-height: 1.45; }
 footer { margin-top: 4rem; color: var(--soft); font-size: .85rem; }
 @media (max-width: 40rem) { main { padding: 1.5rem .8rem 3rem; } h1 { font-size: 1.6rem; }
-  table { font-size: .8rem; } th, td { padding: .35rem .45rem; } figure { padding: .5rem; } }
+  table { font-size: .8rem; } th, td { padding: .35rem .45rem; } figure { padding: .5rem; } nav a { white-space: normal; } }
+@media (max-width: 26rem) { table { font-size: .74rem; } th, td { padding: .3rem; hyphens: auto; } th { white-space: normal; } }
 @media print { body { background: #fff; font-size: 10.5pt; } main { padding: 0; } figure, tr { break-inside: avoid; }
   h2, h2 + p { break-after: avoid; } thead { display: table-header-group; } .scroll, pre { overflow: visible; }
   figure img, figure svg { max-height: 16cm; width: auto; max-width: 100%; margin: 0 auto; } }

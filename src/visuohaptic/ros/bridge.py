@@ -136,7 +136,7 @@ def open_reader(section: SensorSection, path: Path, kind: str | None = None) -> 
     if kind is not None and found != kind:
         raise InputError(path, f"found the sensor {found}, expected {kind}", field="kind")
     if section.odometry and found == "beam":
-        raise InputError(path, "a beam sensor has no use for odometry", field=f"{section.name}.odometry")
+        raise InputError(path, "a beam sensor does not use odometry", field=f"{section.name}.odometry")
     with ExitStack() as opened:
         reader = opened.enter_context(load_reader(path, section.name))
         if not section.zero_frames:

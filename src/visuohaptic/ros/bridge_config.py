@@ -86,7 +86,7 @@ class BridgeConfig(_Section):
     def _names(self) -> BridgeConfig:
         names = [sensor.name for sensor in self.sensors]
         if repeated := sorted({name for name in names if names.count(name) > 1}):
-            raise ValueError(f"sensors need names of their own, {', '.join(repeated)} is there twice")
+            raise ValueError(f"sensor names must be distinct, {', '.join(repeated)} occurs twice")
         return self
 
     @classmethod

@@ -183,7 +183,9 @@ class TopicFrames(Closing):
             raise StaleFrameError(f"{self.topic} has delivered no image yet; wait with read()")
         age_ms = 1e3 * (time.time() - frame.t_s)
         if age_ms > max_age_ms:
-            raise StaleFrameError(f"the newest image is {age_ms:.0f} ms old, allowed are {max_age_ms:.0f} ms")
+            raise StaleFrameError(
+                f"the newest image is {age_ms:.0f} ms old, the limit is {max_age_ms:.0f} ms"
+            )
         return frame
 
     def _frame(self, received: Received, index: int) -> Frame | None:

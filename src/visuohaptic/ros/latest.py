@@ -60,7 +60,7 @@ class LatestMessage:
         age_s = time.monotonic() - at_s
         if age_s > self.max_age_s:
             raise StaleFrameError(
-                f"the newest message on {self.topic} is {age_s:.2f} s old, allowed are {self.max_age_s:g} s"
+                f"the newest message on {self.topic} is {age_s:.2f} s old, the limit is {self.max_age_s:g} s"
             )
         return received
 

@@ -71,7 +71,7 @@ def _view(path: Path, task: GraspTask | None) -> View:
             return _map_view(path)
         return ObjectView.of_object(load_object(path), task)
     if kind in _MAP_PICTURES:
-        raise InputError(path, "is a picture", remedy="give the .yaml of the map beside it")
+        raise InputError(path, "is a picture", remedy="give the .yaml file of the map")
     raise InputError(
         path,
         f"found suffix {kind!r}, expected .npz, .ply, .json, .yaml, {', '.join(sorted(_MESHES))}",

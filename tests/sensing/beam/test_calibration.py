@@ -127,7 +127,7 @@ def test_a_calibration_again_starts_from_the_one_before():
     loads = session(axes=(1, 2))
     read = loads @ (np.eye(6) + known.matrix).T + rng.normal(0, 1, loads.shape) * 1e-4
     record = LoadRecord(loads, read, "wrench", np.arange(10))
-    with pytest.raises(CalibrationError, match=r"times as far along f[yz] as its data sheet says"):
+    with pytest.raises(CalibrationError, match=r"times as far along f[yz] as its data sheet states"):
         calibrate_beam(record, BEAM)
     found = calibrate_beam(record, BEAM, prior=known).correction.matrix
     # Loads of 1.5 N with a noise of 0.1 mN: 1e-4 of the force; what was not loaded is not touched at all.
@@ -221,7 +221,7 @@ class TestRefusals:
             read[4, 1] *= 0.8
             return read
 
-        self.refused(self.record(mistype, steps=np.linspace(-1, 1, 21)), "line .*: f. is off by")
+        self.refused(self.record(mistype, steps=np.linspace(-1, 1, 21)), "line .*: f. deviates by")
 
     @pytest.mark.parametrize(
         ("factor", "text"),

@@ -102,7 +102,7 @@ def test_zero_refuses_what_is_not_at_rest(world):
     beam = TrackedBeam.load(folder / "sensor.yaml")
     with pytest.raises(CalibrationError, match="moved while zeroing"):
         beam.zero(frames[:8])
-    with pytest.raises(CalibrationError, match="there is no frame"):
+    with pytest.raises(CalibrationError, match="found no frame"):
         beam.zero([])
     blank = [Frame(np.full((448, 800), 90, np.uint8), 50 + k / 30, k) for k in range(3)]
     with pytest.raises(CalibrationError, match="no frame shows the reference"):

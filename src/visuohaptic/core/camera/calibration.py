@@ -55,7 +55,7 @@ class Board:
 
         code = getattr(cv2.aruco, self.dictionary, None) if self.dictionary.startswith("DICT_") else None
         if code is None:
-            raise InputError("Board", f"found {self.dictionary!r}, expected a name as DICT_4X4_250")
+            raise InputError("Board", f"found {self.dictionary!r}, expected a name such as DICT_4X4_250")
         return cv2.aruco.CharucoBoard(
             (self.columns, self.rows),
             self.square_m,

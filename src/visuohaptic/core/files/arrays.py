@@ -115,7 +115,7 @@ def _array_bytes(stream: IO[bytes], size: int) -> int:
         raise ValueError(f"the shape {shape}")
     needed = math.prod(shape) * dtype.itemsize
     if needed != size - stream.tell():
-        raise ValueError(f"the header says {needed} bytes, found {size - stream.tell()}")
+        raise ValueError(f"the header declares {needed} bytes, found {size - stream.tell()}")
     return needed
 
 

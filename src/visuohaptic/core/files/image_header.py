@@ -34,10 +34,11 @@ def image_size(head: bytes, where: object) -> tuple[int, int]:
     except (struct.error, IndexError, ValueError, KeyError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(where, "is a damaged image: its header has no size") from error
+        raise InputError(where, "is a damaged image: its header contains no size") from error
     if width <= 0 or height <= 0 or width * height > MAX_PIXELS:
         raise InputError(
-            where, f"its header says {width} x {height}, expected a positive size of at most {MAX_PIXELS} px"
+            where,
+            f"its header declares {width} x {height}, expected a positive size of at most {MAX_PIXELS} px",
         )
     return width, height
 

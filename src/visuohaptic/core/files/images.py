@@ -111,7 +111,9 @@ def decode_image(
     except cv2.error as error:
         raise InputError(where, f"is a damaged image ({error.err})") from error
     if image is None:
-        raise InputError(where, f"is a damaged image: {width} x {height} by its header, cannot be decoded")
+        raise InputError(
+            where, f"is a damaged image: {width} x {height} according to its header, but cannot be decoded"
+        )
     rows, columns = image.shape[:2]
     if (columns, rows) != (width, height) and not (upright and (rows, columns) == (width, height)):
         raise InputError(where, f"is a damaged image: {columns} x {rows}, header {width} x {height}")
@@ -130,7 +132,7 @@ def _check_png(where: object, data: bytes, check_pixels: bool) -> None:
         if zlib.crc32(body, zlib.crc32(kind)) != checksum:
             raise InputError(where, f"is damaged: the checksum of its chunk {kind!r} is wrong")
         if (kind == b"IHDR") != (place == 8):
-            raise InputError(where, "is damaged: a PNG begins with its only header")
+            raise InputError(where, "is damaged: expected one header chunk, at the beginning of the PNG")
         if kind == b"IHDR":
             header = bytes(body)
         elif kind == b"IDAT":
@@ -140,12 +142,12 @@ def _check_png(where: object, data: bytes, check_pixels: bool) -> None:
         ended = kind == b"IEND"
         place += 12 + length
     if not ended:
-        raise InputError(where, "is cut: a PNG file without its end")
+        raise InputError(where, "is truncated: the PNG has no end chunk")
     limit = _png_bytes(where, header)
     if not check_pixels:
         return
     if data[place:].strip(b"\0 \r\n"):
-        raise InputError(where, f"has {len(data) - place} bytes behind the end of its image")
+        raise InputError(where, f"has {len(data) - place} bytes after the end of its image")
     _check_png_pixels(where, packed, limit, interlaced=header[12] != 0)
 
 
@@ -191,10 +193,10 @@ def _check_bmp(where: object, data: bytes, width: int, height: int) -> None:
         else:
             bits, packing = struct.unpack_from("<HI", data, 28)
     except struct.error as error:
-        raise InputError(where, "is cut: its header is not whole") from error
+        raise InputError(where, "is truncated: its header is incomplete") from error
     needed = start + (0 if packing in (1, 2) else (width * bits + 31) // 32 * 4 * height)
     if len(data) < max(length, needed):
-        raise InputError(where, f"is cut: has {len(data)} bytes, expected {max(length, needed)}")
+        raise InputError(where, f"is truncated: it has {len(data)} bytes, expected {max(length, needed)}")
 
 
 def _check_jpeg(where: object, data: bytes) -> None:
@@ -204,7 +206,7 @@ def _check_jpeg(where: object, data: bytes) -> None:
         fill = data[place + 1] == 0xFF
         place += 1 if fill else 2 + int(struct.unpack_from(">H", data, place + 2)[0])
     if data.find(b"\xff\xd9", place) < 0:
-        raise InputError(where, "is cut: a JPEG file without its end")
+        raise InputError(where, "is truncated: the JPEG has no end marker")
 
 
 def encode_image(
@@ -235,7 +237,7 @@ def encode_image(
     try:
         done, data = cv2.imencode(f".{kind}", np.ascontiguousarray(image), options)
     except cv2.error as error:
-        raise InputError(where, f"found a kind '.{kind}', expected .png, .jpg or .webp") from error
+        raise InputError(where, f"found suffix '.{kind}', expected .png, .jpg or .webp") from error
     if not done:
         raise InputError(where, f"found {image.dtype} of shape {image.shape}, which {kind} cannot hold")
     return bytes(data.tobytes())

@@ -115,7 +115,7 @@ class PartFile:
         return InputError(
             self.path,
             f"cannot be written ({error.strerror or error})",
-            remedy=f"make room and run: visuohaptic recording recover {self.part}",
+            remedy=f"free disk space and run: visuohaptic recording recover {self.part}",
         )
 
 
@@ -137,7 +137,9 @@ def check_unlocked(path: Path) -> None:
         with path.open("rb") as stream:
             lock(stream)
     except BlockingIOError as error:
-        raise InputError(path, "another run is writing this file", remedy="wait for its end") from error
+        raise InputError(
+            path, "another process is writing this file", remedy="wait until it has finished"
+        ) from error
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})") from error
 
@@ -150,7 +152,7 @@ def _keep(part: Path, target: Path) -> None:
         number += 1
     part.rename(kept)
     _log.warning(
-        "%s is left of a run that did not end; kept: visuohaptic recording recover %s makes it whole",
+        "%s remains of an interrupted run and is kept; to recover it: visuohaptic recording recover %s",
         part,
         kept,
     )

@@ -50,7 +50,7 @@ def plain(value: Any) -> Any:
         return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
     if callable(to_list := getattr(value, "tolist", None)):  # NumPy arrays and scalars
         return plain(to_list())
-    raise TypeError(f"a result has a value of type {type(value).__name__}, which JSON cannot hold")
+    raise TypeError(f"a result has a value of type {type(value).__name__}, which JSON cannot represent")
 
 
 def picked(record: Any, names: str) -> dict[str, Any]:

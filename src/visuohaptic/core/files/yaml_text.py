@@ -48,7 +48,7 @@ def _loader() -> Any:
             _check_number(node)
             value = int(super().construct_yaml_int(node))
             if not -(2**63) <= value < 2**64:
-                raise _refused(node, "an integer of more than 64 bits; write it in quotes if it is a text")
+                raise _refused(node, "an integer of more than 64 bits; quote it if it is a string")
             return value
 
         def construct_yaml_float(self, node: yaml.ScalarNode) -> float:
@@ -111,13 +111,13 @@ def _check_aliases(root: yaml.Node) -> None:
             written += own
             size[key] = own + sum(size[id(part)] for part in parts)
         elif key in open_nodes:
-            raise _refused(node, "an alias inside of what it stands for")
+            raise _refused(node, "an alias that contains itself")
         elif key not in size:
             open_nodes.add(key)
             stack.append((node, True))
             stack.extend((part, False) for part in parts)
     if size[id(root)] - written > MAX_ALIAS_SIZE:
-        raise _refused(root, f"aliases that stand for more than {MAX_ALIAS_SIZE} values and characters")
+        raise _refused(root, f"aliases that expand to more than {MAX_ALIAS_SIZE} values and characters")
 
 
 def parse_yaml(text: str, where: object) -> Any:

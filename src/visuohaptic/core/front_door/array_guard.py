@@ -57,7 +57,7 @@ class _ArraySpec:
             try:
                 array = np.asarray(value)
             except (TypeError, ValueError) as error:
-                raise self._refused(f"found {type(value).__name__} of unequal parts") from error
+                raise self._refused(f"found {type(value).__name__} with parts of unequal length") from error
         if self.scalar and array.ndim == 0:
             return value
         array = self._typed(array)
@@ -105,10 +105,12 @@ class _ArraySpec:
             text = f"found {np.abs(value).max():.3g}, expected at most {MAX_NUMBER:.3g}"
             return InputError(self.where, text, field=self.field)
         if value.dtype.kind in "iu" and (value.min() < 0 or "ind" in str(error)):
-            text = f"found integers from {value.min()} to {value.max()}, which are no indices ({error})"
+            text = f"found integers from {value.min()} to {value.max()}, which are not indices ({error})"
             return InputError(self.where, text, field=self.field)
         if not value.flags.writeable:
-            return InputError(self.where, "found a read-only array, expected one to change", field=self.field)
+            return InputError(
+                self.where, "found a read-only array, expected a writable array", field=self.field
+            )
         if value.ndim and (len(value) == 1 or (value == value.flat[0]).all()):
             text = f"found {len(value)} equal rows, expected a shape with an extent"
             return InputError(self.where, text, field=self.field)

@@ -181,7 +181,7 @@ class PinchPlane:
         if not tips.valid[0]:
             raise InputError("grasp_curve", f"no wall across the height axis from {where}")
         if whole.fixed[vertex]:
-            raise InputError("grasp_curve", f"the wall is held at {where}", remedy="choose a higher point")
+            raise InputError("grasp_curve", f"the wall is clamped at {where}", remedy="choose a higher point")
         load = tip_loads(len(points), tips)[:, [0]].toarray().reshape(-1, 6)
         gathered = part.gather(load)
         shared = gathered[part.image, :3] / np.bincount(part.image)[part.image, None] * part.signs

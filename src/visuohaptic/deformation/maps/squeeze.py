@@ -48,7 +48,7 @@ class SqueezeResult:
         else:
             found.append("not linear at the smallest deformation")
         if np.isfinite(self.buckling_force_N):
-            found.append(f"gives way (buckles) at {self.buckling_force_N:.3g} N")
+            found.append(f"buckles at {self.buckling_force_N:.3g} N")
         if np.isfinite(self.yield_force_N):
             found.append(f"yields at {self.yield_force_N:.3g} N: beyond it a dent stays")
         elif np.isnan(self.yield_stress_Pa):
@@ -201,7 +201,7 @@ def plot_squeeze(path: Path | str, found: SqueezeResult, title: str = "") -> Non
     )
     axes.plot(1e3 * depth, force, "o-", label="force")
     axes.plot(1e3 * depth, found.stiffness_N_per_m * depth, "--", label="linear")
-    for value, name in ((found.yield_force_N, "yields"), (found.buckling_force_N, "gives way")):
+    for value, name in ((found.yield_force_N, "yields"), (found.buckling_force_N, "buckles")):
         if np.isfinite(value):
             axes.axhline(value, linestyle=":", label=f"{name} at {value:.3g} N")
     axes.set(xlabel="deformation of one side [mm]", ylabel="force of one tip [N]", title=title)

@@ -184,7 +184,7 @@ def load_container(source: Path | str) -> ContainerDescription:
             return load_yaml_model(shipped, ContainerDescription)
     if not path.exists():
         raise InputError(
-            path, "does not exist", remedy=f"or take a shipped class: {', '.join(class_names())}"
+            path, "does not exist", remedy=f"or use a built-in class: {', '.join(class_names())}"
         )
     return load_yaml_model(path, ContainerDescription)
 

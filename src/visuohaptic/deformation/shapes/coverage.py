@@ -123,7 +123,7 @@ def check_represented(state: MeshState, wall: Wall, *, closed: bool) -> str:
             f"only {100 * fraction:.0f} % of its surface is wall, foot or lid of a container around the axis at "
             f"({wall.axis_point_m[0]:.4g}, {wall.axis_point_m[1]:.4g}) m, expected more than half",
             field="mesh",
-            remedy="leave out what is not the container, or turn it with --up so that z is the height axis",
+            remedy="remove everything that is not part of the container, or turn it with --up so that z is the height axis",
         )
     return f"{100 * fraction:.0f} % of the surface of the mesh is wall, foot or lid of the container"
 
@@ -159,9 +159,7 @@ def check_container(state: MeshState, wall: Wall, *, closed: bool) -> None:
         ends = int(TOP * LEVELS)  # foot and lid may be recessed
         overhang = (np.diff(radius[ends:-ends], axis=0) > LEDGE * widest).any(axis=0).mean()
         if cut > LEGS:
-            reason = (
-                f"it stands on legs: the lowest {100 * cut:.0f} % of its height are not closed round the axis"
-            )
+            reason = f"it stands on legs: the lowest {100 * cut:.0f} % of its height are not closed around the axis"
         elif closed and overhang > LEDGE:
             reason = f"it is closed and overhangs, like a tool, in {100 * overhang:.0f} % of the directions"
         elif closed and (level := _level_area(state, height)) < 2 * _ball_area(
@@ -173,7 +171,7 @@ def check_container(state: MeshState, wall: Wall, *, closed: bool) -> None:
             wall.where,
             f"not a thin-walled container: {reason}",
             field="mesh",
-            remedy="leave out what is not the container, or cut its mouth open",
+            remedy="remove everything that is not part of the container, or cut its mouth open",
         )
 
 
@@ -226,7 +224,7 @@ def represented_parts(state: MeshState, wall: Wall, *, closed: bool) -> tuple[Me
     place = ", ".join(f"{value:.4g}" for value in middle)
     rest = inspect_mesh(state.vertices, state.faces[kept], wall.where)
     return rest, [
-        f"parts that are no container (a handle?) are left out: {int((~kept).sum())} triangles round ({place}) m"
+        f"parts that do not belong to the container (a handle?) are ignored: {int((~kept).sum())} triangles around ({place}) m"
     ]
 
 

@@ -156,7 +156,7 @@ def _suitable(
         state, notes = repair_mesh(state, thickness_m, around)
         suits = why_not_as_it_is(state)
     if suits:
-        remedy = "mend it, or sample it anew with --remesh cast" if repair else "allow remeshing"
+        remedy = "repair it, or resample it with --remesh cast" if repair else "allow remeshing"
         raise InputError(where, f"cannot be used as it is: {suits}", field="mesh", remedy=remedy)
     return state, notes
 
@@ -291,7 +291,7 @@ def _check_one_shell(state: MeshState, wall: Wall, where: str) -> None:
                     where,
                     f"two shells inside each other, {1e3 * wall.wall_m:.2g} mm apart around height {middle:.4g} m",
                     field="mesh",
-                    remedy="leave one of them out",
+                    remedy="remove one of them",
                 )
 
 
@@ -372,7 +372,7 @@ def _cast_cost(
     once, coarse = np.array(found)
     use = np.isfinite(once) & np.isfinite(coarse)
     worst = 100 * float(np.abs(once[use] - coarse[use]).max(initial=0.0)) / 3
-    return f"sampling anew on rings moves the stiffness by up to {worst:.2g} % (from rings half as dense)"
+    return f"resampling on rings changes the stiffness by up to {worst:.2g} % (from rings half as dense)"
 
 
 def _thick(heights: np.ndarray, radius: np.ndarray, thickness_m: np.ndarray, where: str) -> list[str]:
@@ -396,5 +396,7 @@ def _thick(heights: np.ndarray, radius: np.ndarray, thickness_m: np.ndarray, whe
             remedy="give the thickness with --thickness if the mesh is wrong",
         )
     if fraction > ROUGH_FRACTION:
-        return [f"the wall is {100 * fraction:.0f} % of the radius: a shell is right to about that"]
+        return [
+            f"the wall is {100 * fraction:.0f} % of the radius: a shell model is accurate to about that fraction"
+        ]
     return []

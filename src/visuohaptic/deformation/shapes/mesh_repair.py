@@ -71,9 +71,9 @@ def why_not_as_it_is(state: MeshState) -> str:
     """
     vertices, faces = state.vertices, _loaded(state)
     if (parts := _parts(state)) > 1:
-        return f"{parts} parts that are not joined"
+        return f"{parts} disconnected parts"
     if state.branching_edges or state.turned:
-        return f"{state.branching_edges + state.turned} edges that are no part of a surface"
+        return f"{state.branching_edges + state.turned} non-manifold or inconsistently oriented edges"
     if len(faces) > MAX_FACES:
         return f"{len(faces)} triangles, expected at most {MAX_FACES}"
     for loop in _holes(state):

@@ -145,7 +145,7 @@ def find_wall(
     if double:
         bottom, low_m = _floor(rays, near, faces, heights, bottom)
         if low_m > heights[0]:
-            notes.append(f"the solid foot up to height {low_m:.4g} m is left out")
+            notes.append(f"the solid foot up to height {low_m:.4g} m is ignored")
     first, (bottom, top) = bottom, _without_folds(rays, bottom, top)
     low_m = low_m if bottom == first else heights[bottom]
     used = slice(bottom, top + 1)
@@ -214,8 +214,8 @@ def _closed_rows(
         place = heights[int(np.argmin(fraction))]
         raise InputError(
             where,
-            f"no wall round the axis at ({centre[0]:.4g}, {centre[1]:.4g}) m: at height {place:.4g} m only "
-            f"{100 * fraction.min():.0f} % of the directions meet one",
+            f"no wall around the axis at ({centre[0]:.4g}, {centre[1]:.4g}) m: at height {place:.4g} m only "
+            f"{100 * fraction.min():.0f} % of the directions intersect one",
             field="mesh",
             remedy="turn it with --up so that z is the height axis, or close the holes",
         )
@@ -225,12 +225,12 @@ def _closed_rows(
         if cut > 0.3 * LEVELS:
             raise InputError(
                 where,
-                f"{100 * cut / LEVELS:.0f} % of the height at the {what} is not closed round the axis",
+                f"{100 * cut / LEVELS:.0f} % of the height at the {what} is not closed around the axis",
                 field="mesh",
                 remedy="turn it with --up so that z is the height axis",
             )
         if cut:
-            notes.append(f"{100 * cut / LEVELS:.0f} % of the height at the {what} is ragged and left out")
+            notes.append(f"{100 * cut / LEVELS:.0f} % of the height at the {what} is ragged and ignored")
     gaps = int((~seen[bottom : top + 1]).sum())
     if gaps:
         notes.append(f"holes of {100 * gaps / ((top + 1 - bottom) * ANGLES):.1f} % of the wall bridged")
@@ -284,7 +284,7 @@ def _outside(
     places = np.argwhere(beyond)
     row, column = places[len(places) // 2]
     return [
-        f"what is outside the wall (a handle?) is left out: {100 * beyond.mean():.1f} % of the directions, as at "
+        f"parts outside the wall (a handle?) are ignored: {100 * beyond.mean():.1f} % of the directions, as at "
         f"height {heights[used][row]:.4g} m, {360 * column / ANGLES:.0f} degrees from x towards y"
     ]
 
@@ -379,7 +379,7 @@ def _bridged(radius: np.ndarray, heights: np.ndarray, where: str) -> Float[np.nd
     if not full.all():
         known = np.flatnonzero(full)
         if not known.size:
-            raise InputError(where, "no wall round the axis", field="mesh")
+            raise InputError(where, "no wall around the axis", field="mesh")
         for column in range(around):
             out[~full, column] = np.interp(heights[~full], heights[known], out[known, column])
     return out

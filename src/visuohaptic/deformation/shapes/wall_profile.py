@@ -54,7 +54,7 @@ class WallProfile:
                 f"container {container.name}",
                 f"{len(container.free_parameters)} numbers are ranges, the first is "
                 f"{container.free_parameters[0]}",
-                remedy="take a variant or the middle",
+                remedy="use a variant, or the nominal container",
             )
         knots, walls = _section_knots(container)
         band_breaks, bands = _wall_bands(container, float(knots[-1, 0]))
@@ -141,7 +141,7 @@ class WallProfile:
             raise _bad(
                 container,
                 f"radius {small[worst]:.4g} m at height {self.z_m[worst]:.4g} m, "
-                f"expected more than the wall of {wall[worst]:.4g} m: the wall would cut itself",
+                f"expected more than the wall of {wall[worst]:.4g} m: the wall would intersect itself",
                 "sections",
             )
         # Smallest radius of curvature around the section: b^2 / a at the tips of an ellipse.

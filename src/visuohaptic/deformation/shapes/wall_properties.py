@@ -93,8 +93,8 @@ class WallProperties:
         if isinstance(material, Laminate):
             raise InputError(
                 self.material or material.name,
-                "found a modulus or Poisson's ratio beside plies, which have their own",
-                remedy="write them into the file",
+                "found a modulus or Poisson's ratio together with plies, which have their own",
+                remedy="give them in the file",
             )
         given = self.youngs_modulus_Pa is not None
         # A named material keeps its name, and with it its density.

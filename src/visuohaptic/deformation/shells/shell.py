@@ -139,7 +139,7 @@ class ShellModel:
             )
         if not self.fixed.any() and self.springs is None:
             raise InputError(
-                "ShellModel", "nothing is held", field="fixed", remedy="clamp the vertices of the base"
+                "ShellModel", "no vertex is clamped", field="fixed", remedy="clamp the vertices of the base"
             )
 
     @property

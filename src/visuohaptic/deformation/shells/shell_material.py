@@ -29,7 +29,7 @@ class IsotropicMaterial:
                 "material",
                 f"found {self.poisson_ratio}, expected more than -1 and less than 0.5",
                 field="poisson_ratio",
-                remedy="for rubber take 0.49",
+                remedy="for rubber use 0.49",
             )
 
     @property
@@ -76,7 +76,7 @@ class IsotropicMaterial:
             raise InputError(
                 f"material {found.name}",
                 "has no Young's modulus or no Poisson's ratio",
-                remedy=f"give both, or take one of {', '.join(MATERIALS)}",
+                remedy=f"give both, or use one of {', '.join(MATERIALS)}",
             )
         return cls(found.youngs_modulus_Pa.value, found.poisson_ratio.value, found.name)
 

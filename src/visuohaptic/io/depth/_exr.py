@@ -94,7 +94,7 @@ def _read_header(data: bytes, where: str) -> _Header:
     left, top, right, bottom = struct.unpack("<4i", fields["dataWindow"])
     width, height = right - left + 1, bottom - top + 1
     if width <= 0 or height <= 0 or width * height > MAX_PIXELS:
-        raise InputError(where, f"its header says {width} x {height}, expected at most {MAX_PIXELS} px")
+        raise InputError(where, f"its header declares {width} x {height}, expected at most {MAX_PIXELS} px")
     return _Header(width, height, top, compression, _channels(fields["channels"], where), place + 1)
 
 
@@ -137,7 +137,9 @@ def _read_rows(data: bytes, header: _Header, where: str) -> Float[np.ndarray, "r
         rows = min(rows_per_block, header.height - row)
         packed = data[place + 8 : place + 8 + size]
         if not 0 <= row < header.height or len(packed) != size:
-            raise InputError(where, f"is a cut OpenEXR file: {len(packed)} of {size} bytes at row {row}")
+            raise InputError(
+                where, f"is a truncated OpenEXR file: {len(packed)} of {size} bytes at row {row}"
+            )
         pixels = _unpacked(packed, header.compression, rows * row_bytes)
         block = np.frombuffer(pixels, np.uint8).reshape(rows, row_bytes)
         column = np.ascontiguousarray(block[:, offset : offset + header.width * kind.itemsize])

@@ -142,7 +142,7 @@ def import_sequence(
     if not source.is_dir():
         raise InputError(source, "is not a folder")
     if target.exists() and any(target.iterdir() if target.is_dir() else [target]):
-        raise InputError(target, "is not empty", remedy="name a new folder")
+        raise InputError(target, "is not empty", remedy="choose a new folder")
     chosen = _layout_of(source, camera) if layout == "auto" else layout
     if chosen == "arm":
         found = _arm(source)
@@ -169,7 +169,7 @@ def _layout_of(source: Path, camera: Path | str | None) -> str:
     raise InputError(
         source,
         "has no camera.json, cam.info.txt or camera_intrinsics.yaml",
-        remedy="name camera, poses and depth scale of a plain folder",
+        remedy="give camera, poses and depth scale of a plain folder",
     )
 
 
@@ -300,7 +300,7 @@ def _write(found: _Layout, target: Path, layout: str) -> ImportedSequence:
         time_s = stamped.t_s if np.isfinite(stamped.t_s) else index * _PERIOD_S
         poses.append((time_s, stamped.pose))
     if not poses:
-        raise InputError(target, f"not one image of the source can be used; the first: {skipped[0]}")
+        raise InputError(target, f"no image of the source can be used; the first: {skipped[0]}")
     found.camera.save(target / "camera.yaml")
     write_poses(target / "poses.txt", poses)
     description = {"sensor": found.sensor, "depth_scale_m": scale_m, "camera": "camera.yaml"}
@@ -318,7 +318,7 @@ def _readable(
                 raise InputError(path, stamped.problem)
             depth_m = read_depth(path, found.encoding, size=size)
         except InputError as error:
-            _log.warning("image left out: %s", error)
+            _log.warning("image skipped: %s", error)
             skipped.append(str(error))
             continue
         yield depth_m, color, stamped

@@ -134,7 +134,7 @@ class LiveDepthSource(Closing):
         try:
             found = self._wait()
         except Exception as error:
-            raise DeviceError(f"the camera is lost ({error}); check its cable") from error
+            raise DeviceError(f"lost the connection to the camera ({error}); check its cable") from error
         if found is None:
             raise DeviceError(f"no frame for {self._timeout_ms} ms; check cable and power of the camera")
         return found

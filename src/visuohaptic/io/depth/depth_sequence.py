@@ -168,7 +168,7 @@ class DepthSequence:
             if step_m > _STEP_PER_DEPTH * depth_m:
                 raise InputError(
                     self.folder,
-                    f"the camera moves {step_m:.3g} m between frames and sees things at {depth_m:.3g} m",
+                    f"the camera moves {step_m:.3g} m between frames and measures depths of {depth_m:.3g} m",
                     remedy="check that poses are in metres, and depth_scale_m",
                 )
             return
@@ -221,7 +221,7 @@ class DepthSequence:
     def _skip(self, cause: str, problem: str) -> None:
         self.skipped[cause] += 1
         self.problems.append(problem)
-        _log.warning("frame left out: %s", problem)
+        _log.warning("frame skipped: %s", problem)
 
     def _color(self, path: Path, index: int) -> UInt8[np.ndarray, "rows columns 3"] | None:
         found = self._colors.get(path.stem)
@@ -232,10 +232,10 @@ class DepthSequence:
         try:
             image = read_image(found)
         except InputError as error:
-            _log.warning("colour left out: %s", error)
+            _log.warning("colour skipped: %s", error)
             return None
         if image.shape[:2] != (self.camera.height, self.camera.width):
-            _log.warning("colour left out: %s has another size than the depth", found)
+            _log.warning("colour skipped: %s has another size than the depth", found)
             return None
         return image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
 

@@ -49,11 +49,11 @@ def write_sequence(
     if (folder / DESCRIPTION_PART).exists():
         raise InputError(
             folder,
-            "holds a sequence whose writer did not end",
-            remedy=f"run: visuohaptic recording recover {folder}, or name a new folder",
+            "contains a sequence that was not completed",
+            remedy=f"run: visuohaptic recording recover {folder}, or choose a new folder",
         )
     if folder.exists() and any(folder.iterdir() if folder.is_dir() else [folder]):
-        raise InputError(folder, "is not empty", remedy="name a new folder")
+        raise InputError(folder, "is not empty", remedy="choose a new folder")
     camera = poses = None
     count = 0
     for index, frame in enumerate(frames):
@@ -104,7 +104,7 @@ def recover_sequence(folder: Path) -> int:
     if part.exists():
         lines = whole_lines(part)[1:]
         if not lines:
-            raise InputError(folder, "has not one whole frame")
+            raise InputError(folder, "contains no complete frame")
         for path in sorted(folder.glob("*/*.png")):
             if path.stem.isdigit() and int(path.stem) >= len(lines):
                 path.rename(path.with_name(path.name + ".part"))

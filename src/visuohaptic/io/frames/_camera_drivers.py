@@ -168,7 +168,7 @@ class UvcBackend:
             image = np.array(frame.gray if self._settings.grey else frame.bgr)
         except Exception as error:
             # The library's exceptions (StreamError, InitError) have no common base class.
-            raise DeviceError(f"camera:{self._which} is silent ({error})") from error
+            raise DeviceError(f"camera:{self._which} delivers no frames ({error})") from error
         if self._offset_s is None:
             # Its timestamps are regular, but have an arbitrary offset.
             self._offset_s = time_s() - float(frame.timestamp)
@@ -205,7 +205,7 @@ class DepthCameraBackend:
         import cv2
 
         if self._source is None:
-            raise DeviceError(f"{self._maker}: is silent")
+            raise DeviceError(f"{self._maker}: delivers no frames")
         found = self._source.read()
         if self._offset_s is None:
             self._offset_s = time_s() - found.t_s
@@ -266,7 +266,7 @@ class OpenCvBackend:
         import cv2
 
         if self._capture is None or not self._capture.grab():
-            raise DeviceError(f"{self._name} is silent")
+            raise DeviceError(f"{self._name} delivers no frames")
         t_s = time_s()
         good, image = self._capture.retrieve()
         if not good:

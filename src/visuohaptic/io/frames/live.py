@@ -127,7 +127,9 @@ class LiveSource(Closing):
             raise StaleFrameError("the camera has delivered no frame yet; wait with read()")
         age_ms = (self._clock() - frame.t_s) * 1e3
         if age_ms > max_age_ms:
-            raise StaleFrameError(f"the newest frame is {age_ms:.0f} ms old, allowed are {max_age_ms:.0f} ms")
+            raise StaleFrameError(
+                f"the newest frame is {age_ms:.0f} ms old, the limit is {max_age_ms:.0f} ms"
+            )
         return frame
 
     def __iter__(self) -> Iterator[Frame]:

@@ -130,7 +130,7 @@ class McapSource(RecordedSource):
         try:
             return camera_from_message(self._file.decode(infos[name]), f"{self._file.path}:{name}")
         except InputError as error:
-            _log.warning("camera model left out: %s", error)
+            _log.warning("camera model ignored: %s", error)
             return None
 
     def _images(
@@ -172,7 +172,7 @@ class McapSource(RecordedSource):
         except InputError as error:
             if error.field == "encoding":  # affects all frames of the topic
                 raise
-            _log.warning("frame left out: %s", error)
+            _log.warning("frame skipped: %s", error)
             return
         yield position, image
 

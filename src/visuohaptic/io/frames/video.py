@@ -84,7 +84,7 @@ class VideoSource(RecordedSource):
             container = av.open(str(self._path), "r")
         except (av.error.FFmpegError, OSError, ValueError) as error:
             raise InputError(
-                self._path, f"is not a readable video ({error})", remedy="a cut MP4 has lost its index"
+                self._path, f"is not a readable video ({error})", remedy="a truncated MP4 has no index"
             ) from error
         if not container.streams.video:
             container.close()
@@ -92,7 +92,7 @@ class VideoSource(RecordedSource):
         stream = container.streams.video[0]
         if stream.codec_context is None or stream.time_base is None:
             container.close()
-            raise InputError(self._path, "its video stream is of no known codec, or has no time base")
+            raise InputError(self._path, "its video stream has an unknown codec or no time base")
         # Also limits the decoder: the size in the stream may differ from that in the container.
         stream.codec_context.options = {"max_pixels": str(MAX_PIXELS)}
         stream.thread_type = "AUTO"
@@ -140,6 +140,6 @@ class VideoSource(RecordedSource):
             try:
                 frames = packet.decode()
             except av.error.InvalidDataError as error:
-                _log.warning("packet at stamp %s left out (%s)", packet.pts, error)
+                _log.warning("packet at stamp %s skipped (%s)", packet.pts, error)
                 continue
             yield from frames

@@ -146,7 +146,7 @@ def _netpbm_header(path: Path, data: bytes) -> tuple[tuple[int, int, int], int]:
     if not 1 <= top <= 65535:
         raise InputError(path, f"found {top}, expected 1 to 65535", field="maxval")
     if place < len(data) and not data[place : place + 1].isspace():
-        raise InputError(path, f"found {data[place : place + 1]!r} behind the PGM header, expected a space")
+        raise InputError(path, f"found {data[place : place + 1]!r} after the PGM header, expected a space")
     if width <= 0 or height <= 0 or width * height > MAX_PIXELS:
         raise InputError(path, f"found {width} x {height}, expected at most {MAX_PIXELS} px")
     return (width, height, top), place

@@ -53,8 +53,8 @@ def load(path: Path) -> tuple[Int8[np.ndarray, "rows columns"], float, tuple[flo
     if path.is_file() and path.suffix.lower() in (".pgm", ".png", ".bmp", ".jpg", ".jpeg"):
         raise InputError(
             path,
-            "is a picture, expected the YAML file of a map",
-            remedy=f"write one beside it: image: {path.name}, resolution: METRES_PER_PIXEL, origin: [0, 0, 0], "
+            "is an image, expected the YAML file of a map",
+            remedy=f"create one next to it: image: {path.name}, resolution: METRES_PER_PIXEL, origin: [0, 0, 0], "
             "negate: 0, occupied_thresh: 0.65, free_thresh: 0.196",
         )
     info = load_yaml_model(path, MapFile)
@@ -86,13 +86,13 @@ def _image_beside(path: Path, name: str) -> Path:
         if target.is_file():
             if Path(name.strip()).is_absolute():
                 _log.warning(
-                    "%s: image %s is an absolute path, %s beside the map is used", path, name, target
+                    "%s: image %s is an absolute path, %s next to the map is used", path, name, target
                 )
             return target
         for suffix in _SUFFIXES if target.name else ():
             other = target.with_suffix(suffix)
             if other.is_file() and other.resolve().is_relative_to(folder.resolve()):
-                _log.warning("%s: image %s is not there, %s is used", path, name, other.name)
+                _log.warning("%s: image %s does not exist, %s is used", path, name, other.name)
                 return other
     except InputError:
         raise
@@ -100,7 +100,7 @@ def _image_beside(path: Path, name: str) -> Path:
         raise InputError(
             path, f"found {name[:80]!r}, which cannot be a file ({error})", field="image"
         ) from error
-    raise InputError(path, f"found {name[:80]!r}, which is not there", field="image")
+    raise InputError(path, f"found {name[:80]!r}, which does not exist", field="image")
 
 
 def save(

@@ -63,20 +63,20 @@ def _obj(data: bytes) -> str:
             try:
                 index = int(text)
             except ValueError:
-                return f"line {number}: face {faces} names vertex {text[:20]!r}, expected a whole number"
+                return f"line {number}: face {faces} refers to vertex {text[:20]!r}, expected a whole number"
             if index == 0:
-                return f"line {number}: face {faces} names vertex 0, OBJ counts from 1"
+                return f"line {number}: face {faces} refers to vertex 0, OBJ counts from 1"
             if index > vertices or index < -seen:
-                return f"line {number}: face {faces} names vertex {index}, the file has {vertices}"
+                return f"line {number}: face {faces} refers to vertex {index}, the file has {vertices}"
     return ""
 
 
 def _stl(data: bytes) -> str:
     if data[:5].lower() == b"solid" or len(data) < 84:
-        return "is neither a whole text STL nor a binary one" if len(data) < 84 else ""
+        return "is neither a complete ASCII STL nor a binary one" if len(data) < 84 else ""
     triangles = struct.unpack("<I", data[80:84])[0]
     there = (len(data) - 84) // 50
-    return f"says {triangles} triangles, the file has room for {there}" if triangles != there else ""
+    return f"declares {triangles} triangles, but the file has room for {there}" if triangles != there else ""
 
 
 def _is_number(word: str) -> bool:

@@ -74,7 +74,7 @@ def load_mesh(path: Path | str) -> TriangleMesh:
         raise InputError(path, f"has {len(faces)} triangles, expected at most {MAX_FACES}")
     if faces.min() < 0 or faces.max() >= len(vertices):
         face = int(np.argmax(((faces < 0) | (faces >= len(vertices))).any(axis=1)))
-        plain = f"triangle {face} names vertex {faces[face].max()}, expected 0 to {len(vertices) - 1}"
+        plain = f"triangle {face} refers to vertex {faces[face].max()}, expected 0 to {len(vertices) - 1}"
         raise InputError(path, diagnose(kind, data) or plain)
     used = vertices[faces.ravel()]
     if not np.isfinite(used).all() or np.abs(used).max() > 1e9:
@@ -139,7 +139,7 @@ def _distrust_glb(path: Path, data: bytes) -> None:
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise InputError(path, f"has no valid glTF document ({type(error).__name__})") from error
     if any(not isinstance(count, int) or not 0 <= count <= len(data) for count in counts):
-        raise InputError(path, "says more elements than the file can hold", field="accessors")
+        raise InputError(path, "declares more elements than fit into the file", field="accessors")
     try:
         repeated = len(children) != len(set(children))
     except TypeError as error:

@@ -93,7 +93,7 @@ def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
         elif words[0] == "element":
             elements.append(_Element(words[1], int(words[2])))
             if not 0 <= elements[-1].count <= len(data):
-                raise InputError(path, f"found {words[2]} of {words[1]}, more than the file can hold")
+                raise InputError(path, f"found {words[2]} of {words[1]}, more than fit into the file")
         elif words[0] == "property" and elements:
             if words[1] == "list":
                 elements[-1].properties.append((words[4], _TYPES[words[3]], _TYPES[words[2]]))
@@ -175,7 +175,9 @@ def _binary_body(path: Path, data: bytes, place: int, elements: list[_Element], 
             kind = np.dtype([(name, order + code) for name, code, _ in element.properties])
             size = kind.itemsize * element.count
             if place + size > len(data):
-                raise InputError(path, f"is cut: {len(data) - place} of {size} bytes of its {element.name}")
+                raise InputError(
+                    path, f"is truncated: {len(data) - place} of {size} bytes of its {element.name}"
+                )
             table = np.frombuffer(data, kind, element.count, place)
             found[element.name] = {name: table[name] for name, _, _ in element.properties}
             place += size
@@ -228,7 +230,9 @@ def _assembled(path: Path, found: _Columns) -> PlyMesh:
     face = found.get("face", {}) or _fans([])
     faces = face["corners"]
     for row, k in np.argwhere((faces < 0) | (faces >= len(vertices)))[:1]:
-        said = f"face {face['number'][row]} names vertex {faces[row, k]}, expected 0 to {len(vertices) - 1}"
+        said = (
+            f"face {face['number'][row]} refers to vertex {faces[row, k]}, expected 0 to {len(vertices) - 1}"
+        )
         raise InputError(path, said)
     colors = None
     if {"red", "green", "blue"} <= set(vertex):

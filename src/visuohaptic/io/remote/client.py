@@ -102,7 +102,9 @@ class RemoteRobot(Closing):
                     pack({"part": part, "member": member, "arguments": tuple(arguments)})
                 )
             except OSError as problem:
-                raise DeviceError(f"{part}.{member}: the robot has gone ({problem})") from problem
+                raise DeviceError(
+                    f"{part}.{member}: lost the connection to the robot ({problem})"
+                ) from problem
             reply = self._receive()
         if "error" in reply:
             kind = getattr(errors, str(reply["error"]), DeviceError)
@@ -120,7 +122,7 @@ class RemoteRobot(Closing):
                 raise DeviceError(f"the robot has not answered for {PATIENCE_S:g} s")
             return unpack(self._connection.recv_bytes(MAX_MESSAGE_BYTES))
         except (OSError, EOFError) as problem:
-            raise DeviceError(f"the robot has gone ({type(problem).__name__})") from problem
+            raise DeviceError(f"lost the connection to the robot ({type(problem).__name__})") from problem
 
     def served(self) -> dict[str, Any]:
         """The served components that have a protocol, by name."""

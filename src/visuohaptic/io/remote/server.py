@@ -86,7 +86,7 @@ class _Served:
         fields = request if isinstance(request, dict) else {}
         part, member, arguments = fields.get("part"), fields.get("member"), fields.get("arguments", ())
         if part not in self.parts or member not in PROTOCOLS[part]:
-            raise InputError("remote", f"found {part}.{member}, which is no member of a served part")
+            raise InputError("remote", f"found {part}.{member}, which is not a member of a served part")
         served = self.parts[part]
         if part == "camera":
             return served.camera if member == "model" else next(self._frames, None)

@@ -110,7 +110,7 @@ def unpack(message: bytes) -> Any:
             at += count * dtype.itemsize
         return _value(data["value"], arrays)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as problem:
-        raise DeviceError(f"found {len(message)} bytes that are no message ({problem})") from problem
+        raise DeviceError(f"found {len(message)} bytes that are not a message ({problem})") from problem
 
 
 def _plain(value: Any, arrays: list[np.ndarray]) -> Any:
@@ -122,7 +122,7 @@ def _plain(value: Any, arrays: list[np.ndarray]) -> Any:
         return float(value) if math.isfinite(value) else {"number": str(float(value))}
     if isinstance(value, np.ndarray):
         if value.dtype.name not in DTYPES:
-            raise InputError("remote", f"found an array of {value.dtype}, which does not cross")
+            raise InputError("remote", f"found an array of {value.dtype}, which cannot be transmitted")
         arrays.append(np.ascontiguousarray(value).astype(value.dtype.newbyteorder("<"), copy=False))
         return {"array": len(arrays) - 1}
     if isinstance(value, (tuple, list)):
@@ -137,7 +137,7 @@ def _plain(value: Any, arrays: list[np.ndarray]) -> Any:
             "fields": _plain(json.dumps(fields), arrays),
             "apart": _plain(apart, arrays),
         }
-    raise InputError("remote", f"found {type(value).__name__}, which does not cross")
+    raise InputError("remote", f"found {type(value).__name__}, which cannot be transmitted")
 
 
 def _value(data: Any, arrays: list[np.ndarray]) -> Any:

@@ -69,7 +69,9 @@ class McapDamage:
     def __str__(self) -> str:
         parts = []
         if self.cut:
-            parts.append(f"the file ends before its footer, {self.lost_bytes} bytes at its end are no record")
+            parts.append(
+                f"the file ends before its footer, {self.lost_bytes} bytes at its end are not a record"
+            )
         parts += self.chunks
         return "; ".join(parts) if parts else "none"
 
@@ -202,7 +204,7 @@ class McapFile:
             yield from self._record(opcode, data[start + 9 : start + 9 + length], topics)
             start += 9 + length
         if start < len(data) and not self.damage.cut:
-            self.spoilt(f"chunk at byte {place}: its last {len(data) - start} bytes are no record")
+            self.spoilt(f"chunk at byte {place}: its last {len(data) - start} bytes are not a record")
 
     def _unpacked(self, body: bytes, place: int) -> bytes:
         """Records of a chunk; from a truncated chunk, as much as can be decompressed."""
@@ -210,7 +212,7 @@ class McapFile:
         compression, start = _text(body, 28)
         (length,) = struct.unpack_from("<Q", body, start)
         if unpacked > MAX_CHUNK_BYTES:
-            raise ValueError(f"claims {unpacked} bytes, allowed are {MAX_CHUNK_BYTES}")
+            raise ValueError(f"declares {unpacked} bytes, expected at most {MAX_CHUNK_BYTES}")
         packed = body[start + 8 : start + 8 + length]
         whole = len(packed) == length
         if not whole and not self.damage.cut:
@@ -296,7 +298,7 @@ class McapFile:
 def _text(body: bytes, place: int) -> tuple[str, int]:
     (length,) = struct.unpack_from("<I", body, place)
     if place + 4 + length > len(body):
-        raise struct.error("text is cut")
+        raise struct.error("the string is truncated")
     return body[place + 4 : place + 4 + length].decode("utf-8"), place + 4 + length
 
 

@@ -64,7 +64,7 @@ def decode_raw(message: Any, where: str) -> UInt8[np.ndarray, "rows columns *col
     used = width * channels * depth
     if step < used:
         raise InputError(
-            where, f"found {step} bytes a row, expected at least {used} for {encoding}", field="step"
+            where, f"found {step} bytes per row, expected at least {used} for {encoding}", field="step"
         )
     data = np.frombuffer(memoryview(message.data), dtype=np.uint8)
     # The padding of the last row may be missing.
@@ -109,7 +109,7 @@ def decode_depth(message: Any, where: str) -> Float32[np.ndarray, "rows columns"
     data = np.frombuffer(memoryview(message.data), dtype=np.uint8)
     if width <= 0 or not 0 < width * height <= MAX_PIXELS or step < width * kind.itemsize:
         raise InputError(
-            where, f"found {width} x {height} and {step} bytes a row, expected that of {encoding}"
+            where, f"found {width} x {height} and {step} bytes per row, expected that of {encoding}"
         )
     if data.size != step * height:
         raise InputError(where, f"found {data.size} bytes, expected {step * height}", field="data")

@@ -141,7 +141,9 @@ def read_reference_table(path: Path | str) -> dict[str, Float[np.ndarray, "n"]]:
     }
     if (np.diff(found["t_s"]) <= 0).any():
         row = int(np.argmax(np.diff(found["t_s"]) <= 0)) + 3
-        raise InputError(path, "found a time that is not after the one before", field=f"line {row}, t_s")
+        raise InputError(
+            path, "found a time that is not later than the previous one", field=f"line {row}, t_s"
+        )
     return found
 
 

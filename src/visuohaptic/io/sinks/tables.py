@@ -182,7 +182,7 @@ def pack_rows(part: Path, target: Path) -> int:
         raise InputError(
             target,
             f"cannot be written ({error.strerror or error})",
-            remedy=f"make room and run: visuohaptic recording recover {part}",
+            remedy=f"free disk space and run: visuohaptic recording recover {part}",
         ) from error
     return count
 

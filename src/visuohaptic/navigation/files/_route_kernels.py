@@ -13,7 +13,7 @@ from ..pushing._outline_kernels import segment_distance, square_gap
 __all__ = ["chord_clearance", "chord_measures", "split_path"]
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def chord_clearance(
     distance: np.ndarray, y0: int, x0: int, y1: int, x1: int, limit: float, outside_blocks: bool
 ) -> float:
@@ -55,7 +55,7 @@ def chord_clearance(
     return best
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def split_path(distance: np.ndarray, path: np.ndarray, radius: float, outside_blocks: bool) -> np.ndarray:
     """Mask of the cells of a path, including first and last, between which straight lines keep a clearance.
 
@@ -97,7 +97,7 @@ def split_path(distance: np.ndarray, path: np.ndarray, radius: float, outside_bl
     return cut
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def chord_measures(
     distance: np.ndarray, corners: np.ndarray, speeds: np.ndarray, outside_blocks: bool
 ) -> np.ndarray:

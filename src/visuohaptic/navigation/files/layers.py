@@ -181,17 +181,17 @@ def load_layer(path: Path | str) -> Layer:
     path = Path(path)
     info = load_yaml_model(path, _LayerFile)
     if Path(info.image).name != info.image:
-        raise InputError(path, f"found {info.image!r}, expected the name of a file beside it", field="image")
+        raise InputError(path, f"found {info.image!r}, expected the name of a file next to it", field="image")
     picture = path.parent / info.image
     if not picture.is_file():
-        raise InputError(path, f"found {info.image!r}, which is not there", field="image")
+        raise InputError(path, f"found {info.image!r}, which does not exist", field="image")
     pixels = read_image(picture, "unchanged")[::-1]
     layer = info.layer
     shape, depth = {"linear8": ((), "uint8"), "linear16": ((), "uint16"), "bits32": ((4,), "uint8")}[
         layer.coding
     ]
     if pixels.shape[2:] != shape or str(pixels.dtype) != depth:
-        raise InputError(picture, f"found {pixels.dtype} {pixels.shape}, expected a {layer.coding} picture")
+        raise InputError(picture, f"found {pixels.dtype} {pixels.shape}, expected a {layer.coding} image")
     kind = _KINDS[layer.kind]
     values: np.ndarray
     if layer.coding == "bits32":

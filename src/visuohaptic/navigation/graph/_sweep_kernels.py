@@ -24,7 +24,7 @@ _SEED = np.int64(2**31 - 1)
 _FAR = (np.int64(UNREACHED) << _SHIFT) | _SEED
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def _runs(step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Start index of the runs of reachable cells of each row, and the runs: (first, stop) columns."""
     rows, columns = step.shape
@@ -52,7 +52,7 @@ def _runs(step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return start, runs
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def _load(potential: np.ndarray, seed: np.ndarray, row: int, first: int, stop: int, pair: np.ndarray) -> None:
     """Pairs of columns ``first - 1`` to ``stop``, including those outside the map."""
     rows, columns = potential.shape
@@ -70,7 +70,7 @@ def _load(potential: np.ndarray, seed: np.ndarray, row: int, first: int, stop: i
         pair[stop - first + 1] = _FAR
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def _enter(line: np.ndarray, here: np.ndarray, beside: np.ndarray, cost: np.ndarray) -> None:
     """Paths onto a run of cells from the neighbouring row; fills ``cost`` of straight steps."""
     own, left, middle, right = here[1:], beside, beside[1:], beside[2:]
@@ -83,7 +83,7 @@ def _enter(line: np.ndarray, here: np.ndarray, beside: np.ndarray, cost: np.ndar
         own[k] = min(best, min(left[k], right[k]) + crooked)
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def _along(here: np.ndarray, cost: np.ndarray, potential: np.ndarray, seed: np.ndarray) -> int:
     """Paths along a run of cells, to the right and to the left; writes the result to the map. Returns the improved cells."""
     count = len(potential)
@@ -108,7 +108,7 @@ def _along(here: np.ndarray, cost: np.ndarray, potential: np.ndarray, seed: np.n
     return improved
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def sweep(step: np.ndarray, potential: np.ndarray, seed: np.ndarray) -> None:
     """Propagate all values until convergence.
 

@@ -14,7 +14,7 @@ __all__ = ["FAR", "distance_rows", "near_distance", "vertical_cells"]
 FAR = np.uint16(65535)
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def vertical_cells(cells: np.ndarray, threshold: int, unknown_blocks: bool, vertical: np.ndarray) -> None:
     """Rows to the nearest obstacle of the same column, at most 65534; ``FAR`` without an obstacle.
 
@@ -55,7 +55,7 @@ def vertical_cells(cells: np.ndarray, threshold: int, unknown_blocks: bool, vert
             vertical[row, column] = np.uint16(min(np.int32(vertical[row, column]), below))
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def _envelope(
     line: np.ndarray,
     column: int,
@@ -101,7 +101,7 @@ def _envelope(
     return count
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def _quarters(line: np.ndarray, x: int, v: int, height: float) -> np.int64:
     """Squared distance of a cell's centre from the nearest obstacle [cells^2 / 4], an integer.
 
@@ -115,7 +115,7 @@ def _quarters(line: np.ndarray, x: int, v: int, height: float) -> np.int64:
     return squared
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def distance_rows(
     vertical: np.ndarray,
     resolution_m: float,
@@ -159,7 +159,7 @@ def distance_rows(
             distance[row, column] *= resolution_m
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def near_distance(vertical: np.ndarray, reach: float, outside_blocks: bool, distance: np.ndarray) -> None:
     """The distances of :func:`distance_rows` [cells], clipped to ``reach``.
 
@@ -196,7 +196,7 @@ def near_distance(vertical: np.ndarray, reach: float, outside_blocks: bool, dist
         _stretch(line, start, stop, reach, outside_blocks, vertex, height, border, distance[row])
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def _stretch(
     line: np.ndarray,
     start: int,

@@ -179,7 +179,7 @@ def _stuck(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> str:
     ]
     near = [id for id, outline in outlines if polygon_distance(*start, outline) < domain.radius]
     blamed = " and ".join(near) or "a wall or unknown cells"
-    return f"the robot does not fit where it starts, {blamed} in its way, and has no straight way out"
+    return f"the robot does not fit at its start, next to {blamed}, and cannot leave it in a straight line"
 
 
 def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[Task]:
@@ -244,5 +244,5 @@ def _notes(domain: SearchDomain, result: SearchResult) -> tuple[str, ...]:
     notes = [f"{obj.id} is not pushed: {domain.why_immovable[obj.id]}" for obj in domain.immovable]
     if result.left_out:
         names = ", ".join(domain.bodies[index].obj.id for index in result.left_out)
-        notes.append(f"left out, beside no bottleneck between start and goal: {names}")
+        notes.append(f"ignored, not near a bottleneck between start and goal: {names}")
     return tuple(notes)

@@ -188,7 +188,7 @@ def _planned(
     )
     if oblique.reachable:
         return oblique
-    note = "oblique pushes do not help either" + ("" if oblique.proved else ", as far as was looked")
+    note = "oblique pushes do not help either" + ("" if oblique.proved else ", within the search budget")
     return replace(found, notes=(*found.notes, note))
 
 

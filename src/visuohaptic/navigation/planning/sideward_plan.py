@@ -58,7 +58,7 @@ def via_sideward(
         Time limit.
     """
     body, robot = domain.bodies[index], problem.robot
-    nothing = Plan(False, reason=f"{body.obj.id} cannot be brushed aside on the way")
+    nothing = Plan(False, reason=f"{body.obj.id} cannot be pushed aside on the path")
     start, goal = (grid_from_world(problem.map, point) for point in (problem.start_m, problem.goal_m))
     shifts = np.zeros((len(domain.bodies), 2))
     gone = shifts.copy()

@@ -34,7 +34,7 @@ def outline_of(points: object, where: str) -> Float[np.ndarray, "p 2"]:
     try:
         outline = np.array(points, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(where, "found something else than numbers", field="footprint_m") from error
+        raise InputError(where, "found values that are not numbers", field="footprint_m") from error
     if outline.ndim != 2 or outline.shape[1] != 2 or not (np.abs(outline) <= MAX_COORDINATE_M).all():
         raise InputError(
             where,

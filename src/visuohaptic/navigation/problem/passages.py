@@ -106,7 +106,7 @@ class Passage:
         """
         needed = WING_ROOM * 2.0 * robot.radius_m / self.width_m
         if needed > 1.0:
-            return PassageCost(math.inf, reason=f"{self.width_m:.2f} m are too narrow for the robot")
+            return PassageCost(math.inf, reason=f"{self.width_m:.2f} m is too narrow for the robot")
         push_s = 0.5 * self.width_m * math.acos(1.0 - needed) / robot.v_push_m_s
         sigma_s = WING_SPREAD * push_s
         if self.open_s is not None:

@@ -202,7 +202,7 @@ def load_of_feet(
         raise InputError(
             "load_of_feet",
             f"found the centre of mass {tuple(centre_m)} where foot {int(load.argmin())} would be lifted",
-            remedy="the object would stand on fewer feet: give those",
+            remedy="the object would stand on fewer feet: give only those",
         )
     return np.maximum(load, 0.0)
 

@@ -103,7 +103,7 @@ def simulate_push(
     )
     if trace[0, GAP] < -1e-3:
         raise InputError(
-            "simulate_push", f"the platform begins {-1e3 * trace[0, GAP]:.1f} mm inside the object's outline"
+            "simulate_push", f"the platform starts {-1e3 * trace[0, GAP]:.1f} mm inside the object's outline"
         )
     return PushTrace(
         path,

@@ -115,7 +115,7 @@ def fit_curve(
         raise InputError("curve", f"found shapes {d.shape} and {f.shape}, expected finite numbers (k,) twice")
     low = d <= LOW_m * (1 + 1e-9)
     if not low.any():
-        raise InputError("curve", f"no sample up to {LOW_m} m; the least is {d.min():.4g} m")
+        raise InputError("curve", f"no sample up to {LOW_m} m; the minimum is {d.min():.4g} m")
     i, relative = _slope(d[low], f[low], noise)
     if not i > 0:
         raise InputError(

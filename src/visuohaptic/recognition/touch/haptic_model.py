@@ -163,7 +163,8 @@ def class_statistics(
     away = features - mean[number]
     if counts.max() < 2:
         raise InputError(
-            "fit_model", "no class has two objects, expected some that show what objects of a class differ by"
+            "fit_model",
+            "no class has two objects, expected two objects or more of some class, for the variation within a class",
         )
     within = _within(away, number, _discrepancy(settings))
     if data.height_m is None:
@@ -393,7 +394,7 @@ def _prior(
     if bad := [name for name in given if name not in answers and name != UNKNOWN]:
         raise InputError("prior", f"found {bad[0]!r}, expected one of {', '.join(answers)}")
     if not all(0 <= value < float("inf") for value in given.values()) or not sum(given.values()) > 0:
-        raise InputError("prior", "expected probabilities from 0 up, not all 0")
+        raise InputError("prior", "expected probabilities >= 0, not all 0")
     unknown = given.pop(UNKNOWN, settings.unknown_prior)
     total = sum(given.values())
     return {name: (1 - unknown) * given.get(name, 0.0) / total for name in answers} | {UNKNOWN: unknown}

@@ -302,7 +302,7 @@ def load_state_model(path: Path | str) -> HapticStateModel:
     good = count > 0 and len(states) > 1 and mean.shape == (count, len(states), 3)
     good = good and covariance.shape == (count, 3, 3) and accuracy.shape == (count,)
     if not (good and np.isfinite(mean).all() and np.isfinite(covariance).all()):
-        raise InputError(path, "is not a state model: its arrays do not fit together")
+        raise InputError(path, "is not a state model: the shapes of its arrays are inconsistent")
     if not (np.linalg.eigvalsh(covariance) > 0).all():
         raise InputError(path, "is not a state model: a covariance is not positive", field="covariance")
     for place in places:

@@ -113,7 +113,7 @@ def load_tree(path: Path | str) -> ClassificationTree:
         and all(bool(((child > place) & (child < nodes))[inner].all()) for child in children)
     )
     if not good:
-        raise InputError(path, "is not a classification tree: its arrays do not fit together")
+        raise InputError(path, "is not a classification tree: the shapes of its arrays are inconsistent")
     return tree
 
 

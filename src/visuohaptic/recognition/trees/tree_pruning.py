@@ -101,7 +101,7 @@ def simplest(wrong: Float[np.ndarray, "k"], count: int) -> int:
     """
     least = float(wrong.min())
     if least < 0:
-        raise InputError("simplest", f"found {least:g} errors, expected none or more", field="wrong")
+        raise InputError("simplest", f"found {least:g} errors, expected 0 or more", field="wrong")
     return int(np.flatnonzero(wrong <= least + np.sqrt(least * (1 - least / count)))[-1])
 
 

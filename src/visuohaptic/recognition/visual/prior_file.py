@@ -112,7 +112,7 @@ def _decoded(card: Any, arrays: dict[str, np.ndarray]) -> VisualPrior:
     def take(name: str, count: int) -> np.ndarray:
         part = arrays[name][at[name] : at[name] + count]
         if count < 0 or len(part) != count:
-            raise ValueError(f"{name} ends too early")
+            raise ValueError(f"{name} is truncated")
         at[name] += count
         return part
 

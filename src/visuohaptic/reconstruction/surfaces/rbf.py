@@ -55,7 +55,7 @@ class RbfSurface:
         if centers.ndim != 2 or centers.shape[1] != 3 or len(centers) < 4:
             raise InputError("RbfSurface", f"found shape {centers.shape}, expected at least 4 x 3")
         if values.shape != (len(centers),) or not (np.isfinite(centers).all() and np.isfinite(values).all()):
-            raise InputError("RbfSurface", "centres and values must be finite and equally many")
+            raise InputError("RbfSurface", "centres and values must be finite and equal in number")
         self.origin_m: Float[np.ndarray, "3"] = centers.mean(axis=0)
         #: Half the extent [m]; lengths are divided by it, otherwise matrix entries would range from 1e-9 to 1.
         self.extent_m = float(np.abs(centers - self.origin_m).max())
@@ -158,7 +158,7 @@ class RbfSurface:
         self._weights = np.concatenate([early[:n], late])
         self._poly = early[n:]
         if not np.isfinite(self._weights).all():
-            raise InputError("RbfSurface", "the system is singular", remedy="join centres at one place")
+            raise InputError("RbfSurface", "the system is singular", remedy="merge coinciding centres")
 
     def __call__(self, points_m: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
         """Signed distance at points [m], positive outside.

@@ -141,14 +141,14 @@ class TransparencyDetector:
             views.clear()
             self._compared_m = -np.inf
             views.add(frame)
-            return self._left_out(frame, "pose jumps", "the pose jumps; the model starts anew")
+            return self._left_out(frame, "pose jumps", "the pose jumps; the model is restarted")
         if not views.add(frame):
             return self._left_out(frame, "not moved", "the camera has not moved")
         if views.path_length_m[-1] - self._compared_m < settings.step_m - 1e-9:
-            return self._left_out(frame, "between steps", "nearer than a step to the last comparison")
+            return self._left_out(frame, "between steps", "less than one step from the last comparison")
         others = views.of_model()
         if len(others) < settings.min_views:
-            return self._left_out(frame, "no model", "too few views for a model yet")
+            return self._left_out(frame, "no model", "too few views for a model so far")
         self._compared_m = views.path_length_m[-1]
         model = background_model(
             others,

@@ -118,7 +118,7 @@ class SearchReport:
         if self.skipped:
             seen += " (" + ", ".join(f"{count} {cause}" for cause, count in self.skipped.items()) + ")"
         if self.cause == "no views":
-            return f"{seen}: no view had others to compare it with"
+            return f"{seen}: no view could be compared with another"
         if self.cause == "no rays":
             return f"{seen}: none of the compared rays passes the space of interest"
         seen += f", {self.rays:g} independent views per voxel"

@@ -101,7 +101,7 @@ def run(out: Output) -> None:
         )
     out.compare("shown drives: end of the object off MuJoCo's, largest", 100 * max(off), "cm",
                 note="before it meets a wall, which MuJoCo was not given")  # fmt: skip
-    out.compare("shown drives: drop foreseen as in MuJoCo", sum(agree), f"of {len(agree)}")
+    out.compare("shown drives: drop predicted as in MuJoCo", sum(agree), f"of {len(agree)}")
 
 
 def _candidates(scene: Scene) -> tuple[list[Candidate], PushModel, tuple[float, float, float]]:

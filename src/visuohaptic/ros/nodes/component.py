@@ -187,7 +187,7 @@ class Worker(Component):
             self._end.set()
             self._thread.join(WAIT_S)
             if self._thread.is_alive():
-                _log.error("%s: still at work after %g s; its result is dropped", self._thread.name, WAIT_S)
+                _log.error("%s: still computing after %g s; its result is dropped", self._thread.name, WAIT_S)
             self._thread = None
 
     def close(self) -> None:

@@ -99,7 +99,7 @@ def _words(path: Path | str, command: str, values: Mapping[str, str]) -> tuple[s
             except ValueError as error:
                 remedy = "ros2 launch never splits a variable: leave out the quotes around it"
                 raise InputError(
-                    path, f"found a quote without its end in {brief(piece)}", remedy=remedy
+                    path, f"found an unterminated quote in {brief(piece)}", remedy=remedy
                 ) from error
         if parts and continues and not apart:
             words[-1] += parts.pop(0)

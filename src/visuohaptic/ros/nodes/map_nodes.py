@@ -99,10 +99,10 @@ class MapNode(Worker):
         Raises
         ------
         DeviceError
-            The node was deactivated meanwhile.
+            The node was deactivated in the meantime.
         """
         if end.is_set():
-            raise DeviceError(f"the node {self.host.node.name} was deactivated meanwhile")
+            raise DeviceError(f"the node {self.host.node.name} was deactivated in the meantime")
 
 
 class LayersParameters(MapParameters):
@@ -117,9 +117,7 @@ class LayersParameters(MapParameters):
 class LayersNode(MapNode):
     """Serves map layers for Nav2, updated with each map and after objects were touched."""
 
-    summary = (
-        "a map for Nav2: OccupancyGrid in, route graph (GeoJSON, markers), keep-out mask, felt obstacles out"
-    )
+    summary = "a map for Nav2: OccupancyGrid in, route graph (GeoJSON, markers), keep-out mask, measured obstacles out"
     parameter_model = LayersParameters
 
     def configure(self) -> None:

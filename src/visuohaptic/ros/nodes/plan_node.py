@@ -73,7 +73,7 @@ class PlanNode(MapNode):
         Raises
         ------
         DeviceError
-            Map, pose or goal are missing, the node was deactivated meanwhile, or the search does not end.
+            Map, pose or goal are missing, the node was deactivated in the meantime, or the search does not end.
         InputError
             Start or goal is not in free space.
         """
@@ -110,7 +110,7 @@ class PlanNode(MapNode):
 
     def deactivate(self) -> None:
         self._end.set()
-        gone = DeviceError(f"the node {self.host.node.name} was deactivated meanwhile")
+        gone = DeviceError(f"the node {self.host.node.name} was deactivated in the meantime")
         self._answer(tuple(self._asked), gone)
         self._due.clear()  # requests end with the activation in which they were made
         super().deactivate()

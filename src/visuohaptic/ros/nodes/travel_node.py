@@ -41,7 +41,7 @@ class TravelParameters(MapParameters):
     action: str = Field("navigate_through_pushes", description="name of the action, nav2_msgs/NavigateToPose")
     goal: str = Field("goal_pose", description="topic of geometry_msgs/PoseStamped, as RViz sends it")
     max_speed_m_s: float = Field(0.5, gt=0.0, le=5.0, description="larger commands are an error [m/s]")
-    touch_N: float = Field(0.3, gt=0.0, le=100.0, description="a smaller force is no touch [N]")
+    touch_N: float = Field(0.3, gt=0.0, le=100.0, description="smaller forces are not a contact [N]")
     max_age_s: float = Field(0.5, gt=0.0, le=10.0, description="older odometry and forces count as none [s]")
 
 
@@ -191,7 +191,7 @@ class TravelNode(MapNode):
             The robot is already driving, or map, localisation or odometry are missing.
         """
         if not self._driving.acquire(blocking=False):
-            raise DeviceError("the robot drives to another goal; cancel that first")
+            raise DeviceError("the robot is driving to another goal; cancel that first")
         try:
             if self._map is None or not self._senses.located:
                 place = self.parameters.map if self._map is None else self.parameters.pose
@@ -207,7 +207,7 @@ class TravelNode(MapNode):
 
             def wait(period_s: float) -> None:
                 if cancelled() or not self.host.active.is_set():
-                    raise _CancelledError("the goal was taken back")
+                    raise _CancelledError("the goal was cancelled")
                 if next(periods) % 25 == 0:
                     x, y, _ = self._senses.pose()
                     tell(math.hypot(goal_m[0] - x, goal_m[1] - y))

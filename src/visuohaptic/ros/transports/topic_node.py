@@ -137,7 +137,7 @@ class RosPublisher:
         while not self.heard:
             if time.monotonic() > until:
                 raise DeviceError(
-                    f"nobody listens to {self.topic} ({self._kind.name}); check the robot's "
+                    f"no subscriber to {self.topic} ({self._kind.name}); check the robot's "
                     "controller, the topic, the domain and the ROS release"
                 )
             time.sleep(0.002)

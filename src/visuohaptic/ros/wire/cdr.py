@@ -111,10 +111,10 @@ def _write_one(out: bytearray, value: Any, kind: MessageType, field: Field, wher
         _write_message(out, value, kind, field.kind, where)
     elif field.kind == "string":
         if not isinstance(value, str) or "\0" in value:
-            raise _wrong(kind, where, value, "a text without zeros")
+            raise _wrong(kind, where, value, "a string without NUL characters")
         data = value.encode()
         if field.text_capacity and len(data) > field.text_capacity:
-            raise _wrong(kind, where, value, f"at most {field.text_capacity} bytes of text")
+            raise _wrong(kind, where, value, f"at most {field.text_capacity} bytes of UTF-8")
         _align(out, 4)
         out += struct.pack("<I", len(data) + 1)
         out += data

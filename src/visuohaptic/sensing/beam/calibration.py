@@ -225,7 +225,7 @@ def _refuse_noise(
         row, k = divmod(int(np.argmax(away)), 6)
         raise CalibrationError(
             record.where,
-            f"{AXES[k]} is off by {away[row, k]:.0f} standard deviations of the other rows",
+            f"{AXES[k]} deviates by {away[row, k]:.0f} standard deviations from the other rows",
             field=f"line {record.line[row]}",
             remedy="check the load of this row, or leave it out",
         )
@@ -249,7 +249,7 @@ def _refuse_surprise(
     if surprise[j] <= MAX_SURPRISE:
         return
     if j == k:
-        what = f"the beam moves {1 + free[j]:.3g} times as far along {AXES[k]} as its data sheet says"
+        what = f"the beam moves {1 + free[j]:.3g} times as far along {AXES[k]} as its data sheet states"
         remedy = "check units, signs, length, diameter and spring in the beam's file"
     else:
         what = f"a load of {AXES[j]} shows as {100 * free[j]:.0f} % of {AXES[k]}"

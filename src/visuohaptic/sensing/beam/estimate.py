@@ -163,7 +163,7 @@ def _exact(beam: Beam, weights: _Weights, start: np.ndarray) -> BeamEstimate:
         # Distance to the solution in standard deviations.
         left = float(np.linalg.norm(white @ (step / scale)))
         if not np.isfinite(left):
-            raise InputError("motion", "the observed poses are no shape of the rod")
+            raise InputError("motion", "the observed poses do not fit any shape of the rod")
         fraction = 1.0
         while fraction > 1e-3:
             trial = look(base + fraction * step)

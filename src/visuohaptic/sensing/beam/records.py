@@ -105,7 +105,7 @@ def read_loads(path: Path | str, *, angles: Literal["deg", "rad"] | None = None)
         if angles is None:
             raise CalibrationError(
                 path,
-                "the unit of roll, pitch, yaw is not said",
+                "the unit of roll, pitch, yaw is not stated",
                 field="header",
                 remedy="name them roll_deg, pitch_deg, yaw_deg, or give --angles deg",
             )

@@ -56,7 +56,7 @@ class BeamSetup:
             if not 0.05 <= xi <= 1:
                 raise InputError("templates", f"found xi {xi:g}, expected 0.05 to 1", field=name)
         if self.reference in self.xi:
-            raise InputError("templates", f"{self.reference} is the reference and on the rod as well")
+            raise InputError("templates", f"{self.reference} is both the reference and on the rod")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,7 +133,9 @@ class BeamSensor:
         found = [relative for _, templates in seen if (relative := self._relative(templates, steady)[0])]
         if not found:
             raise CalibrationError(
-                "zero", "no frame shows the reference template and one on the rod", remedy="free their view"
+                "zero",
+                "no frame shows the reference template and one on the rod",
+                remedy="make sure that nothing covers them",
             )
         zero = BeamZero.from_frames(seen[-1][0], found, shared=None if steady is None else steady.covariance)
         self._steady = None if steady is None else SteadyReference()
@@ -180,7 +182,7 @@ class BeamSensor:
         """Poses in the reference template, or the reason why there are none; with the reason if they are not valid."""
         by_name = {template.name: template for template in templates}
         if len(by_name) != len(templates):
-            raise InputError("templates", "a name is there twice in one frame")
+            raise InputError("templates", "a name occurs twice in one frame")
         reference = by_name.get(self.setup.reference)
         seen = bool(reference and reference.valid and reference.T_camera_template)
         reason = Reason.OK

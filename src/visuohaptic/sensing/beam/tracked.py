@@ -139,7 +139,9 @@ class TrackedBeam(Closing):
         """
         seen = [(frame.t_s, self.track(frame)) for frame in frames]
         if not seen:
-            raise CalibrationError("zero", "there is no frame", remedy="give frames of the untouched sensor")
+            raise CalibrationError(
+                "zero", "found no frame, expected at least one", remedy="give frames of the untouched sensor"
+            )
         # Templates that the tracker had not yet found at the start are not a fault of the setup.
         whole = [one for one in seen if all(pose.valid for pose in one[1])]
         return self.sensor.zero(whole if 2 * len(whole) >= len(seen) else seen)

@@ -92,7 +92,9 @@ class BeamZero:
         if not names or 2 * len(whole) < len(frames):
             seen = ", ".join(f"{name} in {count}" for name, count in counts.items()) or "none"
             raise CalibrationError(
-                where, f"templates seen in too few of {len(frames)} frames: {seen}", remedy="free their view"
+                where,
+                f"templates seen in too few of {len(frames)} frames: {seen}",
+                remedy="make sure that nothing covers them",
             )
         means, offsets = [], []
         for k in range(len(names)):

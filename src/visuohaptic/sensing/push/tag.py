@@ -369,7 +369,7 @@ def predictive_interval(
     n = estimate.samples
     freedom = n - 1 + prior_samples
     if freedom <= 0:
-        raise InputError("estimate", "found one sample and no prior, expected at least one of more")
+        raise InputError("estimate", "found one sample and no prior, expected a prior or more samples")
     squares = (n - 1) * estimate.spread**2 + prior_samples * (prior_cv * estimate.value) ** 2
     variance = squares / freedom * (1.0 + 1.0 / n) + estimate.sigma**2
     half = float(stdtrit(freedom, 0.5 + 0.5 * level)) * float(np.sqrt(variance))

@@ -143,7 +143,7 @@ def obstacles_for_map(
         else:
             raise InputError(
                 "map",
-                f"no room for obstacle {obstacle.name!r}: found no free way of {before + behind:.2f} m",
+                f"no room for obstacle {obstacle.name!r}: found no free path of {before + behind:.2f} m",
                 remedy="use a map with more free space",
             )
         heading, points = way

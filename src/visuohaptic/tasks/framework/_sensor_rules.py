@@ -78,7 +78,7 @@ def fresh_rule(time_s: Callable[[], float], wait: Callable[[float], None]) -> tu
         steps.append(time_s() - before)
     stale = [step for step in steps if not step > 0.0]
     found = f"{len(stale)} of {len(steps)} readings no newer than {FRESH_s:g} s before"
-    return rule(f"it is measured anew within {FRESH_s:g} s", not stale, found)
+    return rule(f"it is measured again within {FRESH_s:g} s", not stale, found)
 
 
 def clock_rules(
@@ -123,7 +123,7 @@ def camera_rules(camera: FrameSource) -> Iterator[tuple[str, str]]:
     numbers = [frame.index for frame in frames]
     yield rule("their indices ascend", (np.diff(numbers) > 0).all(), f"{numbers}")
     sizes = {frame.image.shape for frame in frames}
-    yield rule("they are of one size", len(sizes) == 1, f"{sorted(sizes)}")
+    yield rule("they have the same size", len(sizes) == 1, f"{sorted(sizes)}")
     model = camera.camera
     if model is not None:
         rows, columns = frames[0].image.shape[:2]
@@ -170,16 +170,16 @@ def localizer_rules(
     step_m = math.hypot(end.x_m - start.x_m, end.y_m - start.y_m)
     driven_m = math.hypot(after.x_m - before.x_m, after.y_m - before.y_m)
     # 10 cm and half a radian reveal wrong units, axes or signs, despite differences between odometry and map.
-    found = f"{step_m:.4g} m, the base says {driven_m:.4g} m"
+    found = f"{step_m:.4g} m, the base reports {driven_m:.4g} m"
     yield rule("it moves with the base, in metres", abs(step_m - driven_m) < 0.05, found)
     turns = [wrap_angle(b.heading_rad - a.heading_rad) for a, b in ((start, end), (before, after))]
-    found = f"{turns[0]:.4g} rad, the base says {turns[1]:.4g} rad"
+    found = f"{turns[0]:.4g} rad, the base reports {turns[1]:.4g} rad"
     yield rule("it turns with the base, in radians", abs(turns[0] - turns[1]) < 0.2, found)
     course = wrap_angle(
         math.atan2(end.y_m - start.y_m, end.x_m - start.x_m) - 0.5 * (start.heading_rad + end.heading_rad)
     )
     yield rule(
-        "it moves where its heading points", abs(course) < 0.5, f"a way {course:.3g} rad beside its heading"
+        "it moves where its heading points", abs(course) < 0.5, f"a course {course:.3g} rad from its heading"
     )
 
 
@@ -202,7 +202,7 @@ def depth_rules(depth: DepthSource, wait: Callable[[float], None]) -> Iterator[t
     yield rule("its images are of the camera's size", shapes == {size}, f"{sorted(shapes)}, expected {size}")
     values = np.concatenate([np.ravel(np.asarray(image.depth_m, dtype=float)) for image in images])
     values = values[~np.isnan(values)]
-    yield rule("it measures something", len(values), "NaN alone")
+    yield rule("it measures depths", len(values), "NaN alone")
     wrong = values[(values <= 0.0) | (values > MAX_DEPTH_m)]
     found = f"{next(iter(wrong), 0.0):.4g}, expected more than 0 and at most {MAX_DEPTH_m:g}"
     yield rule("its depths are in metres, NaN where not measured", not len(wrong), found)

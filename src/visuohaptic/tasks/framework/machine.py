@@ -142,7 +142,7 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
         """
         if self.ending is not None:
             found = f"has ended ({self.ending.outcome})"
-            raise InputError(self.task, found, remedy="make a new one for a new run")
+            raise InputError(self.task, found, remedy="create a new one for each run")
         stopped = self._clock.update(seen.t_s)
         if not seen.t_s > self._last_s:
             if stopped:
@@ -252,7 +252,7 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
         """
         self._blind = 0 if felt else self._blind + 1
         if self._blind >= max_frames:
-            self.end(False, outcome, f"{self._blind} frames in a row cannot be trusted")
+            self.end(False, outcome, f"{self._blind} successive frames were not valid")
         return self._blind >= max_frames
 
     def interrupt(self, outcome: str, why: str) -> None:

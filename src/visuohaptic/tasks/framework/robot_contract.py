@@ -262,7 +262,7 @@ def _base_rules(base: MobileBase, wait: Callable[[float], None], motion: bool) -
     turn_rad = abs(later.heading_rad - rest.heading_rad)
     found = f"{1e3 * drift_m:.3g} mm and {turn_rad:.3g} rad in half a second"
     yield rule("it stands a second after stop()", drift_m < STILL_m and turn_rad < STILL_rad, found)
-    yield _refuses("a speed that is no number", lambda: base.drive(math.nan, 0.0))
+    yield _refuses("a speed that is not a number", lambda: base.drive(math.nan, 0.0))
 
 
 def _gripper_rules(
@@ -282,7 +282,7 @@ def _gripper_rules(
     wait(0.5 * SQUEEZE_m / speed)
     half = gripper.state()
     gone = sign * (half.opening_m - start.opening_m)
-    yield _between("it moves at the speed it is told", gone, 0.5 * SQUEEZE_m, "m")
+    yield _between("it moves at the commanded speed", gone, 0.5 * SQUEEZE_m, "m")
     yield _between("speed_m_s is the rate of the opening", half.speed_m_s, sign * speed, "m/s")
     gripper.stop()
     yield _holds(lambda: gripper.state().opening_m, 0.5 * STILL_m, wait)
@@ -290,9 +290,9 @@ def _gripper_rules(
     wait(SQUEEZE_m / speed + 0.5)
     missed = abs(gripper.state().opening_m - target)
     found = f"an opening {1e3 * missed:.3g} mm from the one commanded"
-    yield rule("it reaches what it is told", missed < REACHED_m, found)
+    yield rule("it reaches the commanded target", missed < REACHED_m, found)
     yield _refuses("an opening below 0", lambda: gripper.move(-0.01, speed))
-    yield _refuses("a speed that is no number", lambda: gripper.move(target, math.nan))
+    yield _refuses("a speed that is not a number", lambda: gripper.move(target, math.nan))
     gripper.move(start.opening_m, speed)
     wait(SQUEEZE_m / speed + 0.5)
 
@@ -318,16 +318,16 @@ def _arm_rules(arm: ProbeArm, wait: Callable[[float], None], motion: bool) -> It
     wait(0.5)
     half = arm.pose()[1].translation_m - start.translation_m
     along = float(half @ up) / LIFT_m
-    yield _between("it moves at the speed it is told", along, 0.5 * LIFT_m, "m")
+    yield _between("it moves at the commanded speed", along, 0.5 * LIFT_m, "m")
     aside = float(np.linalg.norm(half - along * up / LIFT_m))
-    yield rule("it moves in a straight line", aside < STILL_m, f"it {1e3 * aside:.3g} mm beside it half way")
+    yield rule("it moves in a straight line", aside < STILL_m, f"it {1e3 * aside:.3g} mm from it half-way")
     arm.stop()
     yield _holds(lambda: arm.pose()[1].translation_m, STILL_m, wait)
     arm.move_linear(target, LIFT_m)
     wait(1.5)
     missed = float(np.linalg.norm(arm.pose()[1].translation_m - target.translation_m))
     found = f"a pose {1e3 * missed:.3g} mm from the one commanded"
-    yield rule("it reaches what it is told", missed < REACHED_m, found)
+    yield rule("it reaches the commanded target", missed < REACHED_m, found)
     away = Pose(start.rotation, np.array([0.0, 0.0, 3.0 * reach[1]]))
     yield _refuses("a pose out of reach", lambda: arm.move_linear(away, LIFT_m))
     yield _refuses("a speed of 0", lambda: arm.move_linear(target, 0.0))

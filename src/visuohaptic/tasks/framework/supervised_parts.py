@@ -242,7 +242,7 @@ def _leap(name: str, step_m: float, passed_s: float, max_speed_m_s: float, guard
     # Jumps of the clock are reported separately.
     if abs(passed_s) > limits.max_jump_s or step_m <= max_speed_m_s * max(passed_s, 0.0) + limits.max_leap_m:
         return ""
-    return f"{name} says that it has moved by {step_m:.2f} m in {passed_s:.2f} s"
+    return f"{name} reports a motion of {step_m:.2f} m in {passed_s:.2f} s"
 
 
 class _SupervisedArm(ProbeArm):
@@ -286,7 +286,7 @@ class _SupervisedArm(ProbeArm):
         path = obstacles.along(here, T_base_tip)
         if not path.free:
             raise DeviceError(
-                f"move_linear: the tool comes as near as {path}; approach from elsewhere, or slower"
+                f"move_linear: the tool comes within {path}; approach from elsewhere, or slower"
             )
 
     def stop(self) -> None:

@@ -348,7 +348,7 @@ class SupervisorCore(Closing):
                 max(stream.fresh_s, motion.since_s) if stream.read_s == stream.fresh_s else stream.fresh_s
             )
             if now_s - from_s >= max_age_s:
-                return f"{stream.name} has not been read anew for {now_s - from_s:.2f} s"
+                return f"{stream.name} has not been updated for {now_s - from_s:.2f} s"
         if motion.part.name not in self._streams and now_s - motion.since_s >= max_age_s:
             return f"{motion.part.name} has never been read"
         return ""

@@ -151,7 +151,7 @@ class Trace:
             or not isinstance(rows[0].get("task"), str)
             or not isinstance(rows[0].get("settings"), dict)
         ):
-            raise InputError(where, "expected a head with task and settings", field="line 1")
+            raise InputError(where, "expected a header with task and settings", field="line 1")
         last = rows[-1].get("ending") if len(rows) > 1 else None
         ending = from_dict(Ending, last, where=f"{where}: ending") if last is not None else None
         body = rows[1:-1] if last is not None else rows[1:]

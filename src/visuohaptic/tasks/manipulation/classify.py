@@ -124,7 +124,9 @@ def classify_by_squeezing(
         if not done.ending.success:
             missed += 1
             if missed >= settings.misses:
-                return result(False, ClassifyOutcome.NOTHING_FELT, f"{missed} places in a row met nothing")
+                return result(
+                    False, ClassifyOutcome.NOTHING_FELT, f"{missed} places in succession without contact"
+                )
             continue
         missed = 0
         curves.extend(done.curves)
@@ -135,7 +137,7 @@ def classify_by_squeezing(
             why = f"{best} with {belief[best]:.2f} after {len(curves)} squeezes"
             return result(True, ClassifyOutcome.RECOGNISED, why)
     if not curves:
-        return result(False, ClassifyOutcome.NOTHING_FELT, "no place was felt")
+        return result(False, ClassifyOutcome.NOTHING_FELT, "no place could be measured")
     belief = classifier.belief()
     return result(
         False, ClassifyOutcome.UNDECIDED, f"at best {max(belief.values()):.2f} after {len(curves)} squeezes"

@@ -159,7 +159,9 @@ class CompleteTask(Machine[CompleteState, ProbeObservation, ProbeCommand]):
         }.get(self.state, self._travel)  # fmt: skip
         # Retreating from a contact, the tip may still be loaded for a moment.
         if work == self._travel and seen.force_N > s.blocked_N:
-            return self.give_up(CompleteOutcome.BLOCKED, f"{seen.force_N:.1f} N on the way, {self.state}")
+            return self.give_up(
+                CompleteOutcome.BLOCKED, f"{seen.force_N:.1f} N during the motion, {self.state}"
+            )
         return work(seen)
 
     def _plan(self, seen: ProbeObservation) -> ProbeCommand:
@@ -167,7 +169,7 @@ class CompleteTask(Machine[CompleteState, ProbeObservation, ProbeCommand]):
         if seen.done:
             self.end(True, CompleteOutcome.COMPLETED, why)
         elif seen.touches >= s.touches:
-            self.end(False, CompleteOutcome.TOUCHES_USED, f"{why}, wanted {1e3 * s.bound_m:.2f} mm")
+            self.end(False, CompleteOutcome.TOUCHES_USED, f"{why}, requested {1e3 * s.bound_m:.2f} mm")
         elif math.isfinite(seen.start_m[0]):
             self.go(CompleteState.UP, f"line {seen.touches + 1} at {1e3 * seen.start_m[2]:.0f} mm")
             return self._travel(seen)
@@ -192,7 +194,7 @@ class CompleteTask(Machine[CompleteState, ProbeObservation, ProbeCommand]):
             self.go(CompleteState.BACK, f"touched, {seen.force_N:.2f} N")
             return ProbeCommand(report=True, contact=True)
         if math.dist(seen.tip_m, seen.end_m) < 3e-4:
-            self.go(CompleteState.BACK, "nothing met on the line")
+            self.go(CompleteState.BACK, "no contact on the line")
             return ProbeCommand(report=True)
         return ProbeCommand(True, seen.end_m, s.probe_m_s)
 

@@ -163,9 +163,9 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
         if tip[2] <= floor + 1e-4:
             self._misses += 1
             if self._misses > 4:
-                why = f"nothing met {1e3 * s.depth_m:.0f} mm below its place"
+                why = f"no contact {1e3 * s.depth_m:.0f} mm below its place"
                 return self.give_up(CapOutcome.NO_CONTACT, why)
-            return self._again(tip, 0.0, s.ahead_m, "nothing met: ahead")
+            return self._again(tip, 0.0, s.ahead_m, "no contact: ahead")
         # Slow from the first contact on: on a stiff beam the motion of one frame is many newtons.
         touched = z > s.touch_N or math.hypot(x, y) > s.touch_N
         return self._to(np.array([tip[0], tip[1], floor]), s.slow_m_s * (0.15 if touched else 0.5))
@@ -236,7 +236,7 @@ class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
             self.go(CapState.ROTATE, f"F_y {y:.1f} N after {1e3 * gone:.0f} mm")
             return self._rotate(seen, tip)
         if gone > s.forward_m:
-            return self._again(tip, 0.0, -s.forward_m - s.back_m, "no neck met: back")
+            return self._again(tip, 0.0, -s.forward_m - s.back_m, "no contact with the neck: back")
         # Force control that keeps the bridge on the cap; the compliance of the beam is a millimetre per 4 N.
         down = np.clip(1e-4 * (z - s.press_down_N), -5e-4, 5e-4)
         return self._to(tip + np.array([0.0, 1e-3, down]), s.slow_m_s)

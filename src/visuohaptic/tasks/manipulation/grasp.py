@@ -139,7 +139,7 @@ class GraspAndLiftTask(HandTask[GraspState]):
         # A low force for several frames: the object has slipped out.
         self._weak = self._weak + 1 if seen.force_N < 0.4 * p.force_N else 0
         if self._weak >= 3:
-            return self._fail(GraspOutcome.LOST, f"{seen.force_N:.2f} N are left of {p.force_N:.2f} N")
+            return self._fail(GraspOutcome.LOST, f"{seen.force_N:.2f} N remain of {p.force_N:.2f} N")
         top = (grasp[0], grasp[1], grasp[2] + p.lift_m)
         if self.state is GraspState.LIFT:
             if math.dist(seen.tip_m, top) < 5e-4:

@@ -179,7 +179,7 @@ class SqueezeTask(HandTask[SqueezeState]):
             spread = float(np.std(surface)) / math.sqrt(len(surface))
             self._points.append((float(np.median(force)), float(np.mean(surface)), max(spread, 1e-5)))
             if abs(self._points[0][1] - self._points[-1][1]) >= s.deformation_m:
-                return self._next("as far as allowed")
+                return self._next("maximum deformation reached")
         self._level += 1
         if self._level >= len(s.forces_N):
             return self._next("")
@@ -195,7 +195,7 @@ class SqueezeTask(HandTask[SqueezeState]):
                 self.end(
                     False,
                     SqueezeOutcome.SOME_MISSED,
-                    f"{len(empty)} of {len(self.curves)} places met nothing",
+                    f"{len(empty)} of {len(self.curves)} places had no contact",
                 )
             else:
                 self.end(True, SqueezeOutcome.SQUEEZED, f"{len(self.curves)} places")

@@ -89,7 +89,7 @@ class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
             self.end(False, ExploreOutcome.TIMED_OUT, f"after {elapsed_s:.1f} s")
         elif allowed is GuardState.UNREAD and pressing:
             # Densified foam may remain unreadable: the retreat does not need a reading.
-            why = f"{self.settings.max_invalid_frames} frames in a row cannot be trusted"
+            why = f"{self.settings.max_invalid_frames} successive frames were not valid"
             self.end(False, ExploreOutcome.SENSOR_FAILED, why)
         elif allowed is GuardState.TOO_HEAVY:
             self.touched = True

@@ -88,7 +88,9 @@ class LeRobotLink:
             except Exception as error:
                 raise DeviceError(f"LeRobot: {type(error).__name__}: {error}; is it connected?") from error
             if missing := [name for name in names if name not in found]:
-                raise DeviceError(f"LeRobot: observes no {missing[0]!r}, but {', '.join(map(str, found))}")
+                raise DeviceError(
+                    f"LeRobot: has no observation {missing[0]!r}, only {', '.join(map(str, found))}"
+                )
             if not self._goals:
                 self._goals = {
                     name: float(found[name]) if name.endswith(".pos") else 0.0

@@ -116,7 +116,7 @@ class RepeatedBase(Closing, MobileBase):
         finite(where, speed_m_s=speed_m_s, turn_rate_rad_s=turn_rate_rad_s)
         for (name, limit), value in zip(self._limits.items(), (speed_m_s, turn_rate_rad_s), strict=True):
             if abs(value) > limit:
-                raise InputError(where, f"found {value:g}, allowed are {limit:g}", field=name)
+                raise InputError(where, f"found {value:g}, expected {limit:g}", field=name)
         self._check()
         with self._lock:
             self._command = (float(speed_m_s), float(turn_rate_rad_s))

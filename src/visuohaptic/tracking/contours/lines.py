@@ -58,7 +58,7 @@ class ConstraintLines:
             set_field(self, name, np.ascontiguousarray(values))
         if not np.isfinite(total):
             raise InputError(
-                "ConstraintLines", "found a value that is not finite", remedy="leave out such lines"
+                "ConstraintLines", "found a value that is not finite", remedy="remove such lines"
             )
         length = np.einsum("ki,ki->k", direction, direction)
         if np.abs(length - 1.0).max() > 1e-6:

@@ -211,7 +211,7 @@ def estimate_homography_robust(
         distance = np.linalg.norm(apply_homography(matrix, a) - b, axis=1)
         inliers = distance < threshold  # NaN (beyond the horizon) compares as false
     valid = bool(np.count_nonzero(inliers) >= max(4, minimum))
-    return RobustHomography(matrix, inliers, valid, "" if valid else "the consensus fell apart")
+    return RobustHomography(matrix, inliers, valid, "" if valid else "the consensus set became too small")
 
 
 def compose_homography(

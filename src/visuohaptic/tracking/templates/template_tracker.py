@@ -158,7 +158,7 @@ class TemplateTracker(Closing):
         """
         if not frame.t_s > self._last_t_s:
             return tuple(
-                _no_pose(name, frame.t_s, Reason.STALE, "the frame is not newer than the one before", None)
+                _no_pose(name, frame.t_s, Reason.STALE, "the frame is not newer than the previous one", None)
                 for name in self._tracks
             )
         self._last_t_s = frame.t_s
@@ -167,7 +167,7 @@ class TemplateTracker(Closing):
             raise InputError(
                 "TemplateTracker",
                 f"found a frame of {grey.shape[1]} x {grey.shape[0]} px, "
-                f"expected {self.camera.width} x {self.camera.height} as the camera's model says",
+                f"expected {self.camera.width} x {self.camera.height} as in the camera model",
             )
         for name, detection in self._search.collected().items():
             if self._tracks[name].homography is None:
@@ -202,7 +202,7 @@ class TemplateTracker(Closing):
             alignment = self._align(track, grey, track.homography)
         if alignment.valid and was_lost and alignment.ncc < self.settings.ncc_found:
             return self._loose(
-                track, t_s, f"correlation {alignment.ncc:.2f} is too low to begin with", alignment
+                track, t_s, f"correlation {alignment.ncc:.2f} is too low to start tracking", alignment
             )
         if not alignment.valid:
             return self._loose(track, t_s, alignment.reason, alignment)
@@ -338,7 +338,7 @@ class TemplateTracker(Closing):
         gain = float(np.clip(other.chi2 - current.chi2, -20.0, 20.0))
         track.advantage = float(np.clip(track.advantage + gain, -100.0, 100.0))
         if track.advantage < -self.settings.flip_chi2:
-            _log.info("%s: the other tilt explains the frames better", track.template.name)
+            _log.info("%s: the opposite tilt explains the frames better", track.template.name)
             current, other = other, current
             track.advantage = -track.advantage
         ambiguous = track.advantage < self.settings.flip_chi2

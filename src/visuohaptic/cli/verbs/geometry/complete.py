@@ -119,7 +119,7 @@ def _joined(
         raise InputError(
             args.region,
             "found no outline of the cluster (axis, radius, height), expected one for --clear",
-            remedy="write it by `visuohaptic reconstruct` with the method consistency",
+            remedy="create it with `visuohaptic reconstruct` and the method consistency",
         )
     clear = BodyCompletion.standing(model, region.body, float(region.hull_m[:, 2].max()))
     for touch in touches:

@@ -72,7 +72,7 @@ def run(args: Any) -> dict[str, Any]:
             sensor=names[0] if names else maker,
             depth_scale_m=_DEPTH_SCALE_M,
         )
-    args.report(f"{count} images in {args.out}, {skipped[0]} skipped without the tag")
+    args.report(f"{count} images in {args.out}, {skipped[0]} without the tag skipped")
     args.report(f"next: visuohaptic reconstruct {args.out} --out {args.out}_model")
     return {"folder": str(args.out), "frames": count, "skipped": skipped[0]}
 

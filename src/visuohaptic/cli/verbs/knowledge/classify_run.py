@@ -177,7 +177,8 @@ def _asked(args: Any, model: Any, follow: Any) -> tuple[Any, ...]:
             raise InputError("stdin", f"found {line.strip()!r}, expected numbers") from error
         if not 2 <= len(numbers) <= 4 or not all(0 < value < 1e12 for value in numbers):
             raise InputError(
-                "stdin", f"found {line.strip()!r}, expected two stiffnesses, and perhaps a width and a height"
+                "stdin",
+                f"found {line.strip()!r}, expected two stiffnesses, optionally followed by width and height",
             )
         sides = [
             CurveCoefficients(value, value, float("nan"), model.protocol.relative_sigma(value), float("nan"))

@@ -54,7 +54,7 @@ def add_container_arguments(add: Any, *, also: str = "") -> None:
     )
     shape("--variant", int, "number of a random variant of a class (default: the middle of its ranges)")
     shape("--seed", 0, "seed of the variants")
-    shape("--around", int, "vertices round the wall (72; 96 for a mesh)")
+    shape("--around", int, "vertices around the wall (72; 96 for a mesh)")
     shape(
         "--unit",
         str,

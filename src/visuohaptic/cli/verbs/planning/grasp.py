@@ -144,7 +144,7 @@ def _check_mass_known(args: Any, container: Any) -> None:
     if args.mass is None and wall_density_kg_per_m3(container) is None:
         raise InputError(
             args.object,
-            f"its wall is of material {container.material.name!r}, of which the density is not known, and so its mass",
+            f"its wall is of material {container.material.name!r}, whose density is unknown, and so is its mass",
             remedy="give --mass in kg, or name its --material",
         )
 

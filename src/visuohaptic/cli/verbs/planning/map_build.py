@@ -50,7 +50,7 @@ def run(args: Namespace) -> dict[str, Any]:
         [Path(args.out)] if len(paths) == 1 else [Path(args.out) / f"{path.stem}.yaml" for path in paths]
     )
     if len(set(targets)) < len(targets):
-        raise InputError("scans", "found two files of one name, expected a name for each floor")
+        raise InputError("scans", "found two files with the same name, expected one name for each floor")
     build = partial(build_map, settings=MapperSettings(resolution_m=args.resolution_m))
     floors = [
         read_scans(path, scan_topic=args.scan_topic, odometry_topic=args.odometry_topic) for path in paths

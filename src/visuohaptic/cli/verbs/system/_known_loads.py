@@ -60,7 +60,7 @@ def fit_known_loads(loads: Sequence[PlateRecord], width_m: float, height_m: floa
     Raises
     ------
     CalibrationError
-        The loads contradict each other, or nothing was pressed in.
+        The loads contradict each other, or no deflection was measured.
     """
     from scipy.optimize import least_squares
 
@@ -74,7 +74,7 @@ def fit_known_loads(loads: Sequence[PlateRecord], width_m: float, height_m: floa
 
     start_N = np.array([_force_N(load, typical_foam(width_m, height_m)) for load in loads])
     if not (len(loads) and (start_N > 0).all()):
-        raise CalibrationError("known loads", "nothing was pressed in", remedy="press deeper, and again")
+        raise CalibrationError("known loads", "no deflection was measured", remedy="press deeper and repeat")
     start = np.array([np.log(1e4 * float(np.median(truth_N / start_N))), _LOG_ALPHA])
     # Steps of 1 %: the fitted spline of the curve is not smooth in less.
     found = least_squares(residuals, start, diff_step=0.01)

@@ -287,7 +287,7 @@ def _given_foam(path: Path | None, size_m: dict[str, float]) -> FoamMaterial:
                 path,
                 f"is of foam {1e3 * getattr(material, f'{name}_m'):g} mm, expected {1e3 * size_m[name]:g} mm",
                 field=f"{name}_m",
-                remedy="calibrate this strip, or leave --foam out and use known loads",
+                remedy="calibrate this strip, or omit --foam and use known loads",
             )
     return material
 

@@ -17,7 +17,7 @@ from ._path_kernels import cost, longer
 __all__ = ["edge_paths", "gather_junctions", "join_lines"]
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def gather_junctions(
     cell: np.ndarray,
     masks: np.ndarray,
@@ -90,7 +90,7 @@ def gather_junctions(
     return owner, parent, to_leader
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def _step(
     here: float, there: float, direction: int, resolution_m: float, speeds: np.ndarray
 ) -> tuple[float, float]:
@@ -99,7 +99,7 @@ def _step(
     return length, 0.5 * length * (cost(here, speeds) + cost(there, speeds))
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def join_lines(
     distance: np.ndarray,
     cell: np.ndarray,
@@ -208,7 +208,7 @@ def join_lines(
     )
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def edge_paths(
     edge_start: np.ndarray,
     halves: np.ndarray,
@@ -275,7 +275,7 @@ def edge_paths(
     return start, out[:size].copy()
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def _reverse(path: np.ndarray, begin: int, end: int) -> None:
     low, high = begin, end - 1
     while low < high:

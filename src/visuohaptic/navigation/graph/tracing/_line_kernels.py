@@ -24,7 +24,7 @@ _ADJACENT = ADJACENT
 BITS = np.array([bin(mask).count("1") for mask in range(256)], np.uint8)
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def linked(mark: np.ndarray, row: int, column: int) -> int:
     """Mask of the neighbours to which a skeleton cell is linked."""
     rows, columns = mark.shape
@@ -36,7 +36,7 @@ def linked(mark: np.ndarray, row: int, column: int) -> int:
     return _ADJACENT[mask]
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def find_ends(mark: np.ndarray, cells: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Junction and end cells (flat), and their linked neighbours; writes their slots to ``place``.
 
@@ -64,7 +64,7 @@ def find_ends(mark: np.ndarray, cells: np.ndarray, place: np.ndarray) -> tuple[n
     return cell[:count].copy(), masks[:count].copy()
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def _walk(
     mark: np.ndarray, place: np.ndarray, before: int, here: int, line: int, path: np.ndarray, size: int
 ) -> tuple[np.ndarray, int]:
@@ -93,7 +93,7 @@ def _walk(
     return path, size + 1
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def _walk_ring(
     mark: np.ndarray,
     place: np.ndarray,
@@ -141,7 +141,7 @@ def _walk_ring(
     return path, size
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def find_lines(
     distance: np.ndarray,
     mark: np.ndarray,

@@ -11,7 +11,7 @@ from ....core.kernels import kernel
 __all__ = ["cost", "longer", "longer_rows", "measure"]
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def longer(array: np.ndarray) -> np.ndarray:
     """The same array with doubled capacity.
 
@@ -26,7 +26,7 @@ def longer(array: np.ndarray) -> np.ndarray:
     return larger
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def longer_rows(array: np.ndarray) -> np.ndarray:
     """The same table with doubled capacity.
 
@@ -42,7 +42,7 @@ def longer_rows(array: np.ndarray) -> np.ndarray:
     return larger
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def cost(distance: float, speeds: np.ndarray) -> float:
     """Travel cost at a clearance, Eq. (4.1) [s/m].
 
@@ -57,7 +57,7 @@ def cost(distance: float, speeds: np.ndarray) -> float:
     return speeds[1] + fraction * (speeds[2] - speeds[1])
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def measure(
     path: np.ndarray,
     begin: int,

@@ -9,7 +9,7 @@ from ....core.kernels import kernel
 __all__ = ["keep_edges", "prune"]
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def _onward(node: int, came: int, start: np.ndarray, half: np.ndarray, alive: np.ndarray) -> int:
     """The half-edge by which a line continues through a node of degree 2; ``came`` arrives there."""
     for k in range(start[node], start[node + 1]):
@@ -18,7 +18,7 @@ def _onward(node: int, came: int, start: np.ndarray, half: np.ndarray, alive: np
     return -1
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def prune(
     clearance: np.ndarray, ends: np.ndarray, lengths: np.ndarray, stub_length_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -115,7 +115,7 @@ def prune(
     return alive, stays, degree
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def _keep_one(
     gone: np.ndarray,
     ends: np.ndarray,
@@ -152,7 +152,7 @@ def _keep_one(
                 stays[node] = True
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def keep_edges(
     cells: np.ndarray,
     clearance: np.ndarray,
@@ -268,7 +268,7 @@ def keep_edges(
     )
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def half_edges(count: int, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Half-edges of each node in CSR form: 2 e leaves the first end of edge e, 2 e + 1 the second.
 

@@ -64,7 +64,7 @@ _DELETABLE = _deletable()
 ADJACENT = _adjacent()
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def survey(distance: np.ndarray, step: np.ndarray, mark: np.ndarray) -> int:
     """Mark the cells that remain if all neighbours with smaller keys are deleted; returns their number.
 
@@ -113,7 +113,7 @@ def survey(distance: np.ndarray, step: np.ndarray, mark: np.ndarray) -> int:
     return kept
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def _higher(distance: np.ndarray, row: int, column: int) -> int:
     """Mask of the neighbours with larger keys; they are reachable if the cell is."""
     rows, columns = distance.shape
@@ -128,7 +128,7 @@ def _higher(distance: np.ndarray, row: int, column: int) -> int:
     return mask
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def start(distance: np.ndarray, mark: np.ndarray, kept: np.ndarray) -> np.ndarray:
     """Cells to re-evaluate after :func:`survey`: those with a larger key than a remaining neighbour.
 
@@ -157,7 +157,7 @@ def start(distance: np.ndarray, mark: np.ndarray, kept: np.ndarray) -> np.ndarra
     return found[:count]
 
 
-@kernel(error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy")
 def refine(distance: np.ndarray, step: np.ndarray, mark: np.ndarray, queue: np.ndarray) -> None:
     """Evaluate the recursion from the queued cells.
 

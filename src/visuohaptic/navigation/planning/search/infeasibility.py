@@ -63,7 +63,7 @@ class Infeasibility:
                     return ""
                 if self._blocked(chosen, first, cells):
                     names = " and ".join(self.domain.bodies[i].obj.id for i in chosen)
-                    return f"no sequence of straight pushes brings {names} out of the way"
+                    return f"no sequence of straight pushes moves {names} out of the way"
         return ""
 
     def _blocked(self, chosen: tuple[int, ...], first: SearchState, cells: Int32[np.ndarray, "k"]) -> bool:

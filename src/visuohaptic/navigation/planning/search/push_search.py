@@ -314,9 +314,9 @@ class _Search:
         if not fits or not heuristic.goal_cells.size:
             return "the goal is too near to what cannot be moved"
         if not self.cells.size:
-            return "the robot does not fit where it starts"
+            return "the robot does not fit at its start"
         if heuristic.free_field[self.cells].min() >= heuristic.far:
-            return "walls separate start and goal" + (", whatever is pushed" if self.active else "")
+            return "walls separate start and goal" + (", with or without pushes" if self.active else "")
         return ""
 
 

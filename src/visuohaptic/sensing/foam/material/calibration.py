@@ -316,7 +316,7 @@ def _unloading(
     if loss < -0.02:
         raise CalibrationError(
             data.where,
-            f"the foam gives back {1 - loss:.2f} of the work of loading, expected at most 1",
+            f"the foam returns {1 - loss:.2f} of the work of loading, expected at most 1",
             field="direction",
             remedy="loading and unloading seem to be swapped",
         )

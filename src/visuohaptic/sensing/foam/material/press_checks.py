@@ -81,7 +81,7 @@ def refuse_bad_points(where: str, strain: Float[np.ndarray, "n"], stress: Float[
             remedy="compression counts positive",
         )
     if np.ptp(stress) < 0.05 * top:
-        raise CalibrationError(where, f"the stress stays at {top:g} Pa whatever the strain")
+        raise CalibrationError(where, f"the stress stays at {top:g} Pa regardless of the strain")
 
 
 def refuse_unsuitable(

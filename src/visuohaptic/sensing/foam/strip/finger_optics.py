@@ -168,7 +168,7 @@ class FingerOptics(StripOptics):
         self._bump_px = fix.bump_px
         if abs(fix.position_m - found[0].position_m) > self._finger.tag_tolerance_m + 3 * fix.sigma_m:
             log.warning(
-                "the contour has the finger at %.2f mm, its tag at %.2f mm",
+                "the contour gives a finger position of %.2f mm, its tag %.2f mm",
                 1e3 * found[0].position_m, 1e3 * fix.position_m,
             )  # fmt: skip
             return None

@@ -237,7 +237,7 @@ def check_width(measured_m: float, declared_m: float, where: Path | str, *, stri
             where,
             f"the camera measures a strip {1e3 * found:.1f} mm wide, expected {1e3 * declared_m:.1f} mm "
             f"+- {100 * _WIDTH_TOLERANCE:.0f} % (width_m of the foam)",
-            remedy="calibrate the foam again with the true --width, or mend T_camera_foam in sensor.yaml",
+            remedy="calibrate the foam again with the true --width, or correct T_camera_foam in sensor.yaml",
         )
 
 

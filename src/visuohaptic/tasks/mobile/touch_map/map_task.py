@@ -121,7 +121,7 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
         if self.state is MapState.ALONG:
             gone = math.dist(self._from, (seen.x_m, seen.y_m))
             if seen.touched:
-                self.go(MapState.EXPLORE, f"something ahead after {gone:.2f} m")
+                self.go(MapState.EXPLORE, f"contact ahead after {gone:.2f} m")
                 return _EXPLORE
             if gone >= s.along_m:
                 self._goal_rad = seen.heading_rad - 0.5 * math.pi
@@ -163,7 +163,7 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
         s = self.settings
         gone = math.dist(self._from, (seen.x_m, seen.y_m))
         if seen.touched and self._freeing.speed_m_s > 0:
-            self.go(MapState.EXPLORE, f"something ahead after {gone:.2f} m")
+            self.go(MapState.EXPLORE, f"contact ahead after {gone:.2f} m")
             return _EXPLORE
         if gone >= s.free_m:
             self.go(MapState.TURN_AWAY, f"free after {gone:.2f} m")
@@ -184,7 +184,7 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
             self.once_more = True
             self._goal_rad = seen.heading_rad + seen.aside_rad
             degrees = math.degrees(seen.aside_rad)
-            self.go(MapState.TURN_BACK, f"met by the end of the foam: {degrees:+.0f} deg, and once more")
+            self.go(MapState.TURN_BACK, f"contact at the end of the foam: {degrees:+.0f} deg, repeated")
             return MapCommand(turn_rate_rad_s=math.copysign(s.turn_rad_s, seen.aside_rad))
         self.once_more = False
         if seen.contact:
@@ -206,7 +206,7 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
             return self._free(seen, "timed out")  # commanded to move, but blocked away from the foam
         self._empty += 1
         if self._empty >= s.empty_drives:
-            self.end(False, MapOutcome.NOTHING_FOUND, f"{self._empty} drives in a row met nothing")
+            self.end(False, MapOutcome.NOTHING_FOUND, f"{self._empty} successive drives without contact")
             return _STOP
         # The followed obstacle has ended: drive around its end.
         self._goal_rad = seen.heading_rad - 0.5 * math.pi

@@ -104,7 +104,7 @@ def align(
         return _lost(template, homography, "the prediction is not a homography")
     homography = homography / homography[2, 2]
     if not is_proper(homography, template.corners):
-        return _lost(template, homography, "the prediction turns the template inside out")
+        return _lost(template, homography, "the prediction mirrors the template")
     work = Work(template, image, homography, settings, offset, blur)
     if not work.enough:
         return _lost(template, homography, "outside the image")
@@ -234,10 +234,10 @@ def _doubt(fit: BlockFit | None, settings: EsmSettings) -> str:
     if fit is None or not fit.converged:
         return "no convergence"
     if fit.seen < settings.min_seen:
-        return f"only {100 * fit.seen:.0f} % of the template are seen"
+        return f"only {100 * fit.seen:.0f} % of the template is visible"
     probability = fit.probability(settings.right_px)
     if probability < settings.min_probability:
-        return f"right within {settings.right_px:g} px with a probability of {probability:.3f} only"
+        return f"accurate to {settings.right_px:g} px with a probability of {probability:.3f} only"
     return ""
 
 

@@ -13,7 +13,7 @@ only load it. The file name contains a digest of everything that determines the 
 The optional package ``visuohaptic-kernels`` contains the same files, compiled for all processors with AVX2 and
 FMA (x86-64-v3) and every patch version of NumPy; they are used if the user's folder has none.
 
-The digest is computed by :mod:`.kernel_code`; a function without digest is compiled, but never cached.
+The digest is computed by :mod:`.code`; a function without digest is compiled, but never cached.
 
 Files are written under a temporary name and renamed, so that a reader finds a complete file or none, and they
 start with a checksum. They contain object code and are trusted like the installation itself: see ``SECURITY.md``.
@@ -22,7 +22,6 @@ start with a checksum. They contain object code and are trusted like the install
 from __future__ import annotations
 
 import functools
-import gc
 import hashlib
 import logging
 import os
@@ -30,7 +29,6 @@ import pickle
 import platform
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
@@ -43,16 +41,16 @@ import numpy as np
 from numba.core import serialize, sigutils
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
-from numba.core.event import Listener, register
 from numba.core.registry import cpu_target
 from numba.core.types import Array, Boolean, Number, Type
 from numba.core.types.containers import BaseTuple
-from numba.core.types.misc import NoneType, unliteral
+from numba.core.types.misc import NoneType
 
-from .kernel_code import code_digest, kernel_name, text_digest
+from .code import code_digest, kernel_name, text_digest
+from .compiler import call_template
 
 __all__ = [
-    "KERNELS", "SHIPPED_CPU", "KernelCache", "cache_folder", "compiled_s", "kernel", "remove_stale", "shipped_name",
+    "KERNELS", "SHIPPED_CPU", "KernelCache", "cache_folder", "kernel", "remove_stale", "shipped_name",
 ]  # fmt: skip
 
 _log = logging.getLogger(__name__)
@@ -87,7 +85,6 @@ def kernel(
     parallel: Any = False,
     inline: Any = "never",
     error_model: Any = "python",
-    boundscheck: Any = None,
     nogil: Any = False,
 ) -> Any:
     """Compile a function with numba at its first call, and cache the machine code for later processes.
@@ -97,7 +94,7 @@ def kernel(
     function
         The function, if the decorator is used without parentheses. A signature is rejected, since it would
         be compiled at import.
-    fastmath, parallel, inline, error_model, boundscheck, nogil
+    fastmath, parallel, inline, error_model, nogil
         As in :func:`numba.njit`.
 
     Returns
@@ -122,82 +119,16 @@ def kernel(
             parallel=parallel,
             inline=inline,
             error_model=error_model,
-            boundscheck=boundscheck,
             nogil=nogil,
+            no_cfunc_wrapper=True,  # an entry for callers in C, of which there are none
         )(function)
         if dispatcher is not function:  # it is with NUMBA_DISABLE_JIT
             dispatcher._cache = KernelCache(dispatcher)
-            dispatcher.get_call_template = functools.partial(_call_template, dispatcher.get_call_template)
+            dispatcher.get_call_template = functools.partial(call_template, dispatcher.get_call_template)
             KERNELS.append(dispatcher)
         return dispatcher
 
     return compiled if function is None else compiled(function)
-
-
-def _call_template(typed: Callable[..., Any], args: tuple[Type, ...], kws: dict[str, Type]) -> Any:
-    """Numba's argument types of a call from another kernel, without literal values.
-
-    Numba treats ``0`` in a variable's first assignment as a separate type, and would compile the callee for it alone.
-    """
-    return typed(tuple(map(unliteral, args)), {name: unliteral(kind) for name, kind in kws.items()})
-
-
-@Listener.register
-class _RestingCollector:
-    """Pauses the garbage collector during compilation, when it would traverse millions of compiler objects."""
-
-    def __init__(self) -> None:
-        self._depth, self._collecting = 0, False
-
-    def notify(self, event: Any) -> None:
-        """Handle the start, end or failure of a compilation, which may be nested."""
-        if event.is_start and self._depth == 0:
-            self._collecting = gc.isenabled()
-            gc.disable()
-        self._depth += 1 if event.is_start else -1
-        if self._depth == 0 and self._collecting:
-            gc.enable()
-
-
-@Listener.register
-class _CompileNotice:
-    """Measures compilation time, and logs once per process that the first run compiles.
-
-    A process that finds its kernels in the cache compiles and logs nothing.
-    """
-
-    #: A delay of more than one second interrupts a person's flow of thought (Miller 1968); twice that is logged.
-    WAIT_S = 2.0
-
-    def __init__(self) -> None:
-        self._depth, self._since_s, self.total_s = 0, (0.0, 0.0), (0.0, 0.0)
-
-    def notify(self, event: Any) -> None:
-        """Add up the time of the outermost compilations."""
-        if event.is_start and self._depth == 0:
-            self._since_s = time.thread_time(), time.monotonic()
-        self._depth += 1 if event.is_start else -1
-        if self._depth == 0:
-            before_s = self.total_s[1]
-            ends_s = time.thread_time(), time.monotonic()
-            cpu_s, wall_s = (
-                t + end - since for t, end, since in zip(self.total_s, ends_s, self._since_s, strict=True)
-            )
-            self.total_s = cpu_s, wall_s
-            if before_s < self.WAIT_S <= wall_s:
-                _log.info(
-                    "compiling kernels, only once on this machine; `visuohaptic warmup` compiles all of them"
-                )
-
-
-register("numba:compile", _RestingCollector())  # numba compiles in one thread at a time
-_notice = _CompileNotice()
-register("numba:compile", _notice)
-
-
-def compiled_s() -> tuple[float, float]:
-    """Time that this process has spent on the compilation of kernels: of the processor, and on the clock [s]."""
-    return _notice.total_s
 
 
 class KernelCache:

@@ -1,0 +1,119 @@
+"""Changes to numba's compiler: the same machine code with less work, a paused garbage collector, and a notice."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import time
+from collections.abc import Callable
+from typing import Any
+
+from numba.core.event import Listener, register
+from numba.core.targetconfig import ConfigStack
+from numba.core.types import Type
+from numba.core.types.functions import BaseFunction
+from numba.core.types.misc import unliteral
+
+__all__ = ["call_template", "compiled_s"]
+
+_log = logging.getLogger(__name__)
+
+
+def _resolved_once(function: Any, context: Any, args: tuple[Type, ...], kws: dict[str, Type]) -> Any:
+    """Numba's signature of a call to a library function or an operator, resolved once for the same types.
+
+    For every ``+`` of two numbers, numba tries all templates of ``+`` again, and it hashes all options of the
+    compiler for each; that is a quarter of the compilation time. The key contains the options that the
+    implementations inherit from the calling kernel (``numba.core.cpu``): they are never shared beyond that.
+    """
+    options = ConfigStack.top_or_none()
+    inherited = options and (
+        options.nrt, frozenset(options.fastmath.flags), str(options.error_model), options.forceinline
+    )  # fmt: skip
+    key = function, context, args, tuple(kws.items()), inherited
+    known = _resolved.get(key)
+    if known is None:
+        signature = _resolve(function, context, args, kws)
+        known = _resolved[key] = signature, function.get_impl_key(signature)
+    # As numba does after each search: the implementation of the latest call is the one that is used.
+    function._impl_keys[known[0].args] = known[1]
+    return known[0]
+
+
+_resolved: dict[Any, tuple[Any, Any]] = {}
+_numba: Any = BaseFunction
+_resolve = _numba.get_call_type
+_numba.get_call_type = _resolved_once
+
+
+def call_template(typed: Callable[..., Any], args: tuple[Type, ...], kws: dict[str, Type]) -> Any:
+    """Numba's argument types of a call from another kernel, without literal values.
+
+    Numba treats ``0`` in a variable's first assignment as a separate type, and would compile the callee for it alone.
+
+    Parameters
+    ----------
+    typed
+        Numba's method of the called kernel.
+    args, kws
+        Types of the arguments.
+    """
+    return typed(tuple(map(unliteral, args)), {name: unliteral(kind) for name, kind in kws.items()})
+
+
+@Listener.register
+class _RestingCollector:
+    """Pauses the garbage collector during compilation, when it would traverse millions of compiler objects."""
+
+    def __init__(self) -> None:
+        self._depth, self._collecting = 0, False
+
+    def notify(self, event: Any) -> None:
+        """Handle the start, end or failure of a compilation, which may be nested."""
+        if event.is_start and self._depth == 0:
+            self._collecting = gc.isenabled()
+            gc.disable()
+        self._depth += 1 if event.is_start else -1
+        if self._depth == 0 and self._collecting:
+            gc.enable()
+
+
+@Listener.register
+class _CompileNotice:
+    """Measures compilation time, and logs once per process that the first run compiles.
+
+    A process that finds its kernels in the cache compiles and logs nothing.
+    """
+
+    #: A delay of more than one second interrupts a person's flow of thought (Miller 1968); twice that is logged.
+    WAIT_S = 2.0
+
+    def __init__(self) -> None:
+        self._depth, self._since_s, self.total_s = 0, (0.0, 0.0), (0.0, 0.0)
+
+    def notify(self, event: Any) -> None:
+        """Add up the time of the outermost compilations."""
+        if event.is_start and self._depth == 0:
+            self._since_s = time.thread_time(), time.monotonic()
+        self._depth += 1 if event.is_start else -1
+        if self._depth == 0:
+            before_s = self.total_s[1]
+            ends_s = time.thread_time(), time.monotonic()
+            cpu_s, wall_s = (
+                t + end - since for t, end, since in zip(self.total_s, ends_s, self._since_s, strict=True)
+            )
+            self.total_s = cpu_s, wall_s
+            if before_s < self.WAIT_S <= wall_s:
+                _log.info(
+                    "compiling kernels, only once on this machine; `visuohaptic warmup` compiles all of them"
+                )
+
+
+register("numba:compile", _RestingCollector())  # numba compiles in one thread at a time
+_notice = _CompileNotice()
+register("numba:compile", _notice)
+
+
+def compiled_s() -> tuple[float, float]:
+    """Time that this process has spent on the compilation of kernels: of the processor, and on the clock [s]."""
+    return _notice.total_s

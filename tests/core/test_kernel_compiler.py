@@ -1,0 +1,75 @@
+"""Calls of library functions are resolved once, with the same machine code, and never shared between options."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba.core import types
+from numba.core.caching import NullCache
+from numba.core.types.functions import BaseFunction
+
+from visuohaptic.core.kernels import KERNELS, compiler, kernel
+
+VECTOR = types.Array(types.float64, 1, "C")
+
+
+def _kernel(**options):
+    """A new kernel, as a new process has it."""
+
+    def smoothed(a):
+        out = np.empty((len(a), 3))
+        for i in range(len(a)):
+            out[i, 0] = max(a[i - 1], a[i]) / 2.0
+            out[i, 1] = min(a[i], 1.0) + a[i] * a[i]
+            out[i, 2] = np.hypot(a[i], out[i, 1])
+        return out
+
+    made = kernel(**options)(smoothed)
+    KERNELS.remove(made)
+    made._cache = NullCache()
+    return made
+
+
+def _instructions(made) -> list[str]:
+    """The machine instructions, without the names of symbols, which contain a running number."""
+    (text,) = made.inspect_asm().values()
+    return [line.split()[0] for line in text.splitlines() if line[:1] == "\t" and line[1:2] not in (".", "")]
+
+
+def test_a_second_kernel_resolves_nothing_again(monkeypatch):
+    _kernel().compile((VECTOR,))
+    searched = []
+
+    def resolve(function, *rest):
+        searched.append(function)
+        return original(function, *rest)
+
+    original = compiler._resolve
+    monkeypatch.setattr(compiler, "_resolve", resolve)
+    _kernel().compile((VECTOR,))
+    assert searched == []
+
+
+def test_the_machine_code_is_that_of_numba_alone(monkeypatch):
+    _kernel().compile((VECTOR,))
+    ours = _kernel()
+    ours.compile((VECTOR,))
+    monkeypatch.setattr(BaseFunction, "get_call_type", compiler._resolve)
+    plain = _kernel()
+    plain.compile((VECTOR,))
+    assert _instructions(ours) == _instructions(plain)
+    assert len(_instructions(ours)) > 50
+
+
+def test_options_that_change_the_code_of_library_functions_are_distinguished(monkeypatch):
+    """Fast mathematics before or after strict mathematics: each kernel is compiled as it is alone."""
+    monkeypatch.setattr(compiler, "_resolved", {})
+    alone, fast = _kernel(), _kernel(fastmath=True)
+    alone.compile((VECTOR,))
+    fast.compile((VECTOR,))
+    monkeypatch.setattr(compiler, "_resolved", {})
+    fast_first, second = _kernel(fastmath=True), _kernel()
+    fast_first.compile((VECTOR,))
+    second.compile((VECTOR,))
+    assert _instructions(second) == _instructions(alone)
+    assert _instructions(fast_first) == _instructions(fast)
+    assert _instructions(fast) != _instructions(alone)
