@@ -340,6 +340,29 @@ def test_a_signature_is_refused():
         kernel("f8(f8)")
 
 
+def test_options_are_equal_as_numba_compares_them():
+    def options(**values):
+        made = compiler.Flags()
+        for name, value in values.items():
+            setattr(made, name, value)
+        return made
+
+    default = compiler.Flags().nrt  # set to what it is anyway
+    different = [
+        options(),
+        options(nrt=not default),
+        options(nrt=default),
+        options(nrt=default, release_gil=True),
+    ]
+    for a in different:
+        for b in different:
+            assert (a == b) is (a.values() == b.values())
+            assert (a != b) is (a.values() != b.values())
+            assert a != b or hash(a) == hash(b)
+    assert options() == options(nrt=default)
+    assert options() != 3
+
+
 def test_numba_still_has_what_the_cache_uses():
     """Private names of numba: when this fails, look at numba.core.caching before the cache is mended."""
     assert {"load_overload", "save_overload", "flush", "cache_path"} <= set(dir(KernelCache))
