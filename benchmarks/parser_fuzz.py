@@ -1,7 +1,8 @@
 """Coverage-guided fuzzing, with atheris, of the parsers that this library implements itself.
 
-    python -m benchmarks.parser_fuzz --seconds 60 --corpus results/corpus --report fuzz.jsonl
-    python -m benchmarks.parser_fuzz --targets ply bag --seconds 3600
+    python -m benchmarks.parser_fuzz --minutes 60 --corpus results/corpus --report fuzz.jsonl
+                                      slices of a minute, each parser in turn, until each has had an hour; resumable
+    python -m benchmarks.parser_fuzz --targets ply bag --minutes 2 --seconds 20
 
 Each target starts from a valid file, or from the corpus of an earlier run, and mutates inputs that reach new
 branches of the library's Python code (compiled kernels and C libraries are not instrumented). An input is accepted
@@ -13,6 +14,7 @@ branches reached. atheris is not a dependency of this project: ``pip install ath
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import subprocess
 import sys
@@ -138,7 +140,7 @@ def _work(name: str, options: list[str]) -> None:
     atheris.Fuzz()
 
 
-def fuzz(name: str, seconds: int, corpus: Path) -> dict[str, Any]:
+def fuzz(name: str, seconds: int, corpus: Path, seed: int) -> dict[str, Any]:
     """Run one target for some seconds; inputs tried, branches reached, size of the corpus, and what ended it."""
     place = corpus / name.replace(" ", "_")
     place.mkdir(parents=True, exist_ok=True)
@@ -158,7 +160,7 @@ def fuzz(name: str, seconds: int, corpus: Path) -> dict[str, Any]:
         "-max_len=20000",
         "-print_final_stats=1",
     ]
-    options += [f"-rss_limit_mb={ROOM_BYTES >> 20}", f"-artifact_prefix={place}-", "-seed=2"]
+    options += [f"-rss_limit_mb={ROOM_BYTES >> 20}", f"-artifact_prefix={place}-", f"-seed={seed}"]
     words = [sys.executable, "-m", "benchmarks.parser_fuzz", "--work", name, *options]
     done = subprocess.run(words, capture_output=True, text=True, check=False, errors="replace")
     text = done.stdout + done.stderr
@@ -169,6 +171,7 @@ def fuzz(name: str, seconds: int, corpus: Path) -> dict[str, Any]:
         found = re.search(r"=== Uncaught Python exception: ===\n(.*)|ERROR: (libFuzzer.*)", text)
         trouble = (found[1] or found[2]) if found else text[-300:]
     return {
+        "seconds": seconds,
         "tried": max((int(one or other) for one, other in tried), default=0),
         "branches": int(reached[-1]) if reached else 0,
         "corpus": len(list(place.iterdir())),
@@ -185,20 +188,22 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--targets", nargs="*", default=targets(), choices=targets(), metavar="NAME")
-    parser.add_argument("--seconds", type=int, default=20, help="for each target")
+    parser.add_argument("--minutes", type=float, default=1.0, help="for each target")
+    parser.add_argument("--seconds", type=int, default=60, help="of a slice")
     parser.add_argument("--corpus", type=Path, default=Path("results/corpus"))
     parser.add_argument("--report", type=Path)
     args = parser.parse_args()
     if util.find_spec("atheris") is None:
         raise SystemExit("found no atheris: pip install atheris")
-    journal = Journal(args.report, {"campaign": "parser fuzz"})
-    for name in args.targets:
-        if (key := f"{name}, {args.seconds} s") not in journal:
-            journal.put(key, fuzz(name, args.seconds, args.corpus))
-            print(key, journal.rows[key], flush=True)
+    journal = Journal(args.report, {"campaign": "parser fuzz", "slice_s": args.seconds})
+    for number in range(math.ceil(60.0 * args.minutes / args.seconds)):
+        for name in args.targets:
+            if (key := f"{name}, slice {number}") not in journal:
+                journal.put(key, fuzz(name, args.seconds, args.corpus, 2 + 2 * number))
+                print(key, journal.rows[key], flush=True)
     rows = journal.rows.values()
     print(
-        f"{len(rows)} targets, {sum(row['tried'] for row in rows):,} inputs, "
+        f"{len(rows)} slices, {sum(row['tried'] for row in rows):,} inputs, "
         f"{sum(bool(row['trouble']) for row in rows)} ended by a fault"
     )
 

@@ -164,7 +164,7 @@ def _minutes_each(cases: dict[str, dict[str, Any]]) -> str:
     """Shortest and longest time that a parser was fuzzed."""
     spent: Counter[str] = Counter()
     for key, case in cases.items():
-        spent[key.rpartition(",")[0]] += case["seconds"]
+        spent[key.partition(",")[0]] += case["seconds"]
     minutes = [second / 60.0 for second in sorted(spent.values())]
     return f"{len(minutes)} parsers, {minutes[0]:.1f} to {minutes[-1]:.1f} min each"
 
@@ -210,7 +210,7 @@ ROWS = (
         2,
         "coverage-guided fuzzing of own parsers",
         "1 h each: 0",
-        elsewhere="`python -m benchmarks.parser_fuzz` (needs atheris)",
+        elsewhere="`python -m benchmarks.parser_fuzz --minutes 60 --report fuzz.jsonl` (needs atheris)",
         note=_minutes_each,
     ),
     Row(
@@ -303,13 +303,11 @@ Taken = Callable[[dict[str, dict[str, Any]]], dict[str, dict[str, Any]]]
 TAKEN: dict[str, tuple[int, Taken]] = {
     "parser fuzz": (
         2,
-        lambda rows: {
-            key: {
-                "tried": row["tried"], "crashed": int(bool(row["trouble"])), "wrong": 0,
-                "seconds": float(key.rpartition(", ")[2].split()[0]),
+        _each(
+            lambda row: {
+                "tried": row["tried"], "crashed": int(bool(row["trouble"])), "wrong": 0, "seconds": row["seconds"],
             }
-            for key, row in rows.items()
-        },
+        ),
     ),
     "foam_faults": (3, _each(_of_foam)),
     "mission_faults": (4, _each(_of_mission)),

@@ -25,8 +25,8 @@ def test_rows_and_packages_without_report_stay_as_they_are(tmp_path: Path) -> No
     # Another campaign, later: the page has the rows of both, and the sum of all mistakes.
     other = {str(n): {"package": "grasping", "result": "survived"} for n in range(4)}
     parser = Journal(tmp_path / "parser.jsonl", {"campaign": "parser fuzz"})
-    parser.put("ply, 60 s", {"tried": 5, "trouble": ""})
-    parser.put("ply, 30 s", {"tried": 5, "trouble": "MemoryError"})
+    parser.put("ply, slice 0", {"tried": 5, "seconds": 60, "trouble": ""})
+    parser.put("ply, slice 1", {"tried": 5, "seconds": 30, "trouble": "MemoryError"})
     later = Journal(None, {})
     apart = reliability.take_in([tmp_path / "parser.jsonl"], later)
     second = reliability.markdown(later, apart | {"mutants": other}, first)

@@ -68,5 +68,7 @@ def test_contributing_names_files_and_functions_that_exist():
         if "NAME" not in path and "chapter_N" not in path:
             assert (ROOT / path).exists() or (SOURCE / path).exists(), path
     sources = "\n".join(path.read_text() for path in SOURCE.rglob("*.py"))
+    found = re.findall(r"\b(?:def|class) (\w+)|\b([a-z]+(?:_[a-z]+)+):|\.([a-z]+(?:_[a-z]+)+)\b", sources)
+    existing = {name for names in found for name in names}
     for name in re.findall(r"`([a-z]+(?:_[a-z]+)+)(?:\(\w*\))?`", text):
-        assert re.search(rf"\b(?:def|class) {name}\b|\b{name}:|\.{name}\b", sources), name
+        assert name in existing, name
