@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 from numba.core import types
 from numba.core.caching import NullCache
@@ -49,12 +50,22 @@ def test_a_second_kernel_resolves_nothing_again(monkeypatch):
     assert searched == []
 
 
-def test_the_machine_code_is_that_of_numba_alone(monkeypatch):
+def test_other_functions_are_compiled_by_numba_alone(monkeypatch):
+    _kernel().compile((VECTOR,))
+    assert BaseFunction.get_call_type is compiler._resolve
+    monkeypatch.setattr(compiler, "_resolved", {})
+    numba.njit(lambda a: a[0] + a[1]).compile((VECTOR,))
+    assert not compiler._resolved
+    _kernel().compile((VECTOR,))
+    assert compiler._resolved
+
+
+def test_the_machine_code_is_that_of_numba_alone():
     _kernel().compile((VECTOR,))
     ours = _kernel()
     ours.compile((VECTOR,))
-    monkeypatch.setattr(BaseFunction, "get_call_type", compiler._resolve)
     plain = _kernel()
+    del plain.compile
     plain.compile((VECTOR,))
     assert _instructions(ours) == _instructions(plain)
     assert len(_instructions(ours)) > 50

@@ -47,7 +47,7 @@ from numba.core.types.containers import BaseTuple
 from numba.core.types.misc import NoneType
 
 from .code import code_digest, kernel_name, text_digest
-from .compiler import call_template
+from .compiler import call_template, compile_kernel
 
 __all__ = [
     "KERNELS", "SHIPPED_CPU", "KernelCache", "cache_folder", "kernel", "remove_stale", "shipped_name",
@@ -124,6 +124,7 @@ def kernel(
         )(function)
         if dispatcher is not function:  # it is with NUMBA_DISABLE_JIT
             dispatcher._cache = KernelCache(dispatcher)
+            dispatcher.compile = functools.partial(compile_kernel, dispatcher.compile)
             dispatcher.get_call_template = functools.partial(call_template, dispatcher.get_call_template)
             KERNELS.append(dispatcher)
         return dispatcher

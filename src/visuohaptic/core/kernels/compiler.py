@@ -1,4 +1,4 @@
-"""Changes to numba's compiler: the same machine code with less work, a paused garbage collector, and a notice."""
+"""Compilation of kernels by numba: the same machine code with less work, a paused garbage collector, and a notice."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.event import Listener, register
 from numba.core.targetconfig import ConfigStack
 from numba.core.types import Type
 from numba.core.types.functions import BaseFunction
 from numba.core.types.misc import unliteral
 
-__all__ = ["call_template", "compiled_s"]
+__all__ = ["call_template", "compile_kernel", "compiled_s"]
 
 _log = logging.getLogger(__name__)
 
@@ -43,7 +44,24 @@ def _resolved_once(function: Any, context: Any, args: tuple[Type, ...], kws: dic
 _resolved: dict[Any, tuple[Any, Any]] = {}
 _numba: Any = BaseFunction
 _resolve = _numba.get_call_type
-_numba.get_call_type = _resolved_once
+
+
+def compile_kernel(compiled: Callable[..., Any], signature: Any) -> Any:
+    """Compile a kernel with :func:`_resolved_once`; numba is as it was before and after, for all other functions.
+
+    Parameters
+    ----------
+    compiled
+        Numba's method of the kernel.
+    signature
+        Types of the arguments.
+    """
+    with global_compiler_lock:
+        before, _numba.get_call_type = _numba.get_call_type, _resolved_once
+        try:
+            return compiled(signature)
+        finally:
+            _numba.get_call_type = before
 
 
 def call_template(typed: Callable[..., Any], args: tuple[Type, ...], kws: dict[str, Type]) -> Any:
