@@ -28,7 +28,7 @@ __all__ = ["LENGTH_STEP_M", "PushPass"]
 #: Push lengths are multiples of this [m], where the free space allows it.
 LENGTH_STEP_M = 0.05
 #: Lengths tried for every push, and beyond one that connects components of free space [steps].
-LADDER, BEYOND = (2, 4, 6, 9, 13, 19, 28, 40), (0, 1, 2, 4, 8, 16)
+LADDER, EXTRA = (2, 4, 6, 9, 13, 19, 28, 40), (0, 1, 2, 4, 8, 16)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -282,7 +282,7 @@ class PushPass:
         lengths.add(free if free < step else np.floor(free / step + 1e-6) * step)
         for length in opening:
             first = np.ceil(length / step - 1e-6)
-            lengths |= {(first + n) * step for n in BEYOND if (first + n) * step <= free}
+            lengths |= {(first + n) * step for n in EXTRA if (first + n) * step <= free}
             if first * step > free:
                 lengths.add(free)
         return sorted(lengths)
