@@ -32,8 +32,8 @@ __all__ = [
 ]
 
 
-#: Rotation of its object up to which a push ends as planned [rad]; after a larger one, travel makes a new plan.
-TURNED_RAD = 0.12
+#: A push is aborted once its object has rotated by this angle [rad].
+TURN_LIMIT_RAD = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +213,7 @@ def push_cost(
     costs
         Limits and priors.
     turn_probability
-        Probability that the object rotates so far that a new plan is made, for pushes oblique to its face.
+        Probability that the object rotates away, for pushes oblique to its face.
 
     Returns
     -------

@@ -34,6 +34,7 @@ from jaxtyping import Float
 
 from ...core.geometry import rotation_2d, wrap_angle
 from ...core.ranges import POSITIVE, check_ranges
+from ...navigation.problem.push_costs import TURN_LIMIT_RAD
 from ...navigation.pushing.push_failure import CENTRE_FRACTION
 from ...navigation.pushing.push_model import CONTACT_FRICTION
 from .force_guard import ForceGuard, GuardState
@@ -78,7 +79,7 @@ class PushSettings:
     end_rad: float = field(default=0.026, metadata=POSITIVE)
     steer_max_rad: float = 0.35
     heading_gain_per_s: float = 3.0
-    turn_limit_rad: float = 0.5  #: maximum rotation of the object
+    turn_limit_rad: float = TURN_LIMIT_RAD  #: maximum rotation of the object
     aside_m: float = math.inf  #: maximum lateral offset of the object from the line of the push
     lost_m: float = 0.06  #: distance driven without contact after which it is lost
     #: time with less than a quarter of the commanded distance, longer than errors of the localisation

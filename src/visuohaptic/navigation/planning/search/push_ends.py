@@ -1,4 +1,4 @@
-"""Ends of planned pushes by simulation: their errors, and the probability that they are not as planned."""
+"""Ends of planned pushes by simulation: their errors, and the probability that an object turns away."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ....core.geometry import rotation_2d
-from ...problem.push_costs import TURNED_RAD
+from ...problem.push_costs import TURN_LIMIT_RAD
 from ...pushing.push_failure import PushUncertainty, sampled_pushes
 from ...pushing.push_model import PushModel
 from ...pushing.quasi_static import STEP_M, line_path
@@ -74,12 +74,12 @@ def end_errors(
 
 
 def turn_probability(domain: SearchDomain, index: int, contact: int, length: float) -> float:
-    """Probability that an object is rotated so far by a push that a new plan is made.
+    """Probability that a push is aborted because the object rotates away from the robot.
 
     Parameters
     ----------
     domain, index, contact, length
         See :func:`end_errors`.
     """
-    turned = np.abs(end_errors(domain, index, contact, length, PRICED)[:, 2]) > TURNED_RAD
+    turned = np.abs(end_errors(domain, index, contact, length, PRICED)[:, 2]) > TURN_LIMIT_RAD
     return float((turned.sum() + 0.5) / (PRICED + 1.0))  # posterior mean with Jeffreys' prior

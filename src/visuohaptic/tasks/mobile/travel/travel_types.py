@@ -8,7 +8,6 @@ from enum import StrEnum
 from typing import Any, Protocol, runtime_checkable
 
 from ....core.ranges import FINITE, check_ranges
-from ....navigation.problem.push_costs import TURNED_RAD
 
 __all__ = [
     "PERIOD_S",
@@ -181,5 +180,5 @@ class TravelSettings:
     failures: int = 4  #: failed pushes of an object after which it counts as fixed
     look_s: float = 0.1  #: time between sightings during a push
     near_m: float = 0.03  #: maximum offset of an object from its goal that needs no new plan
-    near_rad: float = TURNED_RAD  #: maximum rotation likewise, as priced by the planner
+    near_rad: float = 0.12  #: maximum rotation likewise
     patience_sigma: float = 3.0  #: standard deviations beyond the expected wait until a passage is given up
