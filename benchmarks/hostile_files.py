@@ -332,12 +332,6 @@ READERS: tuple[tuple[str, str, Build, str], ...] = (
         _text('{"format": 1, "nodes": [[0, 1.5, 1, 2]]}'),
         "recognition.trees:load_tree(path)",
     ),
-    (
-        "route graph",
-        ".geojson",
-        _text('{"type": "FeatureCollection", "features": []}'),
-        "navigation.files:load_route_graph(path)",
-    ),
     ("layer", ".yaml", _layer, "navigation.files:load_layer(path)"),
     ("map", ".yaml", _occupancy, "io:OccupancyMap.load(path)"),
     (

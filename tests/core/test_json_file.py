@@ -7,7 +7,6 @@ import pytest
 from visuohaptic.core import InputError
 from visuohaptic.core.files import load_json
 from visuohaptic.io.depth.depth_import import import_sequence
-from visuohaptic.navigation.files import load_route_graph
 from visuohaptic.recognition.touch import load_state_model
 from visuohaptic.recognition.trees import load_tree
 
@@ -57,7 +56,7 @@ def test_large_files_are_refused_unread(tmp_path):
         load_json(path, "a size", doubled)
 
 
-@pytest.mark.parametrize("load", [load_tree, load_state_model, load_route_graph])
+@pytest.mark.parametrize("load", [load_tree, load_state_model])
 def test_a_pipe_is_refused_and_not_waited_for(tmp_path, load):
     path = tmp_path / "pipe.json"
     os.mkfifo(path)

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
-from benchmarks._plan_child import Planner
+from benchmarks._plan_child import Planner, described, problem_of
 from benchmarks._plan_judge import asked
 
 from tests.worlds.floor_scenes import random_rooms
+from tests.worlds.real_floors import room_scene
 from visuohaptic.navigation.grid.cost_grid import cell_distance
+from visuohaptic.navigation.planning import make_plan
+from visuohaptic.navigation.planning.search import SearchLimits
 from visuohaptic.navigation.planning.search._travel_kernels import segment_cost
 from visuohaptic.navigation.planning.search.push_states import needed_clearance
 from visuohaptic.navigation.pushing._outline_kernels import clear_straight, segment_gap
@@ -26,6 +31,17 @@ def test_a_plan_in_coarse_cells_keeps_clear_of_what_it_pushed(cell_m):
             assert row["fault_m"] < 1e-5, row["fault"]
     finally:
         planner.close()
+
+
+def test_a_drive_that_only_the_lattice_has_hides_no_push():
+    """An L-shaped object stands in a door after a push; the gap beside it is wide enough for the lattice, not for the map."""
+    world = room_scene(22)
+    first, *others = world.bodies
+    stuck = replace(
+        world, bodies=(first.moved(np.array([0.072, -0.057]), -0.105), *others), start_m=(3.4, 1.15)
+    )
+    plan = make_plan(problem_of(described(stuck, 0.05)), limits=SearchLimits(budget_s=60.0, expansions=100))
+    assert [task.object for task in plan.pushes] == [first.id]
 
 
 def cluttered(rng, share):

@@ -126,11 +126,10 @@ def test_several_doors_are_opened_one_after_the_other():
 def test_clearing_one_passage_does_not_block_the_next():
     """The straight push of the first box would end in the second door; it has to stop before or go aside."""
     problem = corridor(STOOL, STOOL, spacing_m=1.0)
-    plan = make_plan(problem)
-    if plan.reachable:
-        assert faults(problem, plan) == []
-    else:
-        assert plan.proved
+    # Limited by expanded configurations, the search gives the same answer on every machine.
+    plan = make_plan(problem, limits=replace(PATIENT, expansions=500))
+    assert plan.reachable
+    assert faults(problem, plan) == []
 
 
 def test_an_unknown_object_is_explored_first_and_only_when_that_is_expected_to_pay():

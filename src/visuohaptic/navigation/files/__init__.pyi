@@ -1,6 +1,3 @@
-from .geojson import RouteGraph as RouteGraph
-from .geojson import load_graph as load_graph
-from .geojson import load_route_graph as load_route_graph
 from .geojson import save_graph as save_graph
 from .geojson import save_route_graph as save_route_graph
 from .joint_geojson import save_joint_route_graph as save_joint_route_graph

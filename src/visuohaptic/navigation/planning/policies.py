@@ -186,7 +186,7 @@ def _planned(
     oblique = plan_in_domain(
         problem, domain, costs, left, active=active, oblique=True, report_costs=report_costs
     )
-    if oblique.reachable:
+    if oblique.reachable or (oblique.proved and not found.proved):
         return oblique
     note = "oblique pushes do not help either" + ("" if oblique.proved else ", within the search budget")
     return replace(found, notes=(*found.notes, note))

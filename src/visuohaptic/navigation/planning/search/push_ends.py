@@ -20,7 +20,7 @@ SAMPLES, PRICED = 160, 40
 #: Step of these simulations [m]: twice that of a single push, which changes final poses by hundredths of a millimetre.
 LONG_STEP_M = 2.0 * STEP_M
 #: Pushes are simulated to this multiple of the requested length, because lengths are refined later.
-BEYOND = 1.5
+REACH_FACTOR = 1.5
 
 
 def end_errors(
@@ -53,7 +53,7 @@ def end_errors(
     if reach_m < length_m or len(poses) < samples:
         known = poses if reach_m >= length_m else poses[:0]
         # Whole steps, so that the first poses do not depend on the simulated length.
-        steps = np.ceil((1.0 if len(known) else BEYOND) * length_m / LONG_STEP_M)
+        steps = np.ceil((1.0 if len(known) else REACH_FACTOR) * length_m / LONG_STEP_M)
         reach_m = float(steps) * LONG_STEP_M
         path_m = line_path(begin, begin + reach_m * ahead, LONG_STEP_M)
         place_m, yaw_rad = body.obj.pose_sigma

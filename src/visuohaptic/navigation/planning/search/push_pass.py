@@ -28,7 +28,7 @@ __all__ = ["LENGTH_STEP_M", "PushPass"]
 #: Push lengths are multiples of this [m], where the free space allows it.
 LENGTH_STEP_M = 0.05
 #: Lengths tried for every push, and beyond one that connects components of free space [steps].
-LADDER, BEYOND = (2, 4, 6, 9, 13, 19, 28, 40), (0, 1, 2, 4, 8, 16)
+LADDER, EXTRA = (2, 4, 6, 9, 13, 19, 28, 40), (0, 1, 2, 4, 8, 16)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,8 +188,9 @@ class PushPass:
         reached = False
         if goal_cells.size:
             cheapest = int((cost[goal_cells].astype(np.int64) + goal_costs).min())
-            if reached := cheapest < heuristic.far:
-                self._arrive(float(state.spent + cheapest), state, (cells, cost))
+            reached = cheapest < heuristic.far and self._arrive(
+                float(state.spent + cheapest), state, (cells, cost)
+            )
         if not len(self.pairs) or state.depth >= self.limits.pushes:
             return
         bodies, numbers = self.pairs.T
@@ -212,17 +213,22 @@ class PushPass:
 
     def _arrive(
         self, cost: float, state: SearchState, field: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "n"]]
-    ) -> None:
-        """A plan that ends with the drive from a state to the goal; accepted if it is better and exists on the map."""
-        if cost >= self.queue.best:
-            return
+    ) -> bool:
+        """A plan that ends with the drive from a state to the goal; accepted if it is better and exists on the map.
+
+        Returns whether the drive exists; on the lattice alone passages appear wider by up to a cell.
+        """
+        best = self.queue.best
+        if cost >= best:
+            return True
         heuristic, steps = self.heuristic, push_sequence(state)
         units, pushes = heuristic.units / self.domain.block, heuristic.pushes_units(steps)
-        most = (self.queue.best - pushes) / units
         if self.on_map:
+            most = (best - pushes) / units
             cost = pushes + units * drives_cost(self.domain, steps, self.start, heuristic.goal, most, field)
-        if cost < self.queue.best:
+        if cost < best:
             self.queue.best, self.queue.goal = cost, state
+        return cost < best or np.isfinite(best)
 
     def _left(
         self, state: SearchState, bodies: Int32[np.ndarray, "n"], ends: Float[np.ndarray, "n 2"]
@@ -276,7 +282,7 @@ class PushPass:
         lengths.add(free if free < step else np.floor(free / step + 1e-6) * step)
         for length in opening:
             first = np.ceil(length / step - 1e-6)
-            lengths |= {(first + n) * step for n in BEYOND if (first + n) * step <= free}
+            lengths |= {(first + n) * step for n in EXTRA if (first + n) * step <= free}
             if first * step > free:
                 lengths.add(free)
         return sorted(lengths)

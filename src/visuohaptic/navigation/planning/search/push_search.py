@@ -38,7 +38,7 @@ __all__ = ["load_kernels", "search_pushes"]
 
 #: Heuristic weights of the passes for a first plan, and of a last pass if nothing was found.
 WEIGHTS, LAST_WEIGHT = (1.2, 3.0), 10.0
-#: Fraction of the time for a first plan that is spent on perpendicular pushes only; the rest is for oblique ones.
+#: Fraction of the time for a first plan or a proof that is spent on perpendicular pushes only; the rest is for oblique ones.
 STRAIGHT = 0.5
 #: Maximum number of expanded configurations with the first weight, and for the bound of a single body.
 FIRST_EXPANSIONS, ALONE_EXPANSIONS = 150, 60
@@ -210,8 +210,11 @@ class _Search:
     def _until(self, fraction: float) -> Deadline:
         return self.deadline.earlier((1.0 - fraction) * self.limits.budget_s)
 
+    def _until_found(self, fraction: float) -> Deadline:
+        return self._until(fraction * (1.0 if self.oblique else STRAIGHT))
+
     def _proof(self, heuristic: PushHeuristic) -> str:
-        return Infeasibility(heuristic, self.limits, self._until(PROOF)).prove(self.first, self.cells)
+        return Infeasibility(heuristic, self.limits, self._until_found(PROOF)).prove(self.first, self.cells)
 
     def _first_plan(
         self,
@@ -229,8 +232,7 @@ class _Search:
             # The smallest weight serves only for plans that are found immediately.
             most = FIRST_EXPANSIONS if weight == WEIGHTS[0] else self.limits.expansions
             most = max(min(most, self.limits.expansions - self.expanded), 1)
-            until = self._until(fraction * (1.0 if self.oblique else STRAIGHT))
-            plan = PushPass(heuristic, weight, self.limits, until, bodies).run(
+            plan = PushPass(heuristic, weight, self.limits, self._until_found(fraction), bodies).run(
                 self.first, most, known.cost * units, self.limits.gap
             )
             self.expanded += plan.expanded
