@@ -206,6 +206,24 @@ def test_sums_of_outlines_are_those_of_drawn_polygons(seed):
     assert found[0] == pytest.approx(float((cover * evidence).sum()), abs=0.15 * np.sqrt(150) + 0.02 * 150)
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_second_eye_sees_the_background_beside_a_body_and_not_that_behind_its_middle(side):
+    """Next to a wall no view sees the wall behind the body beside it: its depth is unknown there."""
+    rng = np.random.default_rng(4)
+    sums = np.pad(np.cumsum(rng.standard_normal((120, 160)), axis=1), ((0, 0), (1, 0)))[None]
+    motion = Camera.pose_of_view((0.5, 0.0, 0.1), (0.0, 0.0, 0.1)).inverse().matrix[:3][None]
+    matrix = np.array([[CAMERA.matrix[0, 0], CAMERA.matrix[1, 1], CAMERA.matrix[0, 2], CAMERA.matrix[1, 2]]])
+    body, reach = np.array([0.0, 0.0, 0.03, 0.03, 0.05, 0.15]), side * np.full(1, 7.0)
+    known = np.full((1, 120, 160), 0.6, np.float32)
+    unknown = known.copy()
+    unknown[:, :, 73:87] = 0.0  # the body is from column 71 to 88
+    near = np.full_like(known, 0.5)
+    found = np.empty((3, 1))
+    for limits, total in zip((known, unknown, near), found, strict=True):
+        outline_sums(body, 16, sums, limits, motion, matrix, reach, np.ones(1), total)
+    assert found[0] == found[1] != found[2]
+
+
 def test_a_part_that_trails_away_from_the_body_does_not_move_it():
     """Voxels that few rays pass behind a body have little evidence each and reach to half a metre from it."""
     seen = views(np.random.default_rng(8), np.linspace(0, 2.5, 8), 0.5)
