@@ -18,8 +18,9 @@ of an arbitrary window, and bounded: no single view is decisive, and views count
 The sum over views is a log-likelihood ratio. The probability that it exceeds log(N / a) at any of N places without glass is
 at most a (Markov's inequality, Bonferroni), for any number of views: a is the false-alarm rate that the user specifies.
 
-The position follows from the outlines (:mod:`.outline_fit`). The extent of a part is the same sum with e = 0.85: this many
-rays still pass a round glass at 1.03 of its radius, 2/pi asin(1/1.03). Parts, by falling evidence, explain their rays.
+A part has to exceed the threshold also with the rates that the surface behind it has of its own (:mod:`.surface_rates`). Its
+position follows from the outlines (:mod:`.outline_fit`). The extent of a part is the same sum with e = 0.85: this many rays
+still pass a round glass at 1.03 of its radius, 2/pi asin(1/1.03). Parts, by falling evidence, explain their rays.
 """
 
 from __future__ import annotations
@@ -169,9 +170,8 @@ class EvidenceDetector:
     ) -> None:
         """Sum the unexplained evidence; the rates without glass are estimated from the ``counted`` rays."""
         self._outlines = []
-        self._tables = reading_tables(
-            [rays.code[some] for rays, some in zip(self._images, counted, strict=True)]
-        )
+        codes = [rays.code[some] for rays, some in zip(self._images, counted, strict=True)]
+        self._tables = reading_tables(codes)
         ratios = np.stack(
             [self.ratios(frame, rays, self._tables) for frame, rays in zip(frames, self._images, strict=True)]
         )
@@ -188,11 +188,11 @@ class EvidenceDetector:
 
     def _outline_views(self, added: Sequence[Float32[np.ndarray, "h w"]] = ()) -> list[OutlineView]:
         """Outlines of all views with the current rates, and what is added to the log-likelihood ratios of each view."""
-        rays, views = self._rays, []
-        for k, image in enumerate(self._images):
+        views = []
+        for k, (frame, image) in enumerate(zip(self._rays.frames, self._images, strict=True)):
             readings = [np.take(table, image.code) + (added[k] if added else 0) for table in self._tables]
-            outline = readings, rays.limit_m[k], self.noise, float(rays.weights[k]), self._stride
-            views.append(OutlineView.of_view(rays.frames[k], *outline))
+            limit_m, weight = self._rays.limit_m[k], float(self._rays.weights[k])
+            views.append(OutlineView.of_view(frame, readings, limit_m, self.noise, weight, self._stride))
         return views
 
     def _read(self, frames: Sequence[DepthFrame]) -> tuple[list[DepthFrame], Float32[np.ndarray, "n"]]:
@@ -310,8 +310,8 @@ class EvidenceDetector:
         if np.count_nonzero(part) < self._min_voxels:
             return []
         points_m = self.grid.centres_m(np.argwhere(part) + [s.start for s in box])
-        self._outlines = self._outlines or self._outline_views()
         # Windows may look like glass in all views for a common cause without an outline: an edge.
+        self._outlines = self._outlines or self._outline_views()
         bodies = fit_bodies(self._outlines, points_m, evidence[part])
         # A body thinner than the smallest object is a fragment of a rim, whose centre is elsewhere.
         thick = (body for body in bodies if sum(body.radius_m) >= 2 * self.settings.radius_m)
@@ -369,11 +369,10 @@ class EvidenceDetector:
         cells
             Indices (n, 3) of the voxels.
         """
-        prior = self.threshold + math.log(self.settings.false_alarm_rate)
-        found: Float[np.ndarray, "n"] = 1 / (
-            1 + np.exp(np.clip(prior - self.evidence[tuple(cells.T)], -50.0, 50.0))
-        )
-        return found
+        from scipy.special import expit
+
+        places = self.threshold + math.log(self.settings.false_alarm_rate)
+        return np.asarray(expit(self.evidence[tuple(cells.T)] - places), np.float64)
 
     def inside(self) -> Bool[np.ndarray, "x y z"]:
         """Mask of the transparent voxels."""
