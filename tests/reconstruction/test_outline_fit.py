@@ -17,6 +17,7 @@ from visuohaptic.reconstruction.transparency.outline_fit import (
     OutlineView,
     UprightBody,
     _Outlines,
+    disjoint_bodies,
     fit_bodies,
 )
 
@@ -245,12 +246,10 @@ def test_of_two_vessels_in_a_row_the_nearer_one_is_taken_and_not_one_wide_body_a
         return UprightBody(np.array([x_m, 0.0]), np.full(2, 0.003), (radius_m,) * 2, 0.002, (0.0, 0.12), told)
 
     wide, near, far = body(0.0, 0.075, 130.0), body(-0.06, 0.035, 125.0), body(0.06, 0.035, 60.0)
-    detector = EvidenceDetector(SpaceGrid.around((-0.2, -0.1, 0.0), (0.2, 0.1, 0.2), 0.01))
-    detector.threshold = 10.0
-    assert detector._together([wide, near, far]) == [near, far]
-    assert detector._together([wide, near]) == [wide]
-    assert detector._together([wide, replace(near, evidence=70.0), far]) == [wide]
-    assert detector._together([]) == []
+    assert disjoint_bodies([wide, near, far], 10.0) == [near, far]
+    assert disjoint_bodies([wide, near], 10.0) == [wide]
+    assert disjoint_bodies([wide, replace(near, evidence=70.0), far], 10.0) == [wide]
+    assert disjoint_bodies([], 10.0) == []
 
 
 def test_a_piece_of_a_rim_is_no_body_of_its_own(monkeypatch):
