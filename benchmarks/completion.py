@@ -73,6 +73,8 @@ def study(
         "blown_up": [number for number, run in enumerate(planned) if blown_up(run["mse"])],
         "spearman": float(np.nanmedian([np.nanmedian(run["spearman"]) for run in planned])),
         "spearman_by_stage": _by_stage(planned, "spearman"),
+        "spearman_ceiling": float(np.nanmedian([np.nanmedian(run["spearman_ceiling"]) for run in planned])),
+        "spearman_ceiling_by_stage": _by_stage(planned, "spearman_ceiling"),
         "spearman_with_band": float(
             np.nanmedian([np.nanmedian(run["spearman_with_band"]) for run in planned])
         ),
@@ -99,6 +101,7 @@ def _explored(task: tuple[int, int, str], *, priors: bool, touches: int) -> dict
     found = explore(bottle, rng, planned=name == "planned", priors=priors, touches=touches, on_plan=compare)
     hidden = [(told[missing], true[missing]) for told, true, missing in stages]
     found["spearman"] = [float(spearmanr(told, true).statistic) for told, true in hidden]
+    found["spearman_ceiling"] = [spearman_ceiling(told, seed) for told, _ in hidden]
     #: With the visible band around the hole, which is part of the completed surface.
     found["spearman_with_band"] = [float(spearmanr(told, true).statistic) for told, true, _ in stages]
     found["told_over_true"] = [float(np.sqrt(np.mean(told**2) / np.mean(true**2))) for told, true in hidden]
@@ -107,6 +110,26 @@ def _explored(task: tuple[int, int, str], *, priors: bool, touches: int) -> dict
         told, true = (np.concatenate(part) for part in zip(*hidden, strict=True))
         found["spearman_all"] = float(spearmanr(told, true).statistic)
     return found
+
+
+def spearman_ceiling(sigma_m: np.ndarray, seed: int, draws: int = 20) -> float:
+    """Mean rank correlation of deviations with normal errors that have exactly these deviations.
+
+    No declaration has a larger one in expectation unless deviations differ more between points than the declared ones do:
+    the error of a point is one draw, so that equal deviations show different errors.
+
+    Parameters
+    ----------
+    sigma_m
+        Declared deviations (n) [m].
+    seed
+        Seed of the draws.
+    draws
+        Number of draws.
+    """
+    rng = np.random.default_rng([seed, 5])
+    errors = np.abs(sigma_m * rng.standard_normal((draws, len(sigma_m))))
+    return float(np.mean([spearmanr(sigma_m, error).statistic for error in errors]))
 
 
 def wall_distance_m(bottle: Bottle, points: np.ndarray) -> np.ndarray:
@@ -247,7 +270,11 @@ def study_rows(found: dict[str, Any], note: str) -> list[dict[str, Any]]:
          "floor": 0.0, "aim": 0.0, "higher_is_better": False, "note": note},
         {"name": "uncertainty against true error, Spearman over the hidden part, median of stages and objects",
          "ours": found["spearman"], "unit": "", "floor": 0.5, "aim": 0.7, "higher_is_better": True,
-         "note": " ".join(f"{stage}: {value:.2f}" for stage, value in found["spearman_by_stage"].items())},
+         "peer": found["spearman_ceiling"], "peer_name": "normal errors with the declared deviations",
+         "note": " ".join(
+             f"{stage}: {value:.2f} of {found['spearman_ceiling_by_stage'][stage]:.2f}"
+             for stage, value in found["spearman_by_stage"].items()
+         )},
         {"name": "the same with the visible band around the hole",
          "ours": found["spearman_with_band"], "unit": "", "floor": 0.5, "aim": 0.7, "higher_is_better": True,
          "note": note},

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -115,6 +117,24 @@ def test_the_sparse_volume_has_the_same_surface(frames):
     # Free views of a brick from before it was made are missing in the sparse volume.
     assert np.percentile(gaps, 90) < 0.1 * VOXEL_M
     assert sparse.bricks * 8**3 < 0.7 * dense.distance.size
+
+
+def test_views_fused_around_surfaces_only_have_the_same_mesh(frames):
+    rng = np.random.default_rng(3)
+    holes = [
+        np.where(rng.random(f.depth_m.shape) < 0.02, np.nan, f.depth_m).astype(np.float32) for f in frames
+    ]
+    views = [replace(f, depth_m=depth_m) for f, depth_m in zip(frames, holes, strict=True)]
+    whole, near = (TsdfVolume.around([0.05, 0.05, -0.1], [0.95, 0.95, 0.5], VOXEL_M) for _ in range(2))
+    for view_of_all in views:
+        whole.integrate(view_of_all)
+    near.integrate_all(views)
+    # Free space is left out: a third of the voxels are far from any surface.
+    assert np.count_nonzero(near.weight) < 0.7 * np.count_nonzero(whole.weight)
+    ours, other = near.mesh(2), whole.mesh(2)
+    np.testing.assert_array_equal(ours.vertices_m, other.vertices_m)
+    np.testing.assert_array_equal(ours.faces, other.faces)
+    np.testing.assert_array_equal(ours.colors, other.colors)
 
 
 def test_noise_averages_out(frames):

@@ -17,6 +17,7 @@ from visuohaptic.reconstruction.transparency.outline_fit import (
     OutlineView,
     UprightBody,
     _Outlines,
+    disjoint_bodies,
     fit_bodies,
 )
 
@@ -206,6 +207,24 @@ def test_sums_of_outlines_are_those_of_drawn_polygons(seed):
     assert found[0] == pytest.approx(float((cover * evidence).sum()), abs=0.15 * np.sqrt(150) + 0.02 * 150)
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_second_eye_sees_the_background_beside_a_body_and_not_that_behind_its_middle(side):
+    """Next to a wall no view sees the wall behind the body beside it: its depth is unknown there."""
+    rng = np.random.default_rng(4)
+    sums = np.pad(np.cumsum(rng.standard_normal((120, 160)), axis=1), ((0, 0), (1, 0)))[None]
+    motion = Camera.pose_of_view((0.5, 0.0, 0.1), (0.0, 0.0, 0.1)).inverse().matrix[:3][None]
+    matrix = np.array([[CAMERA.matrix[0, 0], CAMERA.matrix[1, 1], CAMERA.matrix[0, 2], CAMERA.matrix[1, 2]]])
+    body, reach = np.array([0.0, 0.0, 0.03, 0.03, 0.05, 0.15]), side * np.full(1, 7.0)
+    known = np.full((1, 120, 160), 0.6, np.float32)
+    unknown = known.copy()
+    unknown[:, :, 73:87] = 0.0  # the body is from column 71 to 88
+    near = np.full_like(known, 0.5)
+    found = np.empty((3, 1))
+    for limits, total in zip((known, unknown, near), found, strict=True):
+        outline_sums(body, 16, sums, limits, motion, matrix, reach, np.ones(1), total)
+    assert found[0] == found[1] != found[2]
+
+
 def test_a_part_that_trails_away_from_the_body_does_not_move_it():
     """Voxels that few rays pass behind a body have little evidence each and reach to half a metre from it."""
     seen = views(np.random.default_rng(8), np.linspace(0, 2.5, 8), 0.5)
@@ -227,12 +246,10 @@ def test_of_two_vessels_in_a_row_the_nearer_one_is_taken_and_not_one_wide_body_a
         return UprightBody(np.array([x_m, 0.0]), np.full(2, 0.003), (radius_m,) * 2, 0.002, (0.0, 0.12), told)
 
     wide, near, far = body(0.0, 0.075, 130.0), body(-0.06, 0.035, 125.0), body(0.06, 0.035, 60.0)
-    detector = EvidenceDetector(SpaceGrid.around((-0.2, -0.1, 0.0), (0.2, 0.1, 0.2), 0.01))
-    detector.threshold = 10.0
-    assert detector._together([wide, near, far]) == [near, far]
-    assert detector._together([wide, near]) == [wide]
-    assert detector._together([wide, replace(near, evidence=70.0), far]) == [wide]
-    assert detector._together([]) == []
+    assert disjoint_bodies([wide, near, far], 10.0) == [near, far]
+    assert disjoint_bodies([wide, near], 10.0) == [wide]
+    assert disjoint_bodies([wide, replace(near, evidence=70.0), far], 10.0) == [wide]
+    assert disjoint_bodies([], 10.0) == []
 
 
 def test_a_piece_of_a_rim_is_no_body_of_its_own(monkeypatch):

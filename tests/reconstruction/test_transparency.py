@@ -45,7 +45,8 @@ from visuohaptic.reconstruction.transparency._background_kernels import (
 )
 from visuohaptic.reconstruction.transparency._ray_kernels import projector_shadow
 from visuohaptic.reconstruction.transparency.pose_refinement import common_sigma_m
-from visuohaptic.reconstruction.transparency.ray_readings import RayEvidence
+from visuohaptic.reconstruction.transparency.ray_readings import RayEvidence, RayImage, reading_tables
+from visuohaptic.reconstruction.transparency.surface_rates import surface_ratios
 from visuohaptic.simulation.tabletop import DepthCamera, disturb_pose, glass_scene
 
 CAMERA = Camera.simple(64, 48, 60.0)
@@ -321,6 +322,28 @@ def test_readings_near_edges_are_another_context_than_those_away_from_them():
     assert not rays.clear[50:70, 60:65].any()
     assert not rays.clear[50:70, 95:100].any()
     assert len(np.unique(rays.code[60, 60:80])) >= 3
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.25])
+def test_drop_outs_beside_a_part_are_the_rate_of_the_surface_behind_it(lost):
+    """Through a part half of the readings of a wall drop out; beside it none does (glass), or a quarter (polished metal)."""
+    rng = np.random.default_rng([6, int(100 * lost)])
+    depth_m, through = np.ones((48, 64), np.float32), np.zeros((5, 48, 64), dtype=bool)
+    through[:1, 12:36, 16:48] = True
+    frames, images = [], []
+    for rays in through:
+        reading = np.where(rng.random((48, 64)) < np.where(rays, 0.5, lost), 4, 1).astype(np.uint8)
+        images.append(RayImage(reading, reading.astype(np.uint16), depth_m, depth_m, reading > 0))
+        frames.append(DepthFrame(0.0, depth_m, None, Pose.identity(), CAMERA))
+    tables = reading_tables([np.repeat([1, 4], [9500, 500]).astype(np.uint16)])
+    added = surface_ratios(frames, images, through, np.ones_like(through), tables, 0.1)
+    # Four views beside it, and a prior of one with the rate of the context: 500 of 10,000, and 50 rays of glass.
+    rate = (4 * lost + 0.052) / 5
+    inside, dropped = through[0], images[0].reading == 4
+    assert np.median(added[0][inside & dropped]) == pytest.approx(np.log(0.052 / rate), abs=0.15)
+    assert np.median(added[0][inside & ~dropped]) == pytest.approx(np.log(0.947 / (1 - rate)), abs=0.05)
+    assert not added[0][~inside].any()
+    assert not np.any(added[1:])
 
 
 def test_the_false_alarm_rate_moves_the_threshold_and_is_checked(sequence):

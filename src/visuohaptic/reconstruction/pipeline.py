@@ -25,8 +25,7 @@ from .mesh import SurfaceMesh
 from .transparency.detector import TransparencyDetector
 from .transparency.evidence import EvidenceDetector, EvidenceSettings
 from .transparency.pose_refinement import common_sigma_m, refine_poses
-from .transparency.refracted_rays import mask_refracted_rays
-from .transparency.regions import TransparentRegion, outer_voxels, save_regions
+from .transparency.regions import TransparentRegion, mask_refracted_rays, outer_voxels, save_regions
 from .transparency.search_report import SearchReport
 
 __all__ = ["METHODS", "Reconstruction", "reconstruct", "sequence_noise"]

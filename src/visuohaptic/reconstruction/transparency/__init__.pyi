@@ -17,9 +17,9 @@ from .ray_readings import RayImage as RayImage
 from .ray_readings import TrackedNoise as TrackedNoise
 from .ray_readings import ViewDepth as ViewDepth
 from .ray_readings import ray_image as ray_image
-from .refracted_rays import mask_refracted_rays as mask_refracted_rays
 from .regions import TransparentRegion as TransparentRegion
 from .regions import find_regions as find_regions
+from .regions import mask_refracted_rays as mask_refracted_rays
 from .regions import outer_voxels as outer_voxels
 from .regions import save_regions as save_regions
 from .search_report import Cause as Cause

@@ -116,9 +116,18 @@ def outline_sums(body, corners, sums, limits, motions, matrices, reach, weights,
         first, last = max(int(np.floor(top + 0.5)), 0), min(int(np.floor(bottom + 0.5)), rows - 1)
         if last < first:
             continue
-        # The second eye sees the body in front of a different part of the background.
-        i, j = min(max(int(middle_v), 0), rows - 1), min(max(int(middle_u), 0), columns - 1)
-        behind = max(float(limits[view, i, j]), middle_z)
+        # The second eye sees the body in front of the background beside it, which may differ from that behind its middle, and is
+        # known where this is not: it is that at the farthest pixel for which the second eye looks past the body (fixed point).
+        edge_u = u[0]
+        for p in range(points):
+            edge_u = min(edge_u, u[p]) if reach[view] > 0 else max(edge_u, u[p])
+        i, behind = min(max(int(middle_v), 0), rows - 1), middle_z
+        place = middle_u
+        for _ in range(3):
+            depth = float(limits[view, i, min(max(int(place), 0), columns - 1)])
+            if depth > middle_z:
+                behind = depth
+            place = edge_u - reach[view] * (1 / middle_z - 1 / behind)
         for p in range(points):
             moved[p] = u[p] - reach[view] * (1 / z[p] - 1 / behind)
         _side(order, u, v, 1.0, chain, first, last, left)

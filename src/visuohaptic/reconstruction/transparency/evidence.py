@@ -18,8 +18,9 @@ of an arbitrary window, and bounded: no single view is decisive, and views count
 The sum over views is a log-likelihood ratio. The probability that it exceeds log(N / a) at any of N places without glass is
 at most a (Markov's inequality, Bonferroni), for any number of views: a is the false-alarm rate that the user specifies.
 
-The position follows from the outlines (:mod:`.outline_fit`). The extent of a part is the same sum with e = 0.85: this many
-rays still pass a round glass at 1.03 of its radius, 2/pi asin(1/1.03). Parts, by falling evidence, explain their rays.
+A part has to exceed the threshold also with the rates that the surface behind it has of its own (:mod:`.surface_rates`). Its
+position follows from the outlines (:mod:`.outline_fit`). The extent of a part is the same sum with e = 0.85: this many rays
+still pass a round glass at 1.03 of its radius, 2/pi asin(1/1.03). Parts, by falling evidence, explain their rays.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from ...core.errors import InputError
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
-from .outline_fit import OutlineView, UprightBody, fit_bodies
+from .outline_fit import OutlineView, UprightBody, body_evidence, disjoint_bodies, fit_bodies
 from .ray_readings import (
     FAR,
     LOOK_ALIKE,
@@ -51,6 +52,7 @@ from .ray_readings import (
 )
 from .regions import TransparentRegion, region_of
 from .search_report import SearchReport, next_eye
+from .surface_rates import surface_ratios
 from .view_selection import ray_stride, thinned, view_graph
 
 __all__ = ["EvidenceDetector", "EvidenceSettings"]
@@ -168,9 +170,8 @@ class EvidenceDetector:
     ) -> None:
         """Sum the unexplained evidence; the rates without glass are estimated from the ``counted`` rays."""
         self._outlines = []
-        self._tables = reading_tables(
-            [rays.code[some] for rays, some in zip(self._images, counted, strict=True)]
-        )
+        codes = [rays.code[some] for rays, some in zip(self._images, counted, strict=True)]
+        self._tables = reading_tables(codes)
         ratios = np.stack(
             [self.ratios(frame, rays, self._tables) for frame, rays in zip(frames, self._images, strict=True)]
         )
@@ -185,17 +186,14 @@ class EvidenceDetector:
             places = space_m3 / (2 * self.settings.radius_m) ** 3
             self.threshold = math.log(max(places, 1.0) / self.settings.false_alarm_rate)
 
-    def _outline_views(self) -> list[OutlineView]:
-        """Outlines of all views with the current rates; computed on first use."""
-        rays = self._rays
-        if not self._outlines:
-            views = zip(rays.frames, self._images, rays.limit_m, rays.weights.tolist(), strict=True)
-            for frame, image, limit_m, weight in views:
-                readings = [np.take(table, image.code) for table in self._tables]
-                self._outlines.append(
-                    OutlineView.of_view(frame, readings, limit_m, self.noise, weight, self._stride)
-                )
-        return self._outlines
+    def _outline_views(self, added: Sequence[Float32[np.ndarray, "h w"]] = ()) -> list[OutlineView]:
+        """Outlines of all views with the current rates, and what is added to the log-likelihood ratios of each view."""
+        views = []
+        for k, (frame, image) in enumerate(zip(self._rays.frames, self._images, strict=True)):
+            readings = [np.take(table, image.code) + (added[k] if added else 0) for table in self._tables]
+            limit_m, weight = self._rays.limit_m[k], float(self._rays.weights[k])
+            views.append(OutlineView.of_view(frame, readings, limit_m, self.noise, weight, self._stride))
+        return views
 
     def _read(self, frames: Sequence[DepthFrame]) -> tuple[list[DepthFrame], Float32[np.ndarray, "n"]]:
         """Views that have enough others for a comparison, and their weights; stores their readings."""
@@ -290,20 +288,15 @@ class EvidenceDetector:
 
         labels, _ = ndimage.label(left, np.ones((3, 3, 3)))
         whole: Bool[np.ndarray, "x y z"] = labels == labels.flat[np.where(left, evidence, -np.inf).argmax()]
-        together = self._together(self._fit(whole, evidence, box))
-        return whole, together[0] if together else None
+        together = disjoint_bodies(self._fit(whole, evidence, box), self.threshold)
+        return whole, next((body for body in together if self._beside(body) >= self.threshold), None)
 
-    def _together(self, bodies: Sequence[UprightBody]) -> list[UprightBody]:
-        """The set of disjoint bodies with the most evidence for a part, strongest first."""
-        sets = []
-        for first in bodies:
-            chosen = [first]
-            for body in bodies:
-                if not any(body.meets(other) for other in chosen):
-                    chosen.append(body)
-            sets.append(sorted(chosen, key=lambda body: -body.evidence))
-        # Each further body has to exceed the threshold.
-        return max(sets, key=lambda chosen: sum(b.evidence - self.threshold for b in chosen), default=[])
+    def _beside(self, body: UprightBody) -> float:
+        """Evidence for a body, given the readings at the surfaces behind it of rays that pass beside it [nat]."""
+        rays, body_m, size_m = self._rays, body.points_m(self.grid.voxel_m), 2 * self.settings.radius_m
+        through = np.stack([rays.passed(k, body_m, self.grid.voxel_m) for k in range(self.used)])
+        added = surface_ratios(rays.frames, self._images, through, rays.limit_m > 0, self._tables, size_m)
+        return body_evidence(self._outline_views(added), body)
 
     @property
     def _min_voxels(self) -> float:
@@ -317,8 +310,9 @@ class EvidenceDetector:
         if np.count_nonzero(part) < self._min_voxels:
             return []
         points_m = self.grid.centres_m(np.argwhere(part) + [s.start for s in box])
-        # Windows may look like glass in all views for a common cause without an outline: specular reflection, an edge.
-        bodies = fit_bodies(self._outline_views(), points_m, evidence[part])
+        # Windows may look like glass in all views for a common cause without an outline: an edge.
+        self._outlines = self._outlines or self._outline_views()
+        bodies = fit_bodies(self._outlines, points_m, evidence[part])
         # A body thinner than the smallest object is a fragment of a rim, whose centre is elsewhere.
         thick = (body for body in bodies if sum(body.radius_m) >= 2 * self.settings.radius_m)
         return [body for body in thick if body.evidence >= self.threshold]
@@ -375,11 +369,10 @@ class EvidenceDetector:
         cells
             Indices (n, 3) of the voxels.
         """
-        prior = self.threshold + math.log(self.settings.false_alarm_rate)
-        found: Float[np.ndarray, "n"] = 1 / (
-            1 + np.exp(np.clip(prior - self.evidence[tuple(cells.T)], -50.0, 50.0))
-        )
-        return found
+        from scipy.special import expit
+
+        places = self.threshold + math.log(self.settings.false_alarm_rate)
+        return np.asarray(expit(self.evidence[tuple(cells.T)] - places), np.float64)
 
     def inside(self) -> Bool[np.ndarray, "x y z"]:
         """Mask of the transparent voxels."""

@@ -28,7 +28,7 @@ from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import DepthNoise
 from .background import intrinsics
 
-__all__ = ["OutlineView", "UprightBody", "fit_bodies"]
+__all__ = ["OutlineView", "UprightBody", "body_evidence", "disjoint_bodies", "fit_bodies"]
 
 #: Number of points on each of the two bounding circles of a body.
 _CORNERS = 16
@@ -261,6 +261,41 @@ def fit_bodies(
             place = np.array([x, y]), sigma[:2]
             bodies.append(UprightBody(*place, (low_r, high_r), float(sigma[2]), (low_z, high_z), -least))
     return sorted(bodies, key=lambda body: -body.evidence)
+
+
+def body_evidence(views: Sequence[OutlineView], body: UprightBody) -> float:
+    """Log-likelihood ratio of a body against no body, closed or open, whichever is likelier [nat].
+
+    Parameters
+    ----------
+    views
+        All views.
+    body
+        The body.
+    """
+    outlines = _Outlines(views, np.array([*body.axis_m, np.mean(body.height_m)]))
+    shape = np.array([*body.axis_m, *body.radius_m, *body.height_m])
+    return max(float(outlines.log_likelihood(shape, opening).sum()) for opening in _OPEN)
+
+
+def disjoint_bodies(bodies: Sequence[UprightBody], threshold: float) -> list[UprightBody]:
+    """The set of bodies that do not meet with the most evidence, strongest first.
+
+    Parameters
+    ----------
+    bodies
+        Bodies to choose from.
+    threshold
+        Evidence that each further body has to exceed [nat].
+    """
+    sets = []
+    for first in bodies:
+        chosen = [first]
+        for body in bodies:
+            if not any(body.meets(other) for other in chosen):
+                chosen.append(body)
+        sets.append(sorted(chosen, key=lambda body: -body.evidence))
+    return max(sets, key=lambda chosen: sum(body.evidence - threshold for body in chosen), default=[])
 
 
 def _apart(starts: Sequence[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray, float]]:

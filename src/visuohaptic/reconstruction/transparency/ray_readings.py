@@ -49,7 +49,7 @@ _DISTANCES, _VOTES, _EMPTY, _DEPTHS_M = (0.0, 1.0, 2.0, 4.0), (2, 3), (0.1, 0.3,
 CONTEXTS = (len(_DISTANCES) + 2) * (len(_VOTES) + 1) * (len(_EMPTY) + 1) * (len(_DEPTHS_M) + 1)
 #: Probabilities of the readings same, farther, nearer, none through glass: thin and clear, strong, faint, filled. Real
 #: D435s drop 29-77 % of the pixels of glass.
-_KINDS = np.array(
+KINDS = np.array(
     [[0.30, 0.12, 0.05, 0.53], [0.08, 0.10, 0.04, 0.78], [0.62, 0.08, 0.03, 0.27], [0.15, 0.45, 0.12, 0.28]]
 )
 #: Weight of the prior of a context, in rays; the prior is that glass and no glass have equal rates.
@@ -355,21 +355,24 @@ def reading_tables(codes: Sequence[UInt16[np.ndarray, "*n"]]) -> Float32[np.ndar
         Codes of the readings from which the rates without glass are estimated, of each view.
     """
     counts = sum(np.bincount(code.ravel(), minlength=5 * CONTEXTS) for code in codes)
-    rates = np.reshape(counts, (CONTEXTS, 5))[:, 1:] + _PRIOR_RAYS * _KINDS.mean(axis=0)
+    rates = np.reshape(counts, (CONTEXTS, 5))[:, 1:] + _PRIOR_RAYS * KINDS.mean(axis=0)
     rates /= rates.sum(axis=1, keepdims=True)
-    tables = np.zeros((len(_KINDS), CONTEXTS, 5), np.float32)
-    tables[:, :, 1:] = np.log(_KINDS[:, None] / rates)
-    return tables.reshape(len(_KINDS), -1)
+    tables = np.zeros((len(KINDS), CONTEXTS, 5), np.float32)
+    tables[:, :, 1:] = np.log(KINDS[:, None] / rates)
+    return tables.reshape(len(KINDS), -1)
 
 
-def _log_ratio(ratios: Float32[np.ndarray, "n h w"], elsewhere: float) -> Float32[np.ndarray, "n h w"]:
+def _log_ratio(
+    ratio: Float32[np.ndarray, "n h w"], elsewhere: float | Float32[np.ndarray, "n h w"]
+) -> Float32[np.ndarray, "n h w"]:
     """Evidence of windows for glass here, with the probability ``elsewhere`` of glass elsewhere [nat]."""
     import cv2
 
-    found = np.empty_like(ratios)
-    for ratio, evidence in zip(ratios, found, strict=True):
-        here, there = ((1 - p) * ratio + p for p in (np.float32(HIDDEN), np.float32(1 - elsewhere)))
-        cv2.log(np.divide(here, there, out=here), evidence)
+    found = np.empty_like(ratio)
+    chances = np.broadcast_to(np.float32(elsewhere), ratio.shape)
+    # One view after the other: the arrays of one stay in the cache.
+    for view, chance, evidence in zip(ratio, chances, found, strict=True):
+        cv2.log(((1 - HIDDEN) * view + HIDDEN) / ((1 - chance) + chance * view), evidence)
     return found
 
 
