@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks._forecasts import calibration_error
 
 from visuohaptic.core import InputError
 from visuohaptic.recognition.data import (
@@ -19,7 +20,6 @@ from visuohaptic.recognition.touch import (
     ModelSettings,
     belief_of,
     calibrate,
-    calibration_error,
     class_statistics,
     condition,
     contradicted_assumption,
@@ -32,7 +32,7 @@ from visuohaptic.recognition.touch import (
     with_outline,
 )
 from visuohaptic.recognition.touch.belief import WIDTH_VARIANCE, sequential_likelihood
-from visuohaptic.recognition.touch.calibration import EXPLORATIONS
+from visuohaptic.recognition.touch.calibration import EXPLORATIONS, rate_of_each
 from visuohaptic.recognition.trees import mean_touches, train_tree
 
 from .worlds import as_explored, synthetic, touch_of
@@ -343,6 +343,17 @@ def test_calibration_lowers_what_is_wrong_with_confidence() -> None:
             hit.append(warm.answers[int(np.argmax(fraction))] == unseen.label[row])
     # 300 explorations in seven bins: chance alone gives about 0.05.
     assert calibration_error(np.array(confidence), np.array(hit)) < 0.12
+
+
+def test_two_limits_together_have_the_stated_rate() -> None:
+    """Of two independent statistics one in a hundred exceeds either limit; of two that agree, each."""
+    rng = np.random.default_rng(5)
+    margins, tails = rng.standard_normal((2, 100_000))
+    for other in (tails, -margins):
+        rate = rate_of_each(margins, other)
+        beyond = (margins < np.quantile(margins, rate)) | (other > np.quantile(other, 1 - rate))
+        assert beyond.mean() == pytest.approx(0.01, rel=0.01)
+    assert rate == pytest.approx(0.01, rel=0.01)
 
 
 def test_limits_of_the_calibration_hardly_depend_on_its_seed() -> None:

@@ -27,7 +27,7 @@ from .belief import FALSE_ALARM, WIDTH_VARIANCE, class_chi_square, sequential_li
 from .haptic_model import APART, RANGE_WIDENING, HapticModel, fit_model
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
-__all__ = ["calibrate", "calibration_error"]
+__all__ = ["calibrate"]
 
 #: Number of folds of the training objects, each of which is left out in turn; candidate temperatures.
 FOLDS = 3
@@ -125,7 +125,7 @@ def calibrate(
     )
     margins = np.concatenate([one.margin(temperature) for one in judged])
     tails = np.concatenate([one.tail() for one in judged])
-    rate = _rate_of_each(margins, tails)
+    rate = rate_of_each(margins, tails)
     # Before the first touch, "unknown" is at most as probable as all classes together.
     log_odds = min(
         float(np.quantile(margins, rate)), math.log(1 / max(model.settings.unknown_prior, 1e-300) - 1)
@@ -134,38 +134,21 @@ def calibrate(
     return replace(model, temperature=temperature, unknown_log_odds=log_odds, tail=tail)
 
 
-def _rate_of_each(margins: Float[np.ndarray, "n"], tails: Float[np.ndarray, "n"]) -> float:
+def rate_of_each(margins: Float[np.ndarray, "n"], tails: Float[np.ndarray, "n"]) -> float:
     """Common false-alarm rate of both limits with which :data:`.FALSE_ALARM` of the explorations exceed one of them or both.
 
     An exploration exceeds a limit of the rate k / n if its rank from that end is below k: by its lower rank it exceeds the
     first of the two.
-    """
-    first = np.minimum(np.argsort(np.argsort(margins)), np.argsort(np.argsort(-tails)))
-    return float(np.quantile(first, FALSE_ALARM)) / len(first)
-
-
-def calibration_error(
-    confidence: Float[np.ndarray, "k"], right: Float[np.ndarray, "k"], bins: int = 10
-) -> float:
-    """Expected calibration error: mean difference of confidence and accuracy, in bins of equal width (Guo et al. 2017).
 
     Parameters
     ----------
-    confidence
-        Of k answers, 0 to 1.
-    right
-        1 where the answer was right, 0 elsewhere.
-    bins
-        Number of bins.
+    margins
+        Log odds against "unknown"; low ones are beyond their limit.
+    tails
+        Chi-square as a ratio to its limit; high ones are beyond it.
     """
-    confidence, right = np.asarray(confidence, dtype=float), np.asarray(right, dtype=float)
-    edges = np.linspace(0, 1, bins + 1)
-    which = np.clip(np.digitize(confidence, edges) - 1, 0, bins - 1)
-    total = 0.0
-    for k in np.unique(which):
-        some = which == k
-        total += abs(confidence[some].mean() - right[some].mean()) * np.count_nonzero(some)
-    return float(total / len(confidence))
+    first = np.minimum(np.argsort(np.argsort(margins)), np.argsort(np.argsort(-tails)))
+    return float(np.quantile(first, FALSE_ALARM)) / len(first)
 
 
 def _explored(

@@ -49,7 +49,6 @@ __all__ = [
 ]
 
 UNKNOWN = "unknown"
-_PLACE_m = 0.01  # distance between two adjacent heights of the 16 of a typical container
 #: A parameter uniform in its range has a standard deviation of 0.29 widths. If every fourth one exceeds its range by up to
 #: 0.3 widths, the root mean square is 0.41 widths: a factor of 1.43. If all do, the factor is 2.25; with this factor, more
 #: unknown objects are falsely accepted than known objects outside their ranges are gained.
@@ -311,11 +310,11 @@ def pose_covariance(
     features
         Their features, see :func:`log_features`.
     settings, protocol
-        Standard deviations of the pose, and the resolution of the stiffness.
+        Standard deviations of the pose; resolution of the stiffness and distance between the heights.
     """
     count = len(features)
     slopes = _slopes(features)
-    shift = settings.pose_m / _PLACE_m * slopes
+    shift = settings.pose_m / protocol.place_m * slopes
     out = shift.T @ shift / count
     if data.pose_errors is not None:
         scale = settings.pose_m / POSE_m * protocol.seen_stiffness(data.features[..., 0])[1]
@@ -323,7 +322,7 @@ def pose_covariance(
         out[:FIRST_WIDTH] = out[:, :FIRST_WIDTH] = 0.0
         out[:FIRST_WIDTH, :FIRST_WIDTH] = moved.T @ moved / len(moved)
     else:
-        lever = 0.5 * settings.tilt_rad * data.width_m / _PLACE_m
+        lever = 0.5 * settings.tilt_rad * data.width_m / protocol.place_m
         steep = slopes[:, :FIRST_WIDTH].reshape(count, HEIGHTS, 4)
         for axis in range(2):
             tilted = np.zeros_like(steep)
