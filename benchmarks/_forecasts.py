@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["calibration_figure", "expected_calibration_error"]
+__all__ = ["calibration_error", "calibration_figure", "expected_calibration_error"]
 
 #: Edges between which forecasts are compared with how often they come true.
 BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.995, 1.0)
@@ -41,6 +41,28 @@ def expected_calibration_error(forecasts: Sequence[tuple[float, bool]]) -> float
     if not forecasts:
         return math.nan
     return sum(count * abs(p - good) for p, good, count in _bins(forecasts)) / len(forecasts)
+
+
+def calibration_error(confidence: np.ndarray, right: np.ndarray, bins: int = 10) -> float:
+    """Expected calibration error: mean difference of confidence and accuracy, in bins of equal width (Guo et al. 2017).
+
+    Parameters
+    ----------
+    confidence
+        Of k answers (k,), 0 to 1.
+    right
+        1 where the answer was right, 0 elsewhere (k,).
+    bins
+        Number of bins.
+    """
+    confidence, right = np.asarray(confidence, dtype=float), np.asarray(right, dtype=float)
+    edges = np.linspace(0, 1, bins + 1)
+    which = np.clip(np.digitize(confidence, edges) - 1, 0, bins - 1)
+    total = 0.0
+    for k in np.unique(which):
+        some = which == k
+        total += abs(confidence[some].mean() - right[some].mean()) * np.count_nonzero(some)
+    return float(total / len(confidence))
 
 
 def calibration_figure(forecasts: Sequence[tuple[float, bool]]) -> Figure:

@@ -20,7 +20,6 @@ from visuohaptic.recognition import (
     FeatureSet,
     HapticClassifier,
     TouchReading,
-    calibration_error,
     fit_curve,
     load_feature_set,
     read_build,
@@ -28,6 +27,8 @@ from visuohaptic.recognition import (
     walk,
 )
 from visuohaptic.recognition.touch import update_belief
+
+from ._forecasts import calibration_error
 
 #: Touches at most, and objects of a class that the classifier is trained on.
 MAX_TOUCHES, VARIANTS = 10, 30

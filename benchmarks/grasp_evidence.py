@@ -27,8 +27,8 @@ from visuohaptic.deformation.maps import object_map
 from visuohaptic.deformation.nonlinear import Contents
 from visuohaptic.deformation.shapes import ContainerDescription, ShellObject, mesh_container
 from visuohaptic.grasping import Grasp, GraspTask, Handling, plan_grasps
-from visuohaptic.recognition import calibration_error
 
+from ._forecasts import calibration_error
 from ._journal import Journal
 from ._seeds import add_seeds, seeds_of
 

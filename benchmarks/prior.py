@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.recognition.touch import UNKNOWN, calibration_error
+from visuohaptic.recognition.touch import UNKNOWN
 from visuohaptic.recognition.visual import LocalFeatures, ShapeViews, VisualPrior
 from visuohaptic.recognition.visual.prior import Entry
 
 from . import harness
+from ._forecasts import calibration_error
 from ._prior_calibration import Example, calibrate_prior
 from ._prior_world import containers, label, scene_with, seen_cloud
 

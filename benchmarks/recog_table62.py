@@ -24,7 +24,6 @@ from visuohaptic.recognition.touch import (
     HapticModel,
     ModelSettings,
     calibrate,
-    calibration_error,
     explore,
     fit_model,
     update_belief,
@@ -32,6 +31,7 @@ from visuohaptic.recognition.touch import (
 from visuohaptic.recognition.trees import train_tree, walk
 from visuohaptic.reproduce.worlds import virtual_containers as world
 
+from ._forecasts import calibration_error
 from ._journal import Journal
 from .recog_trees import training_set
 

@@ -118,7 +118,8 @@ def test_rice_is_not_taken_for_that_much_water(closed):
     mean, sigma = told.fill_of()
     assert abs(mean - 0.7) < min(2.0 * sigma, 0.2)
     # Only enclosed air tells the one from the other.
-    assert told.fillings()["grain"] > (0.5 if closed else 0.15)
+    grain = told.probability[np.array(told.filling) == "grain"].sum() / told.probability.sum()
+    assert grain > (0.5 if closed else 0.15)
 
 
 def test_squeezes_alone_tell_the_lid_and_the_fill_of_a_closed_one():
@@ -166,7 +167,6 @@ def test_without_evidence_nothing_is_told():
         ContentsModel(OUTLINE_M, WALL_M, {"sand": 1.0})
     nothing = model.posterior([SqueezeSamples(0.1, np.zeros(0), np.zeros(0))])
     assert nothing.belief()["open"] == pytest.approx(1 / 3)
-    assert sum(nothing.fillings().values()) == pytest.approx(1.0)
 
 
 def test_the_stated_false_alarm_rate_is_met():

@@ -30,3 +30,12 @@ def test_the_expected_doubt_is_that_of_a_fitted_curve(stiffness: float) -> None:
     ]
     # The sum of squares of few samples is a little more than its integral.
     assert np.median(found) == pytest.approx(protocol.relative_sigma(stiffness), rel=0.25)
+
+
+def test_a_rigid_place_is_resolved_by_six_samples() -> None:
+    """Slope of six points spread evenly up to the largest force, of which each deviates by 0.1 mm; limits at 1.5 deviations."""
+    protocol = TouchProtocol()
+    force = protocol.max_force_N * np.sqrt(1 / 3)  # root mean square
+    sigma = protocol.noise.deformation_m / (force * np.sqrt(6))
+    assert protocol.resolution_m_per_N == pytest.approx(1.5 * sigma)
+    assert protocol.relative_sigma(1e9) == pytest.approx(1e9 * sigma, rel=1e-3)

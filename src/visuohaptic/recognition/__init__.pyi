@@ -27,7 +27,6 @@ from .touch.bayes import touch_gains as touch_gains
 from .touch.belief import Belief as Belief
 from .touch.belief import update_belief as update_belief
 from .touch.calibration import calibrate as calibrate
-from .touch.calibration import calibration_error as calibration_error
 from .touch.contents import ContentsModel as ContentsModel
 from .touch.contents import ContentsPosterior as ContentsPosterior
 from .touch.contents import SqueezeSamples as SqueezeSamples

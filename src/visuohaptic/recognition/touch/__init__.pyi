@@ -11,7 +11,6 @@ from .belief import log_likelihood as log_likelihood
 from .belief import update_belief as update_belief
 from .belief import with_outline as with_outline
 from .calibration import calibrate as calibrate
-from .calibration import calibration_error as calibration_error
 from .contents import EMPTY as EMPTY
 from .contents import FILLINGS as FILLINGS
 from .contents import FORCES_N as FORCES_N

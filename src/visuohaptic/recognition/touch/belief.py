@@ -3,9 +3,9 @@
 Symbols: those of :mod:`.haptic_model`; o measured values; q their chi-square under a Gaussian.
 
 The Gaussians of "unknown" describe other common containers. An object that none of them predicts would be assigned to the
-known class that is least improbable. The best Gaussian of a known class therefore has an alternative, similar but unknown,
-whose density is everywhere that of the Gaussian where a test of the stated false-alarm rate just rejects it
-(:mod:`.unknown_state`).
+known class that is least improbable. The best known class therefore has an alternative, similar but unknown, whose density is
+everywhere that of the class where a test of the stated false-alarm rate just rejects it (:mod:`.unknown_state`). The Gaussians
+of a class differ by their scale: the tail probability of the readings is the average of those of its Gaussians.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.special import chdtri
+from scipy.special import chdtrc, chdtri
 
 from ..data.places import HEIGHTS
 from ..data.readings import TouchReading
@@ -27,6 +27,7 @@ __all__ = [
     "Belief",
     "belief_of",
     "by_answer",
+    "class_chi_square",
     "condition",
     "contradicted_assumption",
     "evidence",
@@ -137,7 +138,33 @@ def log_likelihood(
     place, value, noise
         Of :func:`evidence`; without any reading, the second row is minus infinity.
     """
-    out: np.ndarray = sequential_likelihood(model, place, value, noise, np.array([len(place)]))[0]
+    fit, square = sequential_likelihood(model, place, value, noise, np.array([len(place)]))[0]
+    freedom = model.freedom + len(place)
+    if not freedom:
+        return np.stack([fit, np.full_like(fit, -np.inf)])
+    limit = model.tail * chdtri(freedom, FALSE_ALARM)
+    return np.stack([fit, fit + 0.5 * (class_chi_square(model, square, freedom) - limit)])
+
+
+def class_chi_square(
+    model: HapticModel, square: Float[np.ndarray, "*n c"], freedom: int
+) -> Float[np.ndarray, "*n c"]:
+    """Chi-square with the tail probability that the readings have under all Gaussians of a trained class.
+
+    Parameters
+    ----------
+    model
+        Of the candidates.
+    square
+        Chi-square under each Gaussian.
+    freedom
+        Number of values, above 0.
+    """
+    # They are equally probable before any reading.
+    alike = (model.part == model.part[:, None]).astype(float)
+    tail = chdtrc(freedom, square) @ (alike / alike.sum(axis=0))
+    # The lower bound keeps the result finite, far beyond any limit.
+    out: np.ndarray = chdtri(freedom, np.maximum(tail, 1e-300))
     return out
 
 
@@ -148,7 +175,7 @@ def sequential_likelihood(
     noise: Float[np.ndarray, "o"],
     ends: Int[np.ndarray, "e"],
 ) -> Float[np.ndarray, "e 2 c"]:
-    """:func:`log_likelihood` of the first values of a sequence of readings, for several numbers of values.
+    """Log likelihood and chi-square of each Gaussian for the first values of a sequence of readings, for several numbers of values.
 
     The Cholesky factor of the leading block of a matrix is the leading block of its factor, so one factorisation is enough for all.
 
@@ -163,10 +190,7 @@ def sequential_likelihood(
     terms = np.zeros((2, len(white), len(place) + 1))
     terms[0, :, 1:], terms[1, :, 1:] = white**2, np.log(np.diagonal(root, axis1=1, axis2=2))
     square, size = np.cumsum(terms, axis=2)[:, :, ends].transpose(0, 2, 1)
-    fit = -0.5 * square - size
-    freedom = model.freedom + ends
-    limit = np.where(freedom > 0, model.tail * chdtri(np.maximum(freedom, 1), FALSE_ALARM), np.inf)
-    return np.stack([fit, fit + 0.5 * (model.square + square - limit[:, None])], axis=1)
+    return np.stack([-0.5 * square - size, model.square + square], axis=1)
 
 
 def condition(

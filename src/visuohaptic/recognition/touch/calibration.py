@@ -1,12 +1,12 @@
 """Calibration of a model by simulated explorations of objects that are left out of its training.
 
-Whole objects are left out in turn, half of them moved outside the range of the others and half of them touched with an
-inaccurate pose. The temperature that divides the evidence (Guo et al. 2017) minimises their mean log loss among the known
-classes. The log odds of "unknown" are raised until :data:`.FALSE_ALARM` of these explorations end with "unknown". Residuals of
-objects outside the training set are larger than those of a Gaussian: the limit of chi-square is raised until only
-:data:`.FALSE_ALARM` of the explorations exceed it.
+Whole objects are left out in turn, half of them moved outside the range of the others, and touched with the nuisances of the
+model. The temperature that divides the evidence (Guo et al. 2017) minimises their mean log loss among the known
+classes. Two limits decide for "unknown": its log odds are raised, and the limit of chi-square is, since residuals of objects
+outside the training set are larger than those of a Gaussian. Both have the same rate of false alarms, with which
+:data:`.FALSE_ALARM` of the explorations exceed one of them or both.
 
-Both limits are quantiles of N simulated explorations. The rate p beyond an empirical quantile has a standard error of
+The limits are quantiles of N simulated explorations. The rate p beyond an empirical quantile has a standard error of
 sqrt(p (1 - p) / N), so that a relative error of :data:`RATE_ERROR` requires N = (1 - p) / (p RATE_ERROR^2) explorations.
 """
 
@@ -23,11 +23,11 @@ from ...core.errors import InputError
 from ..data.data_set import FeatureSet
 from ..data.noise import as_measured
 from .bayes import TOUCHES
-from .belief import FALSE_ALARM, WIDTH_VARIANCE, sequential_likelihood
-from .haptic_model import POSE_RATIO, RANGE_WIDENING, HapticModel, fit_model
+from .belief import FALSE_ALARM, WIDTH_VARIANCE, class_chi_square, sequential_likelihood
+from .haptic_model import APART, RANGE_WIDENING, HapticModel, fit_model
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
-__all__ = ["calibrate", "calibration_error"]
+__all__ = ["calibrate"]
 
 #: Number of folds of the training objects, each of which is left out in turn; candidate temperatures.
 FOLDS = 3
@@ -48,9 +48,9 @@ class _Judged:
     """Likelihoods of n explorations of t touches by a model that was fitted without their objects."""
 
     model: HapticModel
-    likelihood: Float[np.ndarray, "n t 2 c"]  #: after each touch
+    likelihood: Float[np.ndarray, "n t 2 c"]  #: and chi-square, after each touch
     truth: Int[np.ndarray, "n"]  #: answers, of this model
-    limit: float  #: chi-square after the last touch that a Gaussian exceeds at the false-alarm rate
+    freedom: int  #: number of values after the last touch
 
     def loss(self, temperature: float) -> float:
         """Mean log loss among the known classes, of which :data:`IGNORED_FRACTION` may be wrong at any confidence."""
@@ -75,11 +75,12 @@ class _Judged:
         return out
 
     def tail(self) -> Float[np.ndarray, "n"]:
-        """Chi-square of the best Gaussian of a known class at the end, as a ratio to the limit."""
+        """Chi-square of the best known class at the end, as a ratio to the limit."""
         known = self.model.answer_of < len(self.model.answers) - 1
-        fit, beside = np.moveaxis(self.likelihood[:, -1][..., known], 1, 0)
-        best = np.argmax(fit + self.model.log_prior[known], axis=1)[:, None]
-        out: np.ndarray = 1.0 + 2.0 * np.take_along_axis(beside - fit, best, axis=1)[:, 0] / self.limit
+        fit, square = np.moveaxis(self.likelihood[:, -1], 1, 0)
+        best = np.argmax(np.where(known, fit + self.model.log_prior, -np.inf), axis=1)[:, None]
+        found = np.take_along_axis(class_chi_square(self.model, square, self.freedom), best, axis=1)
+        out: np.ndarray = found[:, 0] / chdtri(self.freedom, FALSE_ALARM)
         return out
 
 
@@ -122,38 +123,32 @@ def calibrate(
     temperature = float(
         min(TEMPERATURES, key=lambda value: float(np.mean([one.loss(float(value)) for one in judged])))
     )
-    last = np.concatenate([one.margin(temperature) for one in judged])
+    margins = np.concatenate([one.margin(temperature) for one in judged])
+    tails = np.concatenate([one.tail() for one in judged])
+    rate = rate_of_each(margins, tails)
     # Before the first touch, "unknown" is at most as probable as all classes together.
     log_odds = min(
-        float(np.quantile(last, FALSE_ALARM)), math.log(1 / max(model.settings.unknown_prior, 1e-300) - 1)
+        float(np.quantile(margins, rate)), math.log(1 / max(model.settings.unknown_prior, 1e-300) - 1)
     )
-    tails = np.concatenate([one.tail() for one in judged])
-    tail = max(float(np.quantile(tails, 1.0 - FALSE_ALARM)), 1.0)
+    tail = max(float(np.quantile(tails, 1.0 - rate)), 1.0)
     return replace(model, temperature=temperature, unknown_log_odds=log_odds, tail=tail)
 
 
-def calibration_error(
-    confidence: Float[np.ndarray, "k"], right: Float[np.ndarray, "k"], bins: int = 10
-) -> float:
-    """Expected calibration error: mean difference of confidence and accuracy, in bins of equal width (Guo et al. 2017).
+def rate_of_each(margins: Float[np.ndarray, "n"], tails: Float[np.ndarray, "n"]) -> float:
+    """Common false-alarm rate of both limits with which :data:`.FALSE_ALARM` of the explorations exceed one of them or both.
+
+    An exploration exceeds a limit of the rate k / n if its rank from that end is below k: by its lower rank it exceeds the
+    first of the two.
 
     Parameters
     ----------
-    confidence
-        Of k answers, 0 to 1.
-    right
-        1 where the answer was right, 0 elsewhere.
-    bins
-        Number of bins.
+    margins
+        Log odds against "unknown"; low ones are beyond their limit.
+    tails
+        Chi-square as a ratio to its limit; high ones are beyond it.
     """
-    confidence, right = np.asarray(confidence, dtype=float), np.asarray(right, dtype=float)
-    edges = np.linspace(0, 1, bins + 1)
-    which = np.clip(np.digitize(confidence, edges) - 1, 0, bins - 1)
-    total = 0.0
-    for k in np.unique(which):
-        some = which == k
-        total += abs(confidence[some].mean() - right[some].mean()) * np.count_nonzero(some)
-    return float(total / len(confidence))
+    first = np.minimum(np.argsort(np.argsort(margins)), np.argsort(np.argsort(-tails)))
+    return float(np.quantile(first, FALSE_ALARM)) / len(first)
 
 
 def _explored(
@@ -184,7 +179,7 @@ def _explored(
         for k, here in enumerate(place)
     ])  # fmt: skip
     truth = np.array([without.answers.index(str(name)) for name in answer[rows]])
-    return _Judged(without, found, truth, float(chdtri(ends[-1], FALSE_ALARM)))
+    return _Judged(without, found, truth, int(ends[-1]))
 
 
 def _features_as_touched(
@@ -192,11 +187,12 @@ def _features_as_touched(
 ) -> tuple[Float[np.ndarray, "n p"], Float[np.ndarray, "n p"]]:
     """Features of objects as measured by explorations, and their variances.
 
-    Half of the objects are outside the range of their class, half of the poses are inaccurate.
+    The factors of the range of their class and of the pose error are those of the model, with equal probability, and the
+    nuisances have the effects on the mean of the class.
     """
     settings, count = model.settings, len(rows)
-    stretch = np.where(rng.random(count) < 0.5, RANGE_WIDENING, 1.0)
-    pose_m = settings.pose_m * np.where(rng.random(count) < 0.5, POSE_RATIO, 1.0)
+    stretch = rng.choice((1.0, RANGE_WIDENING), count)
+    pose_m = settings.pose_m * rng.choice(settings.poses, count)
 
     def moved(values: np.ndarray) -> np.ndarray:
         logs = np.log(values)
@@ -205,7 +201,7 @@ def _features_as_touched(
         return np.asarray(mean[rows] + factor * (logs - mean)[rows])
 
     measured = as_measured(
-        moved(data.features[..., 0]) + settings.gain * rng.standard_normal((count, 1, 1)), rng,
+        moved(data.features[..., 0]), rng,
         pose_errors=None if data.pose_errors is None else data.pose_errors[rows],
         protocol=model.protocol, pose_m=pose_m, discrepancy=settings.discrepancy,
     )  # fmt: skip
@@ -218,6 +214,8 @@ def _features_as_touched(
     value = np.column_stack([
         model.protocol.seen_stiffness(stiffness)[0], np.log(width_m), np.log(height_m / USUAL_HEIGHT_m)
     ])  # fmt: skip
+    effect = np.stack([model.nuisance[model.part == k][0, APART] for k in range(len(data.classes))])
+    value += np.einsum("nm,nmp->np", rng.standard_normal((count, len(APART))), effect[data.number[rows]])
     noise = np.full((count, FEATURES), WIDTH_VARIANCE)
     noise[:, :FIRST_WIDTH] = model.protocol.seen_variance(stiffness)
     return value, noise

@@ -104,15 +104,6 @@ class ContentsPosterior:
         mean = float(weight @ self.fill) / total
         return mean, math.sqrt(float(weight @ (self.fill - mean) ** 2) / total + FILL_STEP**2 / 12)
 
-    def fillings(self) -> dict[str, float]:
-        """Probabilities of ``EMPTY`` and every filling among the known hypotheses, summed over lids and levels."""
-        names = (EMPTY, *FILLINGS)
-        parts = [
-            sum(p for p, one in zip(self.probability, self.filling, strict=True) if one == n) for n in names
-        ]
-        total = max(sum(parts), 1e-300)
-        return {name: float(part / total) for name, part in zip(names, parts, strict=True)}
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SqueezeSamples:

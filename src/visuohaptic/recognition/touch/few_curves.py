@@ -43,12 +43,11 @@ POPULATION, SMOOTH = (1.5, 0.6, 0.3, 0.2, 0.4), 2.5
 WITHIN_CLASS_SIGMAS = (0.34, 0.15, 0.045, 0.047, 0.1)
 #: The same, independent at each place: the wall thickness varies by 1.5 %.
 PLACE_SIGMA = 0.03
-#: Candidate factors of these standard deviations, if several objects of a class were squeezed.
+#: Candidate factors of these standard deviations, if several objects of a class were squeezed: of the class, and, as l of its
+#: Gaussians, of one exploration. Explorations of another day differ by more than those of one day, and a few of a class do not
+#: show by how much. On published grasps, these scales have a higher likelihood of left-out explorations than those of Student's
+#: t distributions of 1 to 8 degrees of freedom.
 WITHIN_CLASS_FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
-#: l of the Gaussians of a class with several objects: one exploration in four deviates three times as much as the others.
-#: With a single Gaussian, three times as many published grasps are classified as unknown; if half deviated this much, the
-#: 90 % band would contain 97 % of the readings.
-TOUCHED_FACTORS = (1.0, 1.0, 1.0, 3.0)
 #: Candidate standard deviations between classes, independent at each place: zero in stiffness and width for containers, whose
 #: opposite sides are alike; large if the readings of the fingers of a hand are unrelated.
 PLACES = (0.0, 0.03, 0.1, 0.3, 1.0)
@@ -111,7 +110,7 @@ def learn_from_curves(
         # Different objects were touched in different explorations: the variation includes the nuisances.
         several = prior is None and not single
         pose = prior.pose if prior else (not several) * _pose(middle, settings, protocol)
-        spreads = (0.0, 1.0) if single else TOUCHED_FACTORS if several else (1.0, RANGE_WIDENING)
+        spreads = (0.0, 1.0) if single else WITHIN_CLASS_FACTORS if several else (1.0, RANGE_WIDENING)
         learned[label] = ClassStatistics(middle, left, within, pose, spreads, several)
     return assemble(learned, groups or {}, settings, protocol)
 

@@ -49,7 +49,6 @@ __all__ = [
 ]
 
 UNKNOWN = "unknown"
-_PLACE_m = 0.01  # distance between two adjacent heights of the 16 of a typical container
 #: A parameter uniform in its range has a standard deviation of 0.29 widths. If every fourth one exceeds its range by up to
 #: 0.3 widths, the root mean square is 0.41 widths: a factor of 1.43. If all do, the factor is 2.25; with this factor, more
 #: unknown objects are falsely accepted than known objects outside their ranges are gained.
@@ -60,6 +59,8 @@ POSE_RATIO = 2.5
 SHRINKAGE_STRENGTHS = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 #: Names of the nuisances, in the order of the rows of ``nuisance``.
 NUISANCES = ("gain", "height", "zero of the force", "zero of the deformation", "mouth")
+#: Indices of all but the height, which is part of the pose.
+APART = [k for k, name in enumerate(NUISANCES) if name != "height"]
 #: Places over which the effect of the mouth's closure falls by e: fitted to maps of bottles with free and with fixed mouths.
 MOUTH_REACH = 2.2
 
@@ -91,6 +92,7 @@ class HapticModel:
 
     answers: tuple[str, ...]  #: classes that are answered, "unknown" last
     answer_of: Int[np.ndarray, "c"]  #: of each Gaussian
+    part: Int[np.ndarray, "c"]  #: trained class of each Gaussian; -1: unknown
     mean: Float[np.ndarray, "c p"]
     covariance: Float[np.ndarray, "c p p"]
     log_prior: Float[np.ndarray, "c"]
@@ -199,28 +201,28 @@ def assemble(
     fraction = _prior(answers, None, settings)
     own = np.diag(_discrepancy(settings))
     kinds, likely = unknown_kinds(np.stack([one.mean for one in learned.values()]))
-    apart = [k for k, name in enumerate(NUISANCES) if name != "height"]  # it is part of the pose
-    rows: list[tuple[int, np.ndarray, np.ndarray, float, np.ndarray, float, float]] = []
-    for part, one in learned.items():
+    rows: list[tuple[int, int, np.ndarray, np.ndarray, float, np.ndarray, float, float]] = []
+    for index, (part, one) in enumerate(learned.items()):
         effect = (not one.touched) * nuisance_effects(one.mean, one.pose, settings, protocol)
-        shared = one.mean_covariance + effect[apart].T @ effect[apart] + (not one.touched) * own
+        shared = one.mean_covariance + effect[APART].T @ effect[APART] + (not one.touched) * own
         number = answers.index(name_of[part])
         alike = sum(name == name_of[part] for name in name_of.values())
-        chance = fraction[name_of[part]] / alike / len(one.spreads) / len(settings.poses)
-        for spread, pose in product(one.spreads, settings.poses):
+        poses = settings.poses if one.pose.any() else (1.0,)
+        chance = fraction[name_of[part]] / alike / len(one.spreads) / len(poses)
+        for spread, pose in product(one.spreads, poses):
             whole = shared + spread**2 * one.within + pose**2 * one.pose
             scaled = effect * np.where(np.array(NUISANCES) == "height", pose, 1.0)[:, None]
-            rows.append((number, one.mean, whole, chance, scaled, spread, pose))
-        for kind, part_of in zip(kinds, likely, strict=True):
-            chance = fraction[UNKNOWN] / len(learned) * part_of
+            rows.append((number, index, one.mean, whole, chance, scaled, spread, pose))
+        for kind, kind_of in zip(kinds, likely, strict=True):
+            chance = fraction[UNKNOWN] / len(learned) * kind_of
             rows.append(
-                (len(answers), one.mean, shared + one.within + one.pose + kind, chance, effect, 1.0, 1.0)
+                (len(answers), -1, one.mean, shared + one.within + one.pose + kind, chance, effect, 1.0, 1.0)
             )
-    answer_of, mean, covariance, chance_of, nuisance, spreads, pose_of = zip(*rows, strict=True)
+    answer_of, part_of, mean, covariance, chance_of, nuisance, spreads, pose_of = zip(*rows, strict=True)
     with np.errstate(divide="ignore"):
         log_prior = np.log(chance_of)
     return HapticModel(
-        (*answers, UNKNOWN), np.array(answer_of), np.array(mean), np.array(covariance), log_prior,
+        (*answers, UNKNOWN), np.array(answer_of), np.array(part_of), np.array(mean), np.array(covariance), log_prior,
         np.array(nuisance), np.array(spreads), np.array(pose_of), dict(groups), settings, protocol,
     )  # fmt: skip
 
@@ -309,11 +311,11 @@ def pose_covariance(
     features
         Their features, see :func:`log_features`.
     settings, protocol
-        Standard deviations of the pose, and the resolution of the stiffness.
+        Standard deviations of the pose; resolution of the stiffness and distance between the heights.
     """
     count = len(features)
     slopes = _slopes(features)
-    shift = settings.pose_m / _PLACE_m * slopes
+    shift = settings.pose_m / protocol.place_m * slopes
     out = shift.T @ shift / count
     if data.pose_errors is not None:
         scale = settings.pose_m / POSE_m * protocol.seen_stiffness(data.features[..., 0])[1]
@@ -321,7 +323,7 @@ def pose_covariance(
         out[:FIRST_WIDTH] = out[:, :FIRST_WIDTH] = 0.0
         out[:FIRST_WIDTH, :FIRST_WIDTH] = moved.T @ moved / len(moved)
     else:
-        lever = 0.5 * settings.tilt_rad * data.width_m / _PLACE_m
+        lever = 0.5 * settings.tilt_rad * data.width_m / protocol.place_m
         steep = slopes[:, :FIRST_WIDTH].reshape(count, HEIGHTS, 4)
         for axis in range(2):
             tilted = np.zeros_like(steep)
