@@ -187,11 +187,14 @@ def run(
 def synchronised_changes(shared: ObjectDatabase, folder: Path, count: int) -> tuple[float, float]:
     """CPU and wall time of a synchronisation that sends and receives :data:`CHANGES` together [s]."""
     with open_database(folder) as robot:
-        # A robot that has synchronised before: it knows some objects, and where both were then.
-        robot.add_many(make_object(number) for number in range(min(count, CHANGES)))
-        _note(robot, shared.id, robot.last_change(), shared.last_change())
-        robot.add_many(_felt(number) for number in range(CHANGES // 2))
-        shared.add_many(_felt(number) for number in range(CHANGES // 2, CHANGES))
+        # A robot that has synchronised before: it knows some objects, and where both were then. In a database that is kept,
+        # each run takes other objects, as those of the last one differ from the robot's.
+        last = shared.last_change()
+        first = CHANGES * (last % max(1, count // CHANGES))
+        robot.add_many(make_object(number) for number in range(first, first + min(count, CHANGES)))
+        _note(robot, shared.id, robot.last_change(), last)
+        robot.add_many(_felt(number) for number in range(first, first + CHANGES // 2))
+        shared.add_many(_felt(number) for number in range(first + CHANGES // 2, first + CHANGES))
         began = time.process_time(), time.perf_counter()
         found = synchronise(robot, shared)
         taken = time.process_time() - began[0], time.perf_counter() - began[1]
