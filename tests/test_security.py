@@ -107,15 +107,17 @@ def test_files_of_a_sequence_stay_in_its_folder(written: Path, tmp_path: Path, f
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes and devices as files")
 @pytest.mark.parametrize("name", READERS)
-@pytest.mark.parametrize("kind", ["pipe", "zero", "folder"])
+@pytest.mark.parametrize("kind", ["pipe", "zero", "random", "loop", "folder"])
 def test_pipes_devices_and_folders_are_refused_before_they_are_opened(
     tmp_path: Path, name: str, kind: str
 ) -> None:
     path = tmp_path / "a.csv"
     if kind == "pipe":
         os.mkfifo(path)
-    elif kind == "zero":
-        path.symlink_to("/dev/zero")
+    elif kind in ("zero", "random"):
+        path.symlink_to(f"/dev/{kind}")
+    elif kind == "loop":
+        path.symlink_to(path)
     else:
         path.mkdir()
     with pytest.raises(VisuohapticError, match=r"a\.(csv|parquet)"):
