@@ -396,7 +396,5 @@ def _thick(heights: np.ndarray, radius: np.ndarray, thickness_m: np.ndarray, whe
             remedy="give the thickness with --thickness if the mesh is wrong",
         )
     if fraction > ROUGH_FRACTION:
-        return [
-            f"the wall is {100 * fraction:.0f} % of the radius: a shell model is accurate to about that fraction"
-        ]
+        return [f"the wall is {100 * fraction:.0f} % of the radius, the relative error of a shell model"]
     return []
