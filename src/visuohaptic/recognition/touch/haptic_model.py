@@ -59,8 +59,7 @@ POSE_RATIO = 2.5
 SHRINKAGE_STRENGTHS = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 #: Names of the nuisances, in the order of the rows of ``nuisance``.
 NUISANCES = ("gain", "height", "zero of the force", "zero of the deformation", "mouth")
-#: Indices of all but the height, which is part of the pose.
-APART = [k for k, name in enumerate(NUISANCES) if name != "height"]
+APART = [k for k, name in enumerate(NUISANCES) if name != "height"]  # the height is part of the pose
 #: Places over which the effect of the mouth's closure falls by e: fitted to maps of bottles with free and with fixed mouths.
 MOUTH_REACH = 2.2
 
@@ -311,7 +310,7 @@ def pose_covariance(
     features
         Their features, see :func:`log_features`.
     settings, protocol
-        Standard deviations of the pose; resolution of the stiffness and distance between the heights.
+        Standard deviations of the pose; resolution of the stiffness and distance of the heights.
     """
     count = len(features)
     slopes = _slopes(features)
