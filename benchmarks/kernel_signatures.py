@@ -323,12 +323,27 @@ def run_foam() -> None:
     shadow_odds(now, rest, np.ones((6, 6)), *edges, 1.0, 1.0, 1.0, seen, found)
     level_odds(np.full((6, 7), np.nan), one_px, one_px, one_px, one_px, 1.0, against)
     place_odds(
-        1.0, 0.03, one_px, one_px, one_px, 0.0 * one_px, one_px, 1.0, one_px, 1.0, 1.0, 0.0, against, states
+        1.0,
+        0.03,
+        one_px,
+        one_px,
+        one_px,
+        0.0 * one_px,
+        one_px,
+        1.0,
+        one_px,
+        1.0,
+        1.0,
+        0.0,
+        against,
+        states,
+        one_px.copy(),
     )
     crossing = edge_crossing(one_px, 0.01 * one_px, s_m, 1.0)
     rules, pairs = (1.0, 0.0, 0.0), np.zeros((6, 6))
     join(
         states,
+        states.copy(),
         crossing,
         one_px,
         one_px,

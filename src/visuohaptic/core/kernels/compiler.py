@@ -31,7 +31,7 @@ def _resolved_once(function: Any, context: Any, args: tuple[Type, ...], kws: dic
     inherited = options and (
         options.nrt, frozenset(options.fastmath.flags), str(options.error_model), options.forceinline
     )  # fmt: skip
-    key = function, context, args, tuple(kws.items()), inherited
+    key = function, context, tuple(args), tuple(kws.items()), inherited
     known = _resolved.get(key)
     if known is None:
         signature = _resolve(function, context, args, kws)
