@@ -214,9 +214,8 @@ def assemble(
             rows.append((number, index, one.mean, whole, chance, scaled, spread, pose))
         for kind, kind_of in zip(kinds, likely, strict=True):
             chance = fraction[UNKNOWN] / len(learned) * kind_of
-            rows.append(
-                (len(answers), -1, one.mean, shared + one.within + one.pose + kind, chance, effect, 1.0, 1.0)
-            )
+            whole = shared + one.within + one.pose + kind
+            rows.append((len(answers), -1, one.mean, whole, chance, effect, 1.0, 1.0))
     answer_of, part_of, mean, covariance, chance_of, nuisance, spreads, pose_of = zip(*rows, strict=True)
     with np.errstate(divide="ignore"):
         log_prior = np.log(chance_of)
