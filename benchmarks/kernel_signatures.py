@@ -337,13 +337,11 @@ def run_foam() -> None:
         0.0,
         against,
         states,
-        one_px.copy(),
     )
     crossing = edge_crossing(one_px, 0.01 * one_px, s_m, 1.0)
     rules, pairs = (1.0, 0.0, 0.0), np.zeros((6, 6))
     join(
         states,
-        states.copy(),
         crossing,
         one_px,
         one_px,
