@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -537,3 +538,23 @@ def test_an_exploration_is_replayed_from_its_trace(tmp_path) -> None:
     assert found.ending.success
     with pytest.raises(InputError, match=r"step .*expected"):
         replay(trace, again(push_m=0.03), ExploreObservation)
+
+
+def test_a_box_almost_as_long_as_the_strip_is_read_in_every_frame(tmp_path: Path) -> None:
+    """A wide contact is not taken for an object that hides the strip."""
+    pytest.importorskip("mujoco")
+    from visuohaptic.rigs import VirtualSensor
+    from visuohaptic.simulation.mobile import FoamPushWorld, SimulatedSensorCamera, box
+
+    virtual = VirtualSensor()
+    sensor = virtual.build(tmp_path, np.random.default_rng(0), zero_frames=5)
+    wide = box("box", 0.275, 0.0, (0.16, 0.18, 0.3), mass_kg=1.6, friction=0.38, grey=95, static_ratio=1.1)
+    brief = ExploreSettings(approach_m_s=0.02, push_m=0.005, halt_s=0.1, back_off_m=0.005)
+    world, reasons = FoamPushWorld([wide]), []
+    with SimulatedSensorCamera(world, virtual.renderer(), seed=1) as source:
+        found = explore_obstacle(
+            world.base, source, sensor, brief, on_step=lambda step: reasons.append(step.profile.reason)
+        )
+    assert found.outcome is ExploreOutcome.TAGGED
+    assert set(reasons) == {Reason.OK}
+    assert found.tag.static_friction_N.value == pytest.approx(wide.static_friction_N, rel=0.05)
