@@ -234,7 +234,7 @@ def test_plain_files(tmp_path: Path) -> None:
     assert [one.id for one in import_objects(tmp_path)] == [obj.id]
     data = folder / "arrays.parquet"
     data.write_bytes(data.read_bytes()[:-1] + b"x")
-    with pytest.raises(InputError, match="not the file"):
+    with pytest.raises(InputError, match="does not match its checksum"):
         import_object(folder)
 
 

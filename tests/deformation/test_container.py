@@ -83,8 +83,8 @@ def test_variants_fill_their_ranges() -> None:
     [
         ({"rings": [{"z": "10 mm", "depth": "3 mm", "width": "2 mm"}]}, "radius of curvature"),
         ({"rings": [{"z": "199 mm", "depth": "1 mm", "width": "8 mm"}]}, "reaches beyond"),
-        ({"sections": [{"height": "50 mm", "bulge": "-40 mm"}]}, "cut itself"),
-        ({"wall": "40 mm"}, "cut itself"),
+        ({"sections": [{"height": "50 mm", "bulge": "-40 mm"}]}, "intersect itself"),
+        ({"wall": "40 mm"}, "intersect itself"),
         (
             {"base": {"shape": "ellipse", "radius": "90 mm", "radius_y": "3 mm"}, "wall": "0.5 mm"},
             "radius of curvature",

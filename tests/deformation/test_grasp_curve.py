@@ -123,7 +123,7 @@ def test_walls_that_would_touch_end_the_curve() -> None:
     [
         ({"side": "z+"}, "expected one of"),
         ({"height_m": 9.0}, "expected 0 to"),
-        ({"height_m": 0.0}, "the wall is held"),
+        ({"height_m": 0.0}, "the wall is clamped"),
         ({"point_m": (0.0, float("nan"), 0.0)}, "three finite numbers"),
         ({"deformation_m": [0.002, 0.001]}, "ascending"),
         ({"force_N": [-1.0]}, "> 0"),

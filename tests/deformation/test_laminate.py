@@ -233,5 +233,5 @@ def test_files_that_are_refused(tmp_path, text, said):
 def test_a_modulus_beside_plies_is_refused(tmp_path):
     path = tmp_path / "carton.yaml"
     path.write_text(CARTON)
-    with pytest.raises(InputError, match="beside plies"):
+    with pytest.raises(InputError, match="together with plies"):
         load_object("cup", around=16, wall=WallProperties(str(path), youngs_modulus_Pa=1e9))

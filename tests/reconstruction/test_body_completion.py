@@ -136,7 +136,7 @@ def test_lines_go_past_what_stands_beside():
 
 
 def test_a_body_over_nothing_is_refused_and_the_example_runs():
-    with pytest.raises(InputError, match="nothing was seen below the body"):
+    with pytest.raises(InputError, match="no surface was observed below the body"):
         BodyCompletion.standing(
             SurfaceMesh(TABLE.vertices_m + np.array([5.0, 5.0, 0.0]), TABLE.faces), BODY, 0.12
         )

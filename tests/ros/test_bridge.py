@@ -136,7 +136,7 @@ GOOD = {"name": "foam", "config": "sensor.yaml", "image": IMAGE}
         ({"sensors": [GOOD], "nodes": 1}, "nodes: unknown field"),
         ({"sensors": [GOOD | {"image": "a b"}]}, "expected words of letters"),
         ({"sensors": [GOOD | {"name": "fo/am"}]}, "sensors.0.name"),
-        ({"sensors": [GOOD, GOOD]}, "foam is there twice"),
+        ({"sensors": [GOOD, GOOD]}, "foam occurs twice"),
         ({"sensors": [GOOD], "node": {"name": "a b"}}, "node name: found 'a b'"),
         ({"sensors": [GOOD], "node": {"domain": 999}}, "node.domain"),
         ({"sensors": [GOOD | {"config": "camera.yaml"}]}, "expected foam, beam or scene"),

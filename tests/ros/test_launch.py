@@ -69,7 +69,7 @@ def test_those_of_the_library_name_nodes_and_their_parameters(path: Path) -> Non
         (
             "<launch><arg name='a' default=''/><executable cmd=\"x '$(var a)'\"/></launch>",
             {},
-            "quote without its end",
+            "unterminated quote",
         ),
         # Understood by ros2 launch alone.
         ("<launch><executable cmd='x $(env HOME)'/></launch>", {}, "expected no substitution but"),

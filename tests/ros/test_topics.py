@@ -94,7 +94,7 @@ def test_messages_are_plain_data(robot: RosNode, ours: RosNode) -> None:
 def test_what_is_not_published_and_what_is_silent(robot: RosNode, ours: RosNode) -> None:
     robot.advertise("/chatter", STRING)
     assert until(lambda: "/chatter" in find_topics(ours, 1.0), 60.0)
-    with pytest.raises(InputError, match="/cup: nobody publishes it; found /chatter"):
+    with pytest.raises(InputError, match="/cup: is not published; found /chatter"):
         next(echo(ours, "/cup", 0.1))
     with pytest.raises(DeviceError, match=r"no message on /chatter \(std_msgs/msg/String\) for 0.1 s"):
         next(echo(ours, "/chatter", 0.1))

@@ -269,7 +269,7 @@ def test_loss_is_said_with_its_reason(astronaut) -> None:
     far = align(template, noise, np.array([[1, 0, 5050], [0, 1, 50], [0, 0, 1.0]]))
     assert far.reason == "outside the image"
     assert "not a homography" in align(template, noise, np.full((3, 3), np.nan)).reason
-    assert "inside out" in align(template, noise, np.diag([-1.0, 1, 1])).reason
+    assert "mirrors the template" in align(template, noise, np.diag([-1.0, 1, 1])).reason
     flat = align(template, np.full(SIZE, 128, np.uint8), start)
     assert not flat.valid
     with pytest.raises(InputError, match="no contrast"):

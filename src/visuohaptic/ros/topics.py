@@ -69,7 +69,7 @@ def echo(node: TopicNode, topic: str, timeout_s: float = 5.0) -> Iterator[dict[s
     topics = find_topics(node, timeout_s, place)
     if place not in topics:
         known = ", ".join(topics) or "none; check domain, router and transport"
-        raise InputError(place, f"nobody publishes it; found {known}")
+        raise InputError(place, f"is not published; found {known}")
     publisher = topics[place]
     received: queue.SimpleQueue[Any] = queue.SimpleQueue()
     qos = Qos(publisher.qos.reliable, publisher.qos.latched, depth=100)

@@ -180,7 +180,7 @@ def test_a_bad_configuration_names_its_field(folder):
         ("xi: 0.5", "xi: 1.5", r"templates\.0\.xi"),
         ("name: tip", "name: middle", "templates: found a name twice"),
         ("kind: beam", "kind: foam", "kind"),
-        ("name: tip", "name: reference", "on the rod as well"),
+        ("name: tip", "name: reference", "both the reference and on the rod"),
     ):
         path.write_text(text.replace(old, new))
         with pytest.raises(InputError, match=message):
