@@ -34,6 +34,8 @@ from visuohaptic.simulation.foam import PressShape, press
 TOPIC, WRENCH, KIND = "/bumper/image", "geometry_msgs/msg/WrenchStamped", "sensor_msgs/msg/Image"
 RATE_HZ = 30.0
 PATIENCE_S = 60.0
+#: Images that wait in the node.
+QUEUE = 10
 
 #: A camera that publishes until it is killed, and receives the resulting wrenches.
 _PEER = """
@@ -64,7 +66,7 @@ class Node:
     """The node foam in a process of its own."""
 
     def __init__(self, folder: Path, domain: int) -> None:
-        words = [f"config:={folder / 'sensor.yaml'}", f"image:={TOPIC}", "queue:=10"]
+        words = [f"config:={folder / 'sensor.yaml'}", f"image:={TOPIC}", f"queue:={QUEUE}"]
         command = [sys.executable, "-m", "visuohaptic", "ros", "node", "foam", "--domain", str(domain)]
         command += [word for one in words for word in ("--param", one)]
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)

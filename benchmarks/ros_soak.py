@@ -5,15 +5,17 @@
 
 The node is a separate process (``visuohaptic ros node foam``), fed with rendered raw images of 1600 x 896 at 10 Hz, which is
 sufficient for the sensor to distinguish a contact from an occluder. Killed peers and malformed messages are spread evenly over the
-time. A row per minute is stored with the number of the node's process; an interrupted run continues with a new process, and
-growth is reported for each process separately. The figures start after the first two minutes of a process, when its buffers and
-adaptive models are filled.
+time. Before the first minute the node is stopped for a second several times: its queues, and those of the middleware, keep the
+memory of as many images as they have held at once. A row per minute is stored with the number of the node's process; an
+interrupted run continues with a new process, and growth is reported for each process separately. The figures start after the
+first two minutes of a process, when its buffers and adaptive models are filled.
 """
 
 from __future__ import annotations
 
 import argparse
 import itertools
+import signal
 import tempfile
 import threading
 import time
@@ -29,12 +31,14 @@ from visuohaptic.ros.transports import RclpyNode, RosOptions
 from visuohaptic.ros.wire import Qos
 
 from ._journal import Journal
-from .ros_latency import KIND, PATIENCE_S, TOPIC, Heard, Malformed, Node, kill_a_peer, pictures
+from .ros_latency import KIND, PATIENCE_S, QUEUE, TOPIC, Heard, Malformed, Node, kill_a_peer, pictures
 from .soak import FLAT_MB
 
 __all__ = ["run"]
 
 RATE_HZ = 10.0
+#: How often the node is stopped before the first minute.
+STOPS = 10
 #: Minutes of a process before its figures count.
 WARM = 2
 
@@ -54,23 +58,38 @@ class Campaign:
         self._malformed = Malformed(camera)
         self._rng = np.random.default_rng(3)
         self._number = 0
+        self._fill_queues()
+
+    def _publish(self) -> int:
+        """The next image; returns its time stamp [ns]."""
+        now_s = time.time()
+        order = [*range(len(self.images)), *range(len(self.images) - 2, 0, -1)]  # forwards and backwards
+        image = self.images[order[self._number % len(order)]]
+        # New noise: an identical image would be stale.
+        image[0] ^= self._rng.integers(0, 2, image.shape[1], np.uint8)
+        self._camera.publish(messages.image(now_s, image, "bumper"))
+        self._number += 1
+        return messages.stamp_ns(now_s)
+
+    def _fill_queues(self) -> None:
+        """Stop the node while images arrive: it and the middleware keep the memory of as many as they have ever held at once."""
+        for _ in range(STOPS):
+            self.node.process.send_signal(signal.SIGSTOP)
+            for _ in range(2 * QUEUE):
+                self._publish()
+                time.sleep(0.05)
+            self.node.process.send_signal(signal.SIGCONT)
+            time.sleep(1.0)
 
     def minute(self, kills: int, malformed: int) -> dict[str, Any]:
         """One minute of images with its fraction of the faults; returns the received wrenches and the node's resource usage."""
         killer = threading.Thread(target=lambda: [kill_a_peer(self.domain) for _ in range(kills)])
         killer.start()
-        order = [*range(len(self.images)), *range(len(self.images) - 2, 0, -1)]  # forwards and backwards
         ticks, sent, spoilt = round(60.0 * self.rate_Hz), [], 0
         begin = time.perf_counter()
         for tick in range(ticks):
             time.sleep(max(0.0, begin + tick / self.rate_Hz - time.perf_counter()))
-            now_s = time.time()
-            image = self.images[order[self._number % len(order)]]
-            # New noise: an identical image would be stale.
-            image[0] ^= self._rng.integers(0, 2, image.shape[1], np.uint8)
-            self._camera.publish(messages.image(now_s, image, "bumper"))
-            sent.append(messages.stamp_ns(now_s))
-            self._number += 1
+            sent.append(self._publish())
             while spoilt < malformed * (tick + 1) // ticks:
                 self._malformed.send()
                 spoilt += 1

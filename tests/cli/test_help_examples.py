@@ -726,6 +726,7 @@ STORIES: dict[str, Story] = {
 ELSEWHERE = {
     "demo": "make demo; the part that takes seconds below, the others longer than all examples here may",
     "start": "tests/cli/test_start.py, on a recording of its steps: a camera of this machine would see no foam",
+    "ros echo": "tests/ros/test_topics.py, over zenoh: rclpy is not installed everywhere",
     "objects recognise": "tests/cli/test_objects_verbs.py, on rendered views of a small database",
 }
 

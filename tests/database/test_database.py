@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
+import sqlite3
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -300,11 +303,26 @@ def test_sixteen_writers(tmp_path: Path) -> None:
 
 
 def test_no_writer_is_refused_while_others_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All sixteen together take longer than a writer waits for a database that stands still."""
-    monkeypatch.setattr(connection, "_WAIT_S", 0.25)
-    found = objects_faults.writers(tmp_path / "db", objects=4)
-    assert found["acknowledged"] == 2 * 16 * 4
-    assert (found["lost"], found["problems"]) == (0, 0)
+    """Another writer holds the lock at each attempt, ten times as long as one that stands still is awaited."""
+    with (
+        open_database(tmp_path) as db,
+        contextlib.closing(sqlite3.connect(tmp_path / "objects.sqlite")) as other,
+    ):
+        other.isolation_level = None
+        other.execute("BEGIN IMMEDIATE")
+        now_s = 0.0
+
+        def sleep(_: float) -> None:
+            nonlocal now_s
+            now_s += 0.9 * connection._WAIT_S
+            other.execute("UPDATE counter SET value = value + 1")
+            other.execute("COMMIT")
+            if now_s < 10.0 * connection._WAIT_S:
+                other.execute("BEGIN IMMEDIATE")
+
+        monkeypatch.setattr(connection, "time", SimpleNamespace(monotonic=lambda: now_s, sleep=sleep))
+        assert db.add(make_object(1)).id in db
+        assert now_s >= 10.0 * connection._WAIT_S
 
 
 def test_a_writer_that_holds_the_lock_and_does_nothing(

@@ -28,7 +28,7 @@ DOMAIN, PATIENCE_S = 61 + os.getpid() % 40, 240.0
 
 
 def lines_of_the_page() -> list[str]:
-    section = PAGE.read_text(encoding="utf-8").split("## To the first wrench")[1]
+    section = PAGE.read_text(encoding="utf-8").split("## The first wrench")[1]
     return section.split("```sh\n")[1].split("```")[0].splitlines()
 
 

@@ -235,7 +235,7 @@ def test_parameters_are_described(robot: Robot) -> None:
 def test_a_mistake_is_one_line_and_exit_code_2(sensor) -> None:
     folder = sensor[0]
     for words, text in (
-        (["foam"], "config: found '', expected at least 1"),
+        (["foam"], "missing config; set it with --param config:=VALUE"),
         (["foam", "--param", "confg:=a"], "did you mean config?"),
         (["foam", "--param", f"config:={folder / 'camera.yaml'}"], "expected foam, beam or scene"),
         (["beam", "--param", f"config:={folder / 'sensor.yaml'}"], "found the sensor foam, expected beam"),

@@ -121,6 +121,7 @@ _TABLE: Mapping[str, tuple[tuple[str, str, str], ...]] = {
     "robots, display and reproduction": (
         ("system", "ros bridge", "run the sensors as a ROS 2 node: image topics in, forces out"),
         ("system", "ros node", "run one lifecycle node of ROS 2: sensors, tracking, planning, recognition"),
+        ("system", "ros echo", "list the topics of a robot, or print the messages of one"),
         ("system", "ros launch", "run several nodes from a launch file, with or without ROS"),
         ("system", "view", "show objects, maps with plans, surfaces and classifications in the browser"),
         ("system", "reproduce", "reproduce figures and tables of the dissertation and compare the values"),

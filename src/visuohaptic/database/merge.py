@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import fields, replace
 from functools import cache
 from typing import Any
 
@@ -101,7 +101,7 @@ def estimates_of(item: Any, prefix: str = "") -> Iterator[tuple[str, Estimate]]:
     elif isinstance(item, Mapping):
         for name, inner in item.items():
             yield from estimates_of(inner, f"{prefix}.{name}" if prefix else str(name))
-    elif is_dataclass(item) and not isinstance(item, type):
+    else:
         for name in _branches(item.__class__):
             inner = getattr(item, name)
             if inner is not None:

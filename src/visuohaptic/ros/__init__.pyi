@@ -17,6 +17,9 @@ from .robots.mobile_base import RosBase as RosBase
 from .robots.probe_arm import RosArm as RosArm
 from .sink import LATCHED_TYPES as LATCHED_TYPES
 from .sink import RosSink as RosSink
+from .topics import echo as echo
+from .topics import find_topics as find_topics
+from .topics import plain_message as plain_message
 from .transports.open_node import TRANSPORTS as TRANSPORTS
 from .transports.open_node import open_node as open_node
 from .transports.rclpy_node import RclpyNode as RclpyNode

@@ -24,12 +24,12 @@ from ..io.ros.ros_image import decode_raw
 from .transports.topic_node import Received, TopicNode
 from .wire.graph import Qos
 
-__all__ = ["TopicFrames"]
+__all__ = ["SENSOR_QOS", "TopicFrames", "info_topic"]
 
 _log = logging.getLogger(__name__)
 
 #: Quality of service of typical camera drivers.
-_SENSOR = Qos(reliable=False, depth=5)
+SENSOR_QOS = Qos(reliable=False, depth=5)
 
 
 class TopicFrames(Closing):
@@ -79,10 +79,12 @@ class TopicFrames(Closing):
         self._fitted = self._interrupted = False
         compressed = self.topic.endswith("/compressed")
         datatype = "sensor_msgs/msg/" + ("CompressedImage" if compressed else "Image")
-        self._subscriptions = [node.subscribe(self.topic, datatype, self._take, _SENSOR)]
+        self._subscriptions = [node.subscribe(self.topic, datatype, self._take, SENSOR_QOS)]
         if camera is None:
             self._subscriptions.append(
-                node.subscribe(info_topic(self.topic), "sensor_msgs/msg/CameraInfo", self._describe, _SENSOR)
+                node.subscribe(
+                    info_topic(self.topic), "sensor_msgs/msg/CameraInfo", self._describe, SENSOR_QOS
+                )
             )
 
     @property
@@ -233,7 +235,13 @@ class TopicFrames(Closing):
 
 
 def info_topic(image: str) -> str:
-    """Topic of the camera model, by ROS convention in the namespace of the image."""
+    """Topic of the camera model, by ROS convention in the namespace of the image.
+
+    Parameters
+    ----------
+    image
+        Image topic.
+    """
     return image.removesuffix("/compressed").rpartition("/")[0] + "/camera_info"
 
 

@@ -23,6 +23,8 @@ from .parameters import declared as declared
 from .parameters import given as given
 from .plan_node import PlanNode as PlanNode
 from .plan_node import PlanParameters as PlanParameters
+from .play_node import CameraNode as CameraNode
+from .play_node import CameraParameters as CameraParameters
 from .play_node import PlayNode as PlayNode
 from .play_node import PlayParameters as PlayParameters
 from .run import run_node as run_node

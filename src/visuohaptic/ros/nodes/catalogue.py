@@ -20,6 +20,7 @@ NODES: Mapping[str, tuple[str, str]] = {
     "plan": ("plan_node", "PlanNode"),
     "layers": ("map_nodes", "LayersNode"),
     "travel": ("travel_node", "TravelNode"),
+    "camera": ("play_node", "CameraNode"),
     "play": ("play_node", "PlayNode"),
     "classify": ("object_nodes", "ClassifyNode"),
     "grasp": ("object_nodes", "GraspNode"),

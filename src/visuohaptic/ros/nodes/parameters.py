@@ -106,6 +106,12 @@ def checked(values: Mapping[str, Any], model: type[NodeParameters], node: str) -
     Raises
     ------
     InputError
-        Lists all invalid values.
+        A required value is missing, or values are invalid; lists all of them.
     """
+    if missing := [p.name for p in declared(model) if p.required and not values.get(p.name)]:
+        raise InputError(
+            f"node {node}",
+            f"missing {', '.join(missing)}",
+            remedy=f"set it with --param {missing[0]}:=VALUE, or as a parameter of ROS",
+        )
     return checked_model(f"node {node}", dict(values), model)

@@ -1,4 +1,4 @@
-"""Playback of a recording as a node: publishes its messages with the recorded timing."""
+"""Nodes that publish what was recorded, or what a camera sees, with the recorded timing."""
 
 from __future__ import annotations
 
@@ -8,7 +8,11 @@ from pathlib import Path
 
 from pydantic import Field
 
+from ...core.camera.model import Camera
+from ...io.frames.frames import open_source
+from ...io.ros import ros_messages as messages
 from ...io.ros.sqlite_bag import open_bag
+from ..frames import SENSOR_QOS, info_topic
 from ..sink import LATCHED_TYPES
 from ..transports.topic_node import RosPublisher
 from ..wire.graph import Qos
@@ -16,7 +20,9 @@ from ..wire.message_types import message_type, parse_definition
 from .component import Status, Worker
 from .parameters import NodeParameters
 
-__all__ = ["PlayNode", "PlayParameters"]
+__all__ = ["CameraNode", "CameraParameters", "PlayNode", "PlayParameters"]
+
+_DELAY = "before the first message of a recording: others find the topics"
 
 
 class PlayParameters(NodeParameters):
@@ -24,9 +30,7 @@ class PlayParameters(NodeParameters):
 
     file: str = Field("", min_length=1, description="bag of rosbag2 (folder, .db3) or .mcap file")
     rate: float = Field(1.0, gt=0.0, le=1000.0, description="times as fast as it was recorded")
-    delay_s: float = Field(
-        1.0, ge=0.0, le=600.0, description="before the first message: others find the topics"
-    )
+    delay_s: float = Field(1.0, ge=0.0, le=600.0, description=_DELAY)
 
 
 class PlayNode(Worker):
@@ -57,3 +61,64 @@ class PlayNode(Worker):
             self._told = Status(True, "playing", {"messages": count + 1})
         damage = str(self._file.damage) if self._file.damage else ""
         self._told = Status(not damage, damage or "played", self._told.values)
+
+
+class CameraParameters(NodeParameters):
+    """Parameters of the node camera."""
+
+    source: str = Field(
+        "",
+        min_length=1,
+        description="camera (0, /dev/video0, rtsp://...), video, folder of images or recording",
+    )
+    camera: str = Field("", description="camera.yaml of the source; empty: no CameraInfo")
+    image: str = Field(
+        "image/compressed",
+        description="image topic; sensor_msgs/CompressedImage where it ends in /compressed",
+    )
+    frame: str = Field("camera", description="frame_id of the images")
+    quality: int = Field(95, ge=1, le=100, description="of JPEG, for a compressed topic")
+    delay_s: float = Field(1.0, ge=0.0, le=600.0, description=_DELAY)
+
+
+class CameraNode(Worker):
+    """Publishes a live camera, or a recording from its start at every activation, as if it were live."""
+
+    summary = "a camera, video or folder of images: Image and CameraInfo out"
+    parameter_model = CameraParameters
+
+    def configure(self) -> None:
+        parameters, node = self.parameters, self.host.node
+        camera = Camera.load(Path(parameters.camera)) if parameters.camera else None
+        self._source = open_source(parameters.source, camera=camera)
+        image = node.resolve(parameters.image)
+        self._compressed = image.endswith("/compressed")
+        kind = "sensor_msgs/msg/" + ("CompressedImage" if self._compressed else "Image")
+        self._images = node.advertise(image, kind, SENSOR_QOS)
+        self._info = node.advertise(info_topic(image), "sensor_msgs/msg/CameraInfo", SENSOR_QOS)
+        self._told = Status(True, "not started")
+
+    def run(self, end: threading.Event) -> None:
+        frame_id, quality = self.parameters.frame, self.parameters.quality
+        live = self._source.frame_count is None
+        begin_s = time.monotonic() + self.parameters.delay_s
+        start_s = self.host.node.now_s() + self.parameters.delay_s
+        first_s = None
+        for count, frame in enumerate(self._source):
+            first_s = frame.t_s if first_s is None else first_s
+            since_s = frame.t_s - first_s
+            if end.wait(0.0 if live else max(begin_s + since_s - time.monotonic(), 0.0)):
+                return
+            t_s = frame.t_s if live else start_s + since_s
+            if self._compressed:
+                self._images.publish(messages.compressed_image(t_s, frame.image, frame_id, quality))
+            else:
+                self._images.publish(messages.image(t_s, frame.image, frame_id))
+            if (camera := self._source.camera) is not None:
+                self._info.publish(messages.camera_info(t_s, camera, frame_id))
+            self._told = Status(True, "publishing", {"images": count + 1})
+        self._told = Status(True, "played", self._told.values)
+
+    def close(self) -> None:
+        super().close()
+        self._source.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 from ...core.errors import DeviceError, InputError, needs
 from ...core.ranges import check_ranges, within
 
-__all__ = ["RosOptions", "open_session", "shown_error"]
+__all__ = ["RosOptions", "environment_domain", "open_session", "shown_error"]
 
 #: Address of the router of rmw_zenoh (``ros2 run rmw_zenoh_cpp rmw_zenohd``) on the same machine.
 ROUTER = "tcp/127.0.0.1:7447"
@@ -20,7 +21,7 @@ ROUTER = "tcp/127.0.0.1:7447"
 class RosOptions:
     """Connection options of a node; by default through a router on this machine, and never by multicast."""
 
-    domain: int = field(default=0, metadata=within(0, 232))  #: ``ROS_DOMAIN_ID``
+    domain: int = field(default=0, metadata=within(0, 232))  #: 0 = that of ``ROS_DOMAIN_ID``, if set
     namespace: str = "/"
     type_hashes: bool = True  #: false for Humble, which has none
     connect: tuple[str, ...] = (ROUTER,)  #: routers or peers; empty = wait for others to connect
@@ -34,6 +35,20 @@ class RosOptions:
 
     def __post_init__(self) -> None:
         check_ranges(self)
+
+
+def environment_domain() -> int:
+    """Domain of the environment variable ``ROS_DOMAIN_ID``; 0 without it, as in ROS.
+
+    Raises
+    ------
+    InputError
+        The variable is not a number from 0 to 232.
+    """
+    text = os.environ.get("ROS_DOMAIN_ID", "") or "0"
+    if not text.isdecimal() or int(text) > 232:
+        raise InputError("ROS_DOMAIN_ID", f"found {text!r}, expected a number from 0 to 232")
+    return int(text)
 
 
 def shown_error(error: Exception) -> str:

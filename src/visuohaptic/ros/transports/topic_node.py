@@ -10,7 +10,7 @@ import threading
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ...core.errors import DeviceError, InputError, VisuohapticError
@@ -19,7 +19,7 @@ from ..wire.attachment import Attachment
 from ..wire.cdr import decode, encode
 from ..wire.graph import Entity, EntityKind, Qos, check_node, resolve_name
 from ..wire.message_types import MessageType, message_type
-from .session import RosOptions, shown_error
+from .session import RosOptions, environment_domain, shown_error
 
 __all__ = ["Execute", "Outlet", "Received", "RosPublisher", "RosSubscription", "TopicNode"]
 
@@ -205,7 +205,8 @@ class TopicNode(Closing):
     """
 
     def __init__(self, name: str = "visuohaptic", options: RosOptions | None = None) -> None:
-        self.options = options or RosOptions()
+        options = options or RosOptions()
+        self.options = replace(options, domain=options.domain or environment_domain())
         self.name, self.namespace = name, self.options.namespace
         check_node(self.namespace, name)
         self._closing: list[Callable[[], None]] = []

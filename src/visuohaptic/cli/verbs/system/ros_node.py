@@ -27,7 +27,7 @@ from typing import Any
 
 from ..._stop import signals
 
-__all__ = ["add_arguments", "run"]
+__all__ = ["add_arguments", "add_transport", "options_of", "run"]
 
 
 def add_arguments(add: Any) -> None:
@@ -37,6 +37,14 @@ def add_arguments(add: Any) -> None:
         "--param", str, "set a parameter; may be repeated", default=[], action="append", metavar="NAME:=VALUE"
     )
     add("--list", bool, "list the node's parameters")
+    add_transport(add)
+    add("--managed", bool, "wait for a lifecycle manager")
+    add("--duration", float, "stop after S seconds", metavar="S", low=0, above=True)
+    add("--ros-args", str, "as for any node of ROS", default=[], nargs=argparse.REMAINDER, metavar="...")
+
+
+def add_transport(add: Any) -> None:
+    """Arguments that select the transport and the place in the graph."""
     add("--transport", "rclpy", "middleware (rclpy)", choices=("rclpy", "zenoh", "cyclonedds"))
     add("--domain", 0, "ROS_DOMAIN_ID; by default its own", metavar="N")
     add("--namespace", "/", "namespace of the node's topics", metavar="NAME")
@@ -47,14 +55,17 @@ def add_arguments(add: Any) -> None:
         action="append",
         metavar="PLACE",
     )
-    add("--managed", bool, "wait for a lifecycle manager")
-    add("--duration", float, "stop after S seconds", metavar="S", low=0, above=True)
-    add("--ros-args", str, "as for any node of ROS", default=[], nargs=argparse.REMAINDER, metavar="...")
+    add(
+        "--listen",
+        str,
+        "where peers of zenoh may connect; tcp/127.0.0.1:7447 takes the place of a router",
+        action="append",
+        metavar="PLACE",
+    )
 
 
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
-    from ....ros import RosOptions
     from ....ros.nodes import NODES, declared, node_kind, run_node
 
     if args.name is None:
@@ -65,7 +76,8 @@ def run(args: Any) -> dict[str, Any]:
         parameters = list(declared(node_kind(args.name).parameter_model))
         for one in parameters:
             bounds = "" if one.low is None and one.high is None else f" [{_end(one.low)} to {_end(one.high)}]"
-            args.report(f"{one.name} = {one.default!r}{bounds}  {one.description}")
+            default = "required" if one.required else repr(one.default)
+            args.report(f"{one.name} = {default}{bounds}  {one.description}")
         return {"parameters": {one.name: one.default for one in parameters}}
     stop = threading.Event()
     with signals(stop.set):
@@ -73,7 +85,7 @@ def run(args: Any) -> dict[str, Any]:
             args.name,
             args.param,
             transport=args.transport,
-            options=RosOptions(args.domain, args.namespace, connect=_places(args.connect)),
+            options=options_of(args),
             arguments=("--ros-args", *args.ros_args) if args.ros_args else (),
             managed=args.managed,
             stop=stop,
@@ -86,9 +98,13 @@ def _end(bound: float | None) -> str:
     return "..." if bound is None else f"{bound:g}"
 
 
-def _places(given: list[str] | None) -> tuple[str, ...]:
+def options_of(args: Any) -> Any:
+    """Options of the node from the arguments of :func:`add_transport`."""
     from ....ros import RosOptions
 
-    if given is None:
-        return RosOptions().connect
-    return () if given == ["none"] else tuple(given)
+    places: dict[str, Any] = {}
+    if args.connect is not None:
+        places["connect"] = () if args.connect == ["none"] else tuple(args.connect)
+    if args.listen is not None:
+        places["listen"] = tuple(args.listen)
+    return RosOptions(args.domain, args.namespace, **places)
