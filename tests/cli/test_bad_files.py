@@ -85,6 +85,7 @@ COMMANDS = (
 
 #: Verbs that read no file.
 NO_FILE = {
+    "ros echo",
     "template sheet",
     "cameras",
     "recording capture",
