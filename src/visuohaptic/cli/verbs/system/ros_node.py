@@ -44,7 +44,13 @@ def add_arguments(add: Any) -> None:
 
 
 def add_transport(add: Any) -> None:
-    """Arguments that select the transport and the place in the graph."""
+    """Arguments that select the transport and the place in the graph.
+
+    Parameters
+    ----------
+    add
+        Function that adds an argument to the verb.
+    """
     add("--transport", "rclpy", "middleware (rclpy)", choices=("rclpy", "zenoh", "cyclonedds"))
     add("--domain", 0, "ROS_DOMAIN_ID; by default its own", metavar="N")
     add("--namespace", "/", "namespace of the node's topics", metavar="NAME")
@@ -99,7 +105,13 @@ def _end(bound: float | None) -> str:
 
 
 def options_of(args: Any) -> Any:
-    """Options of the node from the arguments of :func:`add_transport`."""
+    """Options of the node from the arguments of :func:`add_transport`.
+
+    Parameters
+    ----------
+    args
+        Parsed arguments.
+    """
     from ....ros import RosOptions
 
     places: dict[str, Any] = {}
