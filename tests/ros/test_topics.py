@@ -100,6 +100,23 @@ def test_what_is_not_published_and_what_is_silent(robot: RosNode, ours: RosNode)
         next(echo(ours, "/chatter", 0.1))
 
 
+def test_a_slow_reader_gets_the_latest_messages(robot: RosNode, ours: RosNode) -> None:
+    texts, last = robot.advertise("/texts", STRING, LATCHED), {"data": "300"}
+    texts.publish({"data": "first"})
+    reader = echo(ours, "/texts", 60.0)
+    assert next(reader) == {"data": "first"}
+    for number in range(100, 300):
+        texts.publish({"data": str(number)})
+    arrived: list[str] = []
+    ours.subscribe("/texts", STRING, lambda received: arrived.append(received.message.data))
+    assert until(lambda: "300" in arrived or texts.publish(last), 60.0)
+    found = [message["data"] for message in islice(reader, 50)]
+    assert found == sorted(found)
+    # Of more than two hundred messages, the latest hundred have waited.
+    assert found[0] > "199"
+    reader.close()
+
+
 def test_the_verb(robot: RosNode, endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
     chatter = robot.advertise("/chatter", STRING, LATCHED)
     chatter.publish({"data": "Größe"})

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
 __all__ = ["default_tags", "explore_obstacles", "tag_claims", "touch_in_map"]
 
-#: Distance from the platform's hull to its target: the foam, and floor on which the camera can observe it [m].
+#: Distance from the platform's hull to its target: the foam of the virtual sensor, 2 cm wide, and floor on which the camera can
+#: observe the target, 18 cm [m].
 FOAM_M, FLOOR_M = 0.02, 0.18
 START_M = FOAM_M + FLOOR_M
 #: Position from the laser: an object that looks like the floor is not detected by the camera.

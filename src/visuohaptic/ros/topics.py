@@ -5,13 +5,14 @@ from __future__ import annotations
 import queue
 import time
 from collections.abc import Iterator
+from contextlib import closing, suppress
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from ..core.errors import DeviceError, InputError
-from .transports.topic_node import TopicNode
+from .transports.topic_node import Received, TopicNode
 from .wire.graph import Entity, EntityKind, Qos
 
 __all__ = ["MAX_VALUES", "echo", "find_topics", "plain_message"]
@@ -47,7 +48,7 @@ def find_topics(node: TopicNode, timeout_s: float, topic: str = "") -> dict[str,
 
 
 def echo(node: TopicNode, topic: str, timeout_s: float = 5.0) -> Iterator[dict[str, Any]]:
-    """Messages of a topic as they arrive, with the type and quality of service of its publisher.
+    """Messages of a topic as they arrive, with the type and quality of service of its publisher; the latest 100 wait.
 
     Parameters
     ----------
@@ -61,7 +62,7 @@ def echo(node: TopicNode, topic: str, timeout_s: float = 5.0) -> Iterator[dict[s
     Raises
     ------
     InputError
-        Nobody publishes the topic, or its type is unknown.
+        The topic is not published, or its type is unknown.
     DeviceError
         No message arrived in time.
     """
@@ -71,17 +72,25 @@ def echo(node: TopicNode, topic: str, timeout_s: float = 5.0) -> Iterator[dict[s
         known = ", ".join(topics) or "none; check domain, router and transport"
         raise InputError(place, f"is not published; found {known}")
     publisher = topics[place]
-    received: queue.SimpleQueue[Any] = queue.SimpleQueue()
     qos = Qos(publisher.qos.reliable, publisher.qos.latched, depth=100)
-    node.subscribe(place, publisher.datatype, lambda r: received.put(r.message), qos)
-    while True:
-        try:
-            yield plain_message(received.get(timeout=timeout_s))
-        except queue.Empty:
-            raise DeviceError(
-                f"no message on {place} ({publisher.datatype}) for {timeout_s:g} s; "
-                f"it is published by {publisher.node}"
-            ) from None
+    waiting: queue.Queue[Any] = queue.Queue(qos.depth)
+
+    def take(received: Received) -> None:
+        # As the middleware does: of more than fit, the oldest are dropped.
+        with suppress(queue.Empty, queue.Full):
+            if waiting.full():
+                waiting.get_nowait()
+            waiting.put_nowait(received.message)
+
+    with closing(node.subscribe(place, publisher.datatype, take, qos)):
+        while True:
+            try:
+                yield plain_message(waiting.get(timeout=timeout_s))
+            except queue.Empty:
+                raise DeviceError(
+                    f"no message on {place} ({publisher.datatype}) for {timeout_s:g} s; "
+                    f"it is published by {publisher.node}"
+                ) from None
 
 
 def plain_message(message: Any) -> Any:

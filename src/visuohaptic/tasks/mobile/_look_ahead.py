@@ -61,9 +61,8 @@ class LookAhead:
             Distance driven [m].
         """
         s = self.settings
-        unseen = (
-            travel_m < self.sight_m and s.free_ahead_m < self.sight_m
-        )  # in view at the start, not seen again
+        # What was in view at the start is not seen again; before the first parallax, nothing is seen at all.
+        unseen = travel_m < self.sight_m and s.free_ahead_m < self.sight_m
         free = self.sight_m if self._valid and not unseen else s.free_ahead_m - travel_m
         # If there is no contact within a few centimetres, the estimate is discarded.
         if travel_m < self.expected_m + 2.0 * s.near_m:
