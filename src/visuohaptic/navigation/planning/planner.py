@@ -244,5 +244,5 @@ def _notes(domain: SearchDomain, result: SearchResult) -> tuple[str, ...]:
     notes = [f"{obj.id} is not pushed: {domain.why_immovable[obj.id]}" for obj in domain.immovable]
     if result.left_out:
         names = ", ".join(domain.bodies[index].obj.id for index in result.left_out)
-        notes.append(f"ignored, not near a bottleneck between start and goal: {names}")
+        notes.append(f"left out, not near a bottleneck between start and goal: {names}")
     return tuple(notes)
