@@ -6,7 +6,7 @@
                                       a slice; the next one continues it
 
 Runs ``tests/PACKAGE`` under coverage.py and counts only the branches of ``src/visuohaptic/PACKAGE``: code executed by the tests of
-other packages, or in processes that tests start, does not count. Compiled functions are excluded,
+other packages does not count; code in processes that the tests start does, unless they are killed. Compiled functions are excluded,
 because coverage.py cannot trace them; tests compare them with plain twins. What each file of tests executes is kept beside the
 report until that file or the package changes; the figure of a package of which some files were not run is a lower bound.
 Needs ``coverage`` (dependency group ``test``).

@@ -36,12 +36,27 @@ def data() -> Path:
 
 @pytest.fixture(scope="session")
 def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """Folders in which the examples of the command line were run, each once in a session."""
-    from tests.cli.test_help_examples import World
+    """Folders in which the examples of the command line were run, each once in a session, whichever worker runs it."""
+    from tests.cli.test_help_examples import World, fcntl
 
+    base = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ and fcntl is not None:
+        base = base.parent  # that of the session, which has a folder for each worker
+    folder = base / "examples"
+    folder.mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("VISUOHAPTIC_OBJECTS", raising=False)
-        yield World(tmp_path_factory.mktemp("examples"))
+        yield World(folder)
+
+
+@pytest.fixture
+def example_foam(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """``write_example`` copies what the example of the command line has rendered from the same seed."""
+    from visuohaptic import rigs
+    from visuohaptic.rigs.foam_example import write_example
+
+    assert write_example.__kwdefaults__["seed"] == 1, "as the verb's --seed"
+    monkeypatch.setattr(rigs, "write_example", world.copy_recording)
 
 
 @pytest.hookimpl(wrapper=True)

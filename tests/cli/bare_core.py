@@ -59,8 +59,8 @@ def _closure(packages: Sequence[str]) -> set[str]:
 
 
 @contextlib.contextmanager
-def interrupted(patience_s: float = 3.0) -> Iterator[list[int]]:
-    """Ctrl-C for what needs the core only, finds what it needs and computes; the list tells that it came.
+def interrupted(patience_s: float = 3.0, work_s: float = 1.5) -> Iterator[list[int]]:
+    """Ctrl-C for what needs the core only, finds what it needs and waits or computes; the list tells that it came.
 
     All imports of the same words up to their end are held against what the verb declares in ``test_help_examples.py``.
     """
@@ -70,12 +70,15 @@ def interrupted(patience_s: float = 3.0) -> Iterator[list[int]]:
         came.append(number)
         signal.default_int_handler(number, frame)
 
-    signal.signal(signal.SIGALRM, stop)
-    signal.setitimer(signal.ITIMER_REAL, patience_s)
+    timers = ((signal.ITIMER_REAL, signal.SIGALRM, patience_s), (signal.ITIMER_PROF, signal.SIGPROF, work_s))
+    for timer, number, seconds in timers:
+        signal.signal(number, stop)
+        signal.setitimer(timer, seconds)
     try:
         yield came
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        for timer, _, _ in timers:
+            signal.setitimer(timer, 0.0)
 
 
 def main() -> None:

@@ -38,6 +38,11 @@ from visuohaptic.core.camera import Camera
 pytest.importorskip("av")
 pytest.importorskip("mcap_ros2")
 
+try:
+    import fcntl
+except ImportError:  # Windows: each worker has a folder of its own
+    fcntl = None  # type: ignore[assignment]
+
 Check = Callable[[Path, list[Any]], None]
 
 
@@ -53,31 +58,60 @@ class Story:
 
 
 class World:
-    """Folders in which examples were run, each once in a session."""
+    """Folders in which examples were run, each once in a session.
+
+    Parameters
+    ----------
+    base
+        Folder of the session; workers of one session may share it.
+    """
 
     def __init__(self, base: Path) -> None:
         self.base = base
-        self.done: dict[str, list[Any]] = {}
+        self._held: set[str] = set()
 
     def folder(self, verb: str) -> Path:
         folder = self.base / (STORIES[verb].room or verb).replace(" ", "_")
         folder.mkdir(exist_ok=True)
         return folder
 
+    @contextlib.contextmanager
+    def _alone(self, folder: Path) -> Iterator[None]:
+        """Other workers wait until the examples of this folder have ended."""
+        if folder.name in self._held or fcntl is None:
+            yield
+            return
+        with folder.with_suffix(".lock").open("w") as stream:
+            fcntl.flock(stream, fcntl.LOCK_EX)
+            self._held.add(folder.name)
+            try:
+                yield
+            finally:
+                self._held.remove(folder.name)
+
     def run(self, verb: str) -> tuple[Path, list[Any]]:
         """Run a verb's examples, after those that they need; their results as JSON."""
         story, folder = STORIES[verb], self.folder(verb)
-        if verb not in self.done:
-            for need in story.needs:
-                self.run(need)
-            story.prepare(folder, self)
-            with contextlib.chdir(folder), story.around():
-                self.done[verb] = [_call(words) for words in examples(verb)]
-        return folder, self.done[verb]
+        done = self.base / f"{verb.replace(' ', '_')}.json"
+        with self._alone(folder):
+            if not done.exists():
+                for need in story.needs:
+                    self.run(need)
+                story.prepare(folder, self)
+                with contextlib.chdir(folder), story.around():
+                    results = [_call(words) for words in examples(verb)]
+                done.write_text(json.dumps(results))
+            return folder, json.loads(done.read_text())
 
     def copy(self, verb: str, folder: Path) -> None:
         """Lay what another verb's examples wrote into a folder."""
         shutil.copytree(self.run(verb)[0], folder, dirs_exist_ok=True)
+
+    def copy_recording(self, folder: Path | str) -> Path:
+        """Lay the files of ``write_example`` into a folder: without those of the verbs that follow in its example."""
+        later = shutil.ignore_patterns("run.*", "zero.yaml", "foam.*")
+        shutil.copytree(self.run("example foam")[0] / "try", folder, ignore=later, dirs_exist_ok=True)
+        return Path(folder)
 
 
 def _call(words: list[str]) -> Any:

@@ -128,16 +128,14 @@ MISUSES = {
 
 
 @pytest.fixture(scope="module")
-def example(tmp_path_factory):
+def example(tmp_path_factory, world):
     """The files of the first hour."""
     from tests.cli.test_start import with_tag
 
-    from visuohaptic.rigs import write_example
     from visuohaptic.rigs.foam_example import write_video
     from visuohaptic.rigs.virtual_sensor import VirtualSensor, rest_scene
 
-    folder = tmp_path_factory.mktemp("misuse")
-    write_example(folder)
+    folder = world.copy_recording(tmp_path_factory.mktemp("misuse"))
     virtual, rng = VirtualSensor(), np.random.default_rng(0)
     rest = virtual.renderer().render(rest_scene(virtual.geometry), rng=rng)
     write_video(folder / "tagged.mp4", [with_tag(rest, virtual) for _ in range(5)])

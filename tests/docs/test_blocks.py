@@ -42,6 +42,8 @@ def test_blocks_of_a_page_run_in_order(page, tmp_path, monkeypatch, request):
         shutil.copytree(request.getfixturevalue("world").run("example foam")[0] / "try", tmp_path / "try")
         for line in others:
             assert main(line.split()) == 0
+    if "write_example(" in page.read_text():
+        request.getfixturevalue("example_foam")
     names = {"__name__": f"docs_{page.stem}"}
     for line, code in blocks(page.read_text()):
         # Empty lines in front make a failure point at the line of the page.

@@ -90,11 +90,12 @@ def run(out: Output) -> None:
         sensor = virtual.build(folder, rng)
         renderer = virtual.renderer()
         pictures = []
+        speed_m_s = 0.05 if out.quick else 0.02
         for number, thing in enumerate(chosen):
-            picture, row = _touched(thing, sensor, renderer, out.seed + number)
+            picture, row = _touched(thing, sensor, renderer, out.seed + number, speed_m_s)
             pictures.append(picture)
             rows.add(*row)
-        steep = _touched(_corner("c at 45 deg", 45.0), sensor, renderer, out.seed)[1]
+        steep = _touched(_corner("c at 45 deg", 45.0), sensor, renderer, out.seed, speed_m_s)[1]
     out.table("primitives", {name: [*rows[name], value] for name, value in zip(rows, steep, strict=True)})
     half = [cv2.resize(one, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) for one in pictures]
     # The lowest quarter shows only the platform's black body.
@@ -121,7 +122,7 @@ def run(out: Output) -> None:
 
 
 def _touched(
-    thing: Thing, sensor: FoamSensor, renderer: SceneRenderer, seed: int
+    thing: Thing, sensor: FoamSensor, renderer: SceneRenderer, seed: int, speed_m_s: float
 ) -> tuple[np.ndarray, tuple[Any, ...]]:
     world = FoamPushWorld([thing.obstacle], seed=seed)
     source = SimulatedSensorCamera(world, renderer, duration_s=30.0, seed=seed)
@@ -133,7 +134,7 @@ def _touched(
             best[:] = [(profile.force_N, step.frame, profile, sensor.strip)]
 
     sensor.reset()
-    settings = ExploreSettings(push_m_s=0.02, approach_m_s=0.02, push_m=0.02, back_off_m=0.005)
+    settings = ExploreSettings(push_m_s=speed_m_s, approach_m_s=speed_m_s, push_m=0.02, back_off_m=0.005)
     found = explore_obstacle(world.base, source, sensor, settings, on_step=keep)
     force, frame, _, strip = best[0]
     fitted = found.fit.best if found.fit is not None else None

@@ -28,7 +28,7 @@ def run(out: Output) -> None:
     rng = out.rng()
     rig = GripperSensor(stripe=True)
     with tempfile.TemporaryDirectory() as folder:
-        sensor = rig.build(folder, rng)
+        sensor = rig.build(folder, rng, zero_frames=8 if out.quick else 20)
         sensor.reset()
         forces = squeezing.FORCES_N[:2] if out.quick else squeezing.FORCES_N
         found = squeezing.squeeze(sensor, rig.gripper(squeezing.BOTTLE, rng=rng), forces)

@@ -118,7 +118,7 @@ def _measured(out: Output, stiffness: np.ndarray, radii: list[float]) -> list[fl
     rig = GripperSensor(stripe=True)
     found = []
     with tempfile.TemporaryDirectory() as folder:
-        sensor = rig.build(folder, rng)
+        sensor = rig.build(folder, rng, zero_frames=8 if out.quick else 20)
         for k, radius in zip(stiffness[:1] if out.quick else stiffness, radii, strict=False):
             thing = GraspObject(Outline.disc((0.065, 0.0), radius), stiffness_N_per_m=float(k))
             # A soft wall is deformed by at most 4 mm, as the curves are nearly linear there.

@@ -86,7 +86,7 @@ def run(out: Output) -> None:
         chosen = _two(found)
         truths = []
         for one in chosen:
-            truth = _driven(model, at, one, 2 * SPEED_m_s if out.quick else SPEED_m_s)
+            truth = _driven(model, at, one, 6 * SPEED_m_s if out.quick else SPEED_m_s)
             truths.append(truth)
             assert one.trace is not None
             away = truth.object_m[-1, :2] - one.trace.object_m[-1, :2]

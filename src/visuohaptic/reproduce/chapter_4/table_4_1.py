@@ -111,7 +111,8 @@ def run(out: Output) -> None:
         sensor = virtual.build(folder, rng)
         renderer = virtual.renderer()
         for row in chosen:
-            outcome, tag, largest, true_dynamic = _explored(row, sensor, renderer, out.seed)
+            speed_m_s = 4 * SPEED_m_s if out.quick else SPEED_m_s
+            outcome, tag, largest, true_dynamic = _explored(row, sensor, renderer, out.seed, speed_m_s)
             static = _number(tag.static_friction_N) if row.known else math.nan
             dynamic = _number(tag.dynamic_friction_N) if row.known else math.nan
             columns.add(row.name, outcome, largest, static, row.static_N, dynamic, true_dynamic if row.known else math.nan,
@@ -142,7 +143,7 @@ def run(out: Output) -> None:
 
 
 def _explored(
-    row: Row, sensor: FoamSensor, renderer: SceneRenderer, seed: int
+    row: Row, sensor: FoamSensor, renderer: SceneRenderer, seed: int, speed_m_s: float
 ) -> tuple[str, HapticTag, float, float]:
     """Outcome, tag, maximum force, and the mean simulated load while it moved [N]."""
     world = FoamPushWorld([row.obstacle], PlatformConfig(), FIRM_FOAM, seed=seed)
@@ -151,11 +152,11 @@ def _explored(
 
     def watch(step: ExploreStep) -> None:
         body = world.truth.bodies[0] if world.truth.bodies else None
-        if step.phase == "push" and body is not None and abs(body.velocity_m_s[0]) > 0.5 * SPEED_m_s:
+        if step.phase == "push" and body is not None and abs(body.velocity_m_s[0]) > 0.5 * speed_m_s:
             loads.append(world.truth.load_N)
 
     sensor.reset()
-    settings = ExploreSettings(push_m_s=SPEED_m_s, approach_m_s=SPEED_m_s, push_m=PUSH_m, back_off_m=0.01)
+    settings = ExploreSettings(push_m_s=speed_m_s, approach_m_s=speed_m_s, push_m=PUSH_m, back_off_m=0.01)
     scene = SceneTracker.of_sensor(sensor.setup, world.config.floor_below_m)
     found = explore_obstacle(world.base, source, sensor, settings, scene=scene, on_step=watch)
     largest = max((p.force_N for p in found.profiles if p.valid), default=math.nan)

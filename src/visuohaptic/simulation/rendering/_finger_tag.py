@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float, Float32, Int16, UInt8
 
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
@@ -17,6 +17,8 @@ __all__ = ["FingerTag", "paint_tag"]
 CELLS = 8
 #: Samples per pixel along each axis.
 FINE = 4
+#: The window of the image in which the tag is drawn has corners at multiples of it.
+BLOCK_PX = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +46,32 @@ def _cells(tag_id: int) -> UInt8[np.ndarray, "10 10"]:
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     marker = cv2.aruco.generateImageMarker(dictionary, tag_id, CELLS * 4)[2::4, 2::4]
     return np.pad((marker > 127).astype(np.uint8), 1, constant_values=1)
+
+
+def _samples(first: int, end: int) -> Float[np.ndarray, "n"]:
+    """Coordinates of the samples of pixels along one axis."""
+    samples: np.ndarray = (np.arange(first, end)[:, None] + (np.arange(FINE) + 0.5) / FINE - 0.5).ravel()
+    return samples
+
+
+def _cell(place_m: Float[np.ndarray, "h w"], tag: FingerTag) -> Int16[np.ndarray, "h w"]:
+    """Index of the cell along one axis of the tag; what is outside counts to a cell at either end."""
+    cell = np.floor(place_m / tag.size_m * CELLS + CELLS / 2)
+    return np.clip(cell + 2, 0, CELLS + 3).astype(np.int16)
+
+
+@lru_cache(maxsize=8)
+def _on_finger(
+    camera: Camera, T_camera_foam: Pose, tag: FingerTag, window: tuple[int, int, int, int]
+) -> tuple[Float[np.ndarray, "h w"], Int16[np.ndarray, "h w"]]:
+    """Where the rays of a window meet the finger along its motion [m], and the tag's column; the same in consecutive frames."""
+    left, right, top, bottom = window
+    rays = camera.rays(np.stack(np.meshgrid(_samples(left, right), _samples(top, bottom)), axis=-1))
+    normal, origin = T_camera_foam.rotation[:, 2], T_camera_foam.translation_m
+    depth = (origin @ normal) / (rays @ normal)
+    points = (rays * depth[..., None] - origin) @ T_camera_foam.rotation
+    # The tag's x is along -Y of the finger, its y along -X.
+    return tag.centre_m[0] - points[..., 0], _cell(tag.centre_m[1] - points[..., 1], tag)
 
 
 def paint_tag(
@@ -83,26 +111,23 @@ def paint_tag(
         )
     pixels = np.concatenate(seen)
     rows, columns, _ = image.shape
-    left, top = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 6, 0)
-    right, bottom = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 7, [columns, rows])
+    # Whole blocks: consecutive frames have the same window.
+    left, top = np.maximum(np.floor((pixels.min(axis=0) - 6) / BLOCK_PX).astype(int) * BLOCK_PX, 0)
+    right, bottom = np.minimum(
+        np.ceil((pixels.max(axis=0) + 7) / BLOCK_PX).astype(int) * BLOCK_PX, [columns, rows]
+    )
     if right - left < 4 or bottom - top < 4:
         return
-    offset = (np.arange(FINE) + 0.5) / FINE - 0.5
-    x = (np.arange(left, right)[:, None] + offset).ravel()
-    y = (np.arange(top, bottom)[:, None] + offset).ravel()
-    rays = camera.rays(np.stack(np.meshgrid(x, y), axis=-1))
-    normal, origin = T_camera_foam.rotation[:, 2], T_camera_foam.translation_m
-    depth = (origin @ normal) / (rays @ normal)
-    points = (rays * depth[..., None] - origin) @ T_camera_foam.rotation
-    points[..., 0] -= np.interp(y, np.arange(rows), position_m)[:, None]
-    places = T_foam_tag.inverse().apply(points)[..., :2]
-    cell = np.floor(places / tag.size_m * CELLS + CELLS / 2).astype(int) + 1
-    inside = ((cell >= 0) & (cell < CELLS + 2)).all(axis=-1)
-    index = np.clip(cell, 0, CELLS + 1)
-    level = tag.dark + (tag.bright - tag.dark) * _cells(tag.tag_id)[index[..., 1], index[..., 0]]
-    shape = (bottom - top, FINE, right - left, FINE)
-    fraction = inside.reshape(shape).mean(axis=(1, 3)).astype(np.float32)
-    paint = (level * inside).reshape(shape).mean(axis=(1, 3)).astype(np.float32)
+    down_m, column = _on_finger(camera, T_camera_foam, tag, (int(left), int(right), int(top), int(bottom)))
+    moved_m = np.interp(_samples(top, bottom), np.arange(rows), position_m)
+    index = _cell(down_m + moved_m[:, None], tag) * (CELLS + 4) + column
+    inside = np.pad(np.ones((CELLS + 2, CELLS + 2), np.float32), 1)
+    levels = np.pad(tag.dark + (tag.bright - tag.dark) * _cells(tag.tag_id), 1).astype(np.float32)
+    size = int(right - left), int(bottom - top)
+    # Means over the samples of each pixel.
+    fraction, paint = (
+        cv2.resize(table.ravel()[index], size, interpolation=cv2.INTER_AREA) for table in (inside, levels)
+    )
     if blur_px > 0:
         fraction = cv2.GaussianBlur(fraction, (0, 0), blur_px)
         paint = cv2.GaussianBlur(paint, (0, 0), blur_px)
