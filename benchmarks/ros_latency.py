@@ -72,12 +72,13 @@ class Node:
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
 
     def use(self) -> dict[str, float]:
-        """Memory, handles and threads now, and CPU time so far (Linux)."""
+        """Memory (that which it shares with its cameras apart), handles and threads now, and CPU time so far (Linux)."""
         place = Path(f"/proc/{self.process.pid}")
         status = dict(line.split(":", 1) for line in (place / "status").read_text().splitlines())
         spent = (place / "stat").read_text().rpartition(")")[2].split()[11:13]  # user and system
         return {
             "memory_MB": int(status["VmRSS"].split()[0]) / 1000,
+            "shared_MB": int(status["RssShmem"].split()[0]) / 1000,
             "handles": len(list((place / "fd").iterdir())),
             "threads": int(status["Threads"]),
             "cpu_s": sum(map(int, spent)) / os.sysconf("SC_CLK_TCK"),

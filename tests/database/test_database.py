@@ -391,3 +391,51 @@ def test_tls_is_verified(server: str, tmp_path: Path) -> None:
     certificate(tmp_path / "other.pem", tmp_path / "other.key")
     with pytest.raises(DatabaseError, match="certificate verify failed"):
         open_database(f"{address}{tmp_path / 'other.pem'}")
+
+
+@pytest.mark.parametrize("tidied", [False, True])
+def test_others_write_between_preparation_and_lock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tidied: bool
+) -> None:
+    """Objects are merged with what is stored when the lock is held, and shards that another process removed are there again."""
+    place = "tag.stiffness_N_per_m"
+    with open_database(tmp_path) as db, open_database(tmp_path) as other:
+        db.add(make_object(1))
+        write_early, seen = db._arrays.write_early, []
+
+        def meanwhile(blobs: list) -> str | None:
+            name = write_early(blobs)
+            if not seen:
+                seen.append(name)
+                other._arrays._tidy_due = tidied
+                other.add(add_evidence(VisuoHapticObject("cup"), Evidence(place, Estimate(10.0, 1.0))))
+            return name
+
+        monkeypatch.setattr(db._arrays, "write_early", meanwhile)
+        cup = add_evidence(VisuoHapticObject("cup"), Evidence(place, Estimate(12.0, 1.0)))
+        db.add_many([cup, *(make_object(number) for number in range(2, 50))])
+        assert (tmp_path / "shards" / f"{seen[0]}.parquet").is_file() is not tidied
+        assert db.get("cup").tag.stiffness_N_per_m.value == pytest.approx(11.0)
+        assert (len(db), db.check().problems) == (50, ())
+        for number in range(1, 50):
+            assert _text(db.get(f"o{number:07d}")) == _text(make_object(number))
+
+
+def test_an_early_shard_that_is_not_needed_is_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another process stores the same object first."""
+    with open_database(tmp_path) as db, open_database(tmp_path) as other:
+        other.add(make_object(1))
+        write_early = db._arrays.write_early
+
+        def meanwhile(blobs: list) -> str | None:
+            name = write_early(blobs)
+            monkeypatch.setattr(db._arrays, "write_early", write_early)
+            other.add(make_object(2))
+            return name
+
+        monkeypatch.setattr(db._arrays, "write_early", meanwhile)
+        db.add(make_object(2))
+        assert len(list((tmp_path / "shards").iterdir())) == 2
+        assert db.check() == type(db.check())(2, 2, ())

@@ -146,7 +146,7 @@ def test_arrays_that_are_gone_or_of_another_object(tmp_path: Path) -> None:
         ("UPDATE object SET card = replace(card, 'object 1', 'object 9')", "has another hash"),
         ("UPDATE object SET card = '{'", "is damaged"),
         ("UPDATE object SET card = '[]'", "is damaged"),
-        ("UPDATE object SET row_group = 7", "has 1 row groups, expected number 7"),
+        ("UPDATE object SET row_group = 7", "has arrays of 1 objects, expected number 7"),
         ("PRAGMA foreign_keys = OFF; UPDATE object SET shard = 'x'", "broken reference"),
     ],
 )

@@ -178,6 +178,15 @@ def test_other_domains_and_topics_are_not_heard(same: Pair) -> None:
     assert got == []
 
 
+def test_the_given_domain_precedes_that_of_the_environment(
+    same: Pair, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also domain 0."""
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN + 2))
+    assert [same.join(f"in{n}", 1, domain=n).domain for n in (0, DOMAIN)] == [0, DOMAIN]
+    assert same.join("environment", 1, domain=None).domain == DOMAIN + 2
+
+
 def test_namespaces(same: Pair) -> None:
     arm = same.join("arm", 1, namespace="/robot1")
     assert arm.resolve("wrench") == "/robot1/wrench"

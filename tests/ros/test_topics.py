@@ -166,6 +166,8 @@ def test_the_domain_of_the_environment(monkeypatch: pytest.MonkeyPatch, endpoint
         assert node.options.domain == 7
     with RosNode("a", RosOptions(domain=3, connect=(), listen=(endpoint,))) as node:
         assert node.options.domain == 3
+    with RosNode("a", RosOptions(domain=0, connect=(), listen=(endpoint,))) as node:
+        assert node.options.domain == 0
     monkeypatch.setenv("ROS_DOMAIN_ID", "233")
     with pytest.raises(InputError, match="ROS_DOMAIN_ID: found '233', expected a number from 0 to 232"):
         RosNode("a", RosOptions(connect=(), listen=(endpoint,)))

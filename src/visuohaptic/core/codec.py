@@ -99,18 +99,28 @@ def read_record(
 
 def _encode(value: Any, place: str, arrays: Arrays | None) -> Any:
     """Plain data of a value; without ``arrays``, all fields are written, and arrays become lists."""
-    if _is_plain(value):
+    kind: Any = type(value)
+    if kind in _PLAIN or (kind is float and math.isfinite(value)):
         return value
-    kind: type = type(value)
-    inside = f"{place}." if place else ""
-    if (known := _defaults(cast("Hashable", kind))) is not None:
+    if (known := _defaults(kind)) is not None:
         found = {}
         for name, default in known:
             item = getattr(value, name)
             if arrays is None or not (item is default or (default == () and _is_empty(item))):
                 # Most values are plain; without this shortcut an import takes a quarter longer.
-                found[name] = item if _is_plain(item) else _encode(item, f"{inside}{name}", arrays)
+                inner = type(item)
+                if not (inner in _PLAIN or (inner is float and math.isfinite(item))):
+                    item = _encode(item, f"{place}.{name}" if place else name, arrays)
+                found[name] = item
         return found
+    if isinstance(value, (np.ndarray, bytes)):
+        array = np.frombuffer(value, np.uint8) if isinstance(value, bytes) else np.ascontiguousarray(value)
+        if dtype_name(array.dtype) not in DTYPES:
+            raise InputError(place, f"found an array of {array.dtype}, expected numbers")
+        if arrays is None:
+            return _encode(array.tolist(), place, arrays)
+        arrays[place] = array.astype(_little_endian(array.dtype), copy=False)
+        return {"array": place}
     if isinstance(value, Enum):
         return _encode(value.value, place, arrays)
     if isinstance(value, (bool, np.bool_)):
@@ -121,16 +131,9 @@ def _encode(value: Any, place: str, arrays: Arrays | None) -> Any:
         return float(value) if math.isfinite(value) else str(float(value))
     if isinstance(value, str):
         return str(value)
-    if isinstance(value, (np.ndarray, bytes)):
-        array = np.frombuffer(value, np.uint8) if isinstance(value, bytes) else np.ascontiguousarray(value)
-        if dtype_name(array.dtype) not in DTYPES:
-            raise InputError(place, f"found an array of {array.dtype}, expected numbers")
-        if arrays is None:
-            return _encode(array.tolist(), place, arrays)
-        arrays[place] = array.astype(array.dtype.newbyteorder("<"), copy=False)
-        return {"array": place}
     if isinstance(value, Mapping):
         items = value.items() if arrays is None else sorted(value.items())
+        inside = f"{place}." if place else ""
         return {str(name): _encode(item, f"{inside}{name}", arrays) for name, item in items}
     if isinstance(value, (tuple, list)):
         return [_encode(item, f"{place}.{index}", arrays) for index, item in enumerate(value)]
@@ -146,10 +149,9 @@ def dtype_name(kind: np.dtype) -> str:
     return kind.name
 
 
-def _is_plain(value: Any) -> bool:
-    """Whether the value is its own encoding."""
-    kind = type(value)
-    return kind in _PLAIN or (kind is float and math.isfinite(value))
+@cache
+def _little_endian(kind: np.dtype) -> np.dtype:
+    return kind.newbyteorder("<")
 
 
 @cache

@@ -105,15 +105,19 @@ def smallest(values, lowest, found):
 
 
 @kernel
-def within(squared, error, reach, found):
+def within(squared, lowest, error, largest, reach, found):
     """Indices at which the root of a squared distance is at most ``reach`` plus the row's own error.
 
     Parameters
     ----------
     squared
         Int32, shape (m,).
+    lowest
+        As in :func:`coarse_distances`.
     error
         Quantisation error of each row, float32, shape (m,).
+    largest
+        Maximum error of each segment, float32, shape (ceil(m / SEGMENT),).
     reach
         In the unit of both, float.
     found
@@ -125,11 +129,15 @@ def within(squared, error, reach, found):
         Number of indices found.
     """
     count = 0
-    for i in range(squared.shape[0]):
-        limit = error[i] + reach
-        if squared[i] <= limit * limit:
-            found[count] = i
-            count += 1
+    for start in range(0, squared.shape[0], SEGMENT):
+        limit = largest[start // SEGMENT] + reach
+        if lowest[start // SEGMENT] > limit * limit:
+            continue
+        for i in range(start, min(start + SEGMENT, squared.shape[0])):
+            limit = error[i] + reach
+            if squared[i] <= limit * limit:
+                found[count] = i
+                count += 1
     return count
 
 

@@ -18,6 +18,9 @@ from .shards import ShardFolder, pack, unpack
 
 __all__ = ["ArrayStore"]
 
+#: Row of an object, and its arrays.
+Blob = tuple[dict[str, Any], cards.Arrays]
+
 _log = logging.getLogger(__name__)
 
 
@@ -34,38 +37,72 @@ class ArrayStore:
         self.folder = folder
         self._tidy_due = folder is not None
         self._ahead: dict[tuple[str, int], cards.Arrays] = {}
+        self._early: dict[str, dict[str, Any]] = {}
 
     def close(self) -> None:
         """Close all files."""
         if self.folder is not None:
             self.folder.close()
 
-    def write(self, connection: Connection, blobs: Sequence[tuple[dict[str, Any], cards.Arrays]]) -> None:
-        """Write arrays into shards, before the rows that refer to them.
+    def write_early(self, blobs: Sequence[Blob]) -> str | None:
+        """Write arrays into a shard of the folder before the transaction, so that other writers need not wait for the disk.
+
+        Parameters
+        ----------
+        blobs
+            For each object its row, which receives shard and index, and its arrays.
+
+        Returns
+        -------
+        str or None
+            Name of the shard for :meth:`write`; ``None`` if nothing was written.
+        """
+        if self.folder is None or not blobs:
+            return None
+        name, sha256, size = self.folder.write([arrays for _, arrays in blobs])
+        self._early[name] = {"name": name, "sha256": sha256, "bytes": size, "data": None}
+        for number, (row, _) in enumerate(blobs):
+            row["shard"], row["row_group"] = name, number
+        return name
+
+    def write(self, connection: Connection, early: str | None, blobs: Sequence[Blob]) -> list[str]:
+        """Write those arrays that are not yet in a shard, before the rows that refer to them.
 
         Parameters
         ----------
         connection
             Connection with an open transaction.
+        early
+            Result of :meth:`write_early`.
         blobs
             For each object its row, which receives shard and index, and its arrays.
+
+        Returns
+        -------
+        list
+            The early shard if it is not needed.
         """
-        if not blobs:
-            return
-        # On a server, each object has its own shard: reading it should not transfer others over the network.
-        groups = [blobs] if self.folder is not None else [[blob] for blob in blobs]
-        for group in groups:
-            data = None
-            if self.folder is not None:
-                name, sha256, size = self.folder.write([arrays for _, arrays in group])
-            else:
+        shards = [] if early is None else [self._early.pop(early)]
+        mine = [row for row, _ in blobs if early is not None and row["shard"] == early]
+        if mine and self.folder is not None and not self.folder.path(str(early)).is_file():
+            for row in mine:  # another process has tidied up meanwhile
+                row["shard"] = None
+            mine = []
+        unneeded = [] if mine else [one["name"] for one in shards]
+        shards = shards if mine else []
+        missing = [blob for blob in blobs if blob[1] and blob[0]["shard"] is None]
+        if (late := self.write_early(missing)) is not None:
+            shards.append(self._early.pop(late))
+        elif missing:  # on a server, each object has its own shard: reading it should not transfer others over the network
+            for row, arrays in missing:
                 buffer = io.BytesIO()
-                pack([arrays for _, arrays in group], buffer)
-                data = buffer.getvalue()
-                name, sha256, size = uuid.uuid4().hex, hashlib.sha256(data).hexdigest(), len(data)
-            connection.execute(shard.insert(), {"name": name, "sha256": sha256, "bytes": size, "data": data})
-            for number, (row, _) in enumerate(group):
-                row["shard"], row["row_group"] = name, number
+                pack([arrays], buffer)
+                data, row["shard"], row["row_group"] = buffer.getvalue(), uuid.uuid4().hex, 0
+                sha256 = hashlib.sha256(data).hexdigest()
+                shards.append({"name": row["shard"], "sha256": sha256, "bytes": len(data), "data": data})
+        if shards:
+            connection.execute(shard.insert(), shards)
+        return unneeded
 
     def read(self, connection: Connection, row: Any, where: str) -> cards.Arrays:
         """Arrays of an object, verified against their hash.

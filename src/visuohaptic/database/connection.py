@@ -6,7 +6,7 @@ import re
 import sqlite3
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -221,6 +221,10 @@ class Connections:
         engine = self._engine.execution_options(writes=True)
         with self._guarded(_NOT_STORED), engine.connect() as connection, connection.begin():
             yield connection
+
+    def storing(self) -> AbstractContextManager[None]:
+        """Convert errors while files are written for a transaction that has not begun."""
+        return self._guarded(_NOT_STORED)
 
     @contextmanager
     def _guarded(self, loss: str) -> Iterator[None]:

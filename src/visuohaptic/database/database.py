@@ -7,6 +7,7 @@ or other processes, are serialised; readers never wait.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import threading
@@ -30,11 +31,14 @@ from .integrity import Check, check_all
 from .merge import merge_objects
 from .rows import (
     ALIVE,
+    Prepared,
     Summary,
     Written,
+    changes_of,
     drop_shards,
     feature_vectors,
     fetch,
+    is_current,
     known_s,
     last_change,
     merged_versions,
@@ -341,34 +345,47 @@ class ObjectDatabase(Closing):
                     "object", f"found the id {obj.id!r}, expected up to 128 letters, digits, '.', '_', '-'"
                 )
             latest[obj.id] = merge_objects(latest.get(obj.id, obj), obj)
-        unneeded: list[str] = []
-        merged: dict[str, tuple[VisuoHapticObject, float | None]] = {}
-        with self._turn, self.connections.writing() as connection:
-            change = next_change(connection)
-            self._arrays.tidy(connection, self.where)
-            known = fetch(connection, list(latest), self._decode, self._arrays.read_ahead)
-            rows, blobs = [], []
-            for one, obj in latest.items():
-                old = known.get(one)
+        prepared: dict[str, Prepared] = {}
+
+        def prepare(connection: Connection, ids: Sequence[str]) -> None:
+            known = fetch(connection, ids, self._decode, self._arrays.read_ahead)
+            for one in ids:
+                obj, old = latest[one], known.get(one)
                 deleted_s = None if deletions is None else deletions.get(one)
                 if old is not None:
                     obj, deleted_s = merged_versions(
                         old.obj, old.deleted_s, obj, deleted_s, added_here=deletions is None
                     )
-                merged[one] = obj, deleted_s
-                row, arrays = row_of(obj, change, deleted_s)
-                if old is not None and (old.row.digest, old.deleted_s) == (row["digest"], deleted_s):
-                    continue  # unchanged
-                if old is not None and old.row.arrays_sha256 == row["arrays_sha256"]:
-                    row["shard"], row["row_group"] = old.row.shard, old.row.row_group
-                elif arrays:
-                    blobs.append((row, arrays))
-                rows.append((row, old, obj))
-            self._arrays.write(connection, blobs)
-            store_rows(connection, rows)
-            unneeded = drop_shards(connection, [old.row.shard for _, old, _ in rows if old is not None])
+                prepared[one] = Prepared(old, obj, deleted_s, *row_of(obj, deleted_s, old))
+
+        # Most of the work is done before other writers have to wait, and repeated where they have changed an object.
+        with contextlib.suppress(FileNotFoundError), self.connections.reading() as connection:
+            prepare(connection, list(latest))
+        blobs = [(item.row, item.arrays) for item in prepared.values() if item.changes and item.needs_shard]
+        early = None  # where another process tidies up meanwhile
+        with contextlib.suppress(FileNotFoundError), self.connections.storing():
+            early = self._arrays.write_early(blobs)
+        with self._turn, self.connections.writing() as connection:
+            change = next_change(connection)
+            self._arrays.tidy(connection, self.where)
+            current = changes_of(connection, list(latest))
+            prepare(
+                connection, [one for one in latest if not is_current(prepared.get(one), current.get(one))]
+            )
+            changed = [item for item in prepared.values() if item.changes]
+            for item in changed:
+                item.row["change"] = change
+            unneeded = self._arrays.write(connection, early, [(item.row, item.arrays) for item in changed])
+            store_rows(connection, [(item.row, item.old, item.obj) for item in changed])
+            replaced = [item.old.row.shard for item in changed if item.old is not None]
+            unneeded += drop_shards(connection, replaced)
         self._arrays.remove(unneeded)
-        return Written(merged, change, frozenset(known), frozenset(row["id"] for row, _, _ in rows))
+        return Written(
+            {one: (item.obj, item.deleted_s) for one, item in prepared.items()},
+            change,
+            frozenset(one for one, item in prepared.items() if item.old is not None),
+            frozenset(item.row["id"] for item in changed),
+        )
 
     def check(self) -> Check:
         """Read all data and verify every hash."""

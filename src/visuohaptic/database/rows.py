@@ -20,12 +20,15 @@ from .schema import counter, feature, object_, shard
 __all__ = [
     "ALIVE",
     "MANY",
+    "Prepared",
     "Stored",
     "Summary",
     "Written",
+    "changes_of",
     "drop_shards",
     "feature_vectors",
     "fetch",
+    "is_current",
     "known_s",
     "last_change",
     "merged_versions",
@@ -43,6 +46,30 @@ class Stored:
     obj: VisuoHapticObject
     deleted_s: float | None
     row: Any
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """An object merged with its stored version, and its new row."""
+
+    old: Stored | None
+    obj: VisuoHapticObject
+    deleted_s: float | None
+    row: dict[str, Any]
+    arrays: cards.Arrays
+
+    @property
+    def changes(self) -> bool:
+        """Whether it differs from the stored version."""
+        return self.old is None or (self.old.row.digest, self.old.deleted_s) != (
+            self.row["digest"],
+            self.deleted_s,
+        )
+
+    @property
+    def needs_shard(self) -> bool:
+        """Whether its arrays are not stored; else the row refers to those of the stored version."""
+        return bool(self.arrays) and self.row["shard"] is None
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +94,11 @@ class Summary:
 
 #: One object that is not deleted.
 ALIVE = select(object_).where(and_(object_.c.id == bindparam("requested"), object_.c.deleted_s.is_(None)))
+_REQUESTED = object_.c.id.in_(bindparam("requested", expanding=True))
 #: Several objects, including deleted ones.
-MANY = select(object_).where(object_.c.id.in_(bindparam("requested", expanding=True)))
+MANY = select(object_).where(_REQUESTED)
+#: The same, only the sequence numbers of their last writes.
+CHANGES = select(object_.c.id, object_.c.change).where(_REQUESTED)
 
 
 def last_change(connection: Connection) -> int:
@@ -96,31 +126,32 @@ def next_change(connection: Connection) -> int:
 
 
 def row_of(
-    obj: VisuoHapticObject, change: int, deleted_s: float | None
+    obj: VisuoHapticObject, deleted_s: float | None, old: Stored | None
 ) -> tuple[dict[str, Any], cards.Arrays]:
-    """Row and arrays of an object; the shard of the arrays is not yet set.
+    """Row and arrays of an object; the sequence number of the write, and the shard of new arrays, are not yet set.
 
     Parameters
     ----------
     obj
         The object.
-    change
-        Sequence number of the write.
     deleted_s
         Time of deletion, seconds since the epoch; ``None`` if not deleted.
+    old
+        The stored version, or ``None``.
     """
     card, arrays = cards.encode(obj)
     text, arrays_sha256 = cards.card_text(card), cards.arrays_digest(arrays) if arrays else ""
+    stored = old.row if old is not None and old.row.arrays_sha256 == arrays_sha256 else None
     row = {
         "id": obj.id,
         "name": obj.name,
         "visual_class": obj.visual_class,
-        "change": change,
+        "change": 0,
         "card": text,
         "arrays_sha256": arrays_sha256,
         "deleted_s": deleted_s,
-        "shard": None,
-        "row_group": None,
+        "shard": None if stored is None else stored.shard,
+        "row_group": None if stored is None else stored.row_group,
         "digest": cards.digest_of(text, arrays_sha256),
     }
     return row, arrays
@@ -183,6 +214,36 @@ def feature_vectors(
             f"found features {kind!r} of {sorted(n // 8 for n in lengths)} numbers, expected one length",
         )
     return ids, np.frombuffer(data, "<f8").reshape(len(ids), -1 if ids else 0)
+
+
+def changes_of(connection: Connection, ids: Sequence[str]) -> dict[str, int]:
+    """Sequence numbers of the last writes of objects, including deleted ones; unknown ids are omitted.
+
+    Parameters
+    ----------
+    connection
+        Open connection of the database.
+    ids
+        Ids of the objects.
+    """
+    return {
+        row.id: row.change
+        for start in range(0, len(ids), 500)
+        for row in connection.execute(CHANGES, {"requested": list(ids[start : start + 500])})
+    }
+
+
+def is_current(prepared: Prepared | None, change: int | None) -> bool:
+    """Whether an object was merged with the version that is stored now.
+
+    Parameters
+    ----------
+    prepared
+        The merged object; ``None`` if it was not merged.
+    change
+        Sequence number of the last write of the stored version; ``None`` if there is none.
+    """
+    return prepared is not None and change == (prepared.old.row.change if prepared.old else None)
 
 
 def fetch(

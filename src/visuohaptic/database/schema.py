@@ -89,8 +89,12 @@ def _deletions_and_peers(connection: sa.Connection) -> None:
     peer.create(connection)
 
 
+def _shards_of_grouped_objects(_: sa.Connection) -> None:
+    """The tables are the same; older versions of the library cannot read the new shards."""
+
+
 #: Migration steps: step n converts version n to n + 1.
-MIGRATIONS = (_from_nothing, _deletions_and_peers)
+MIGRATIONS = (_from_nothing, _deletions_and_peers, _shards_of_grouped_objects)
 #: Version of the schema that this library reads and writes.
 VERSION = len(MIGRATIONS)
 

@@ -71,6 +71,7 @@ class FeatureIndex:
             code, error = _rounded(self._vectors[part] - self._centre, self._step)
             self._codes[block, :n, : len(code)] = code.T
             self._error[part] = error / self._step
+        self._largest_error = np.maximum.reduceat(self._error, np.arange(0, m, SEGMENT)) if m else self._error
         self._squared = np.empty((blocks, rows), np.int32)
         self._lowest = np.empty(-(-self._squared.size // SEGMENT), np.int32)
 
@@ -116,7 +117,8 @@ class FeatureIndex:
         reach = (self._distances(first, known, q).max() + float(error[0])) / self._step
         near = np.empty(m, np.int64)
         # A small allowance for rounding of these sums and of the 32-bit errors.
-        near = near[: within(squared, self._error, reach * (1 + 1e-6) + 1e-5, near)]
+        reach = reach * (1 + 1e-6) + 1e-5
+        near = near[: within(squared, self._lowest, self._error, self._largest_error, reach, near)]
         distance = self._distances(near, known, q)
         order = np.lexsort((near, distance))[:count]
         return [Match(self._ids[near[i]], float(distance[i])) for i in order]

@@ -1,4 +1,4 @@
-"""Shards: the arrays of several objects in one Parquet file, one row group per object, one row per array."""
+"""Shards: the arrays of several objects in one Parquet file, one row per array."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import threading
 import uuid
 from collections import OrderedDict
 from collections.abc import Sequence
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +23,16 @@ __all__ = ["ShardFolder", "file_sha256", "pack", "unpack"]
 MAX_ARRAY_BYTES = 1 << 30
 
 
-def _schema() -> Any:
+#: Objects in a row group: one per group took half of an import, and the larger groups are, the longer it takes to read one.
+_GROUP = 16
+_COUNT, _PER_GROUP = b"objects", b"objects_per_row_group"
+
+
+def _schema(count: int) -> Any:
+    """Columns of a shard of several objects; without the last one and the numbers, each row group is an object."""
     import pyarrow as pa
 
-    return pa.schema(
+    schema = pa.schema(
         [
             ("name", pa.string()),
             ("dtype", pa.string()),
@@ -35,10 +40,14 @@ def _schema() -> Any:
             ("data", pa.large_binary()),  # little endian, C order
         ]
     )
+    if count == 1:
+        return schema
+    numbers = {_COUNT: str(count), _PER_GROUP: str(_GROUP)}
+    return schema.append(pa.field("object", pa.int32())).with_metadata(numbers)
 
 
 def pack(items: Sequence[Arrays], sink: Any) -> None:
-    """Write the arrays of objects to a path or stream; object i becomes row group i.
+    """Write the arrays of objects to a path or stream.
 
     Parameters
     ----------
@@ -50,34 +59,30 @@ def pack(items: Sequence[Arrays], sink: Any) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    schema = _schema()
+    schema = _schema(len(items))
     # Uncompressed: fast reading of one object matters, and doubles hardly compress.
     with pq.ParquetWriter(
         sink, schema, compression="none", use_dictionary=False, write_statistics=False
     ) as writer:
-        # Objects with equal numbers of arrays are written at once: a call for each took a third of an import.
-        for count, run in groupby(items, len):
-            objects = list(run)
-            named = [item for arrays in objects for item in arrays.items()]
-            columns = [
-                pa.array([name for name, _ in named], pa.string()),
-                pa.array([dtype_name(array.dtype) for _, array in named], pa.string()),
-                pa.array(["x".join(map(str, array.shape)) for _, array in named], pa.string()),
-                pa.array([array.tobytes() for _, array in named], pa.large_binary()),
+        for start in range(0, len(items), _GROUP):
+            rows = [
+                (name, dtype_name(array.dtype), "x".join(map(str, array.shape)), array.tobytes(), number)
+                for number, arrays in enumerate(items[start : start + _GROUP], start)
+                for name, array in arrays.items()
             ]
-            table = pa.table(columns, schema=schema)
-            for _ in range(1 if count else len(objects)):  # each empty object is an empty row group
-                writer.write_table(table, row_group_size=max(count, 1))
+            columns = zip(*rows, strict=True) if rows else [[]] * 5
+            arrays = [pa.array(column, kind) for kind, column in zip(schema.types, columns, strict=False)]
+            writer.write_table(pa.table(arrays, schema=schema), row_group_size=max(len(rows), 1))
 
 
-def unpack(file: Any, row_groups: Sequence[int], where: object) -> list[Arrays]:
-    """Arrays of selected row groups of an open Parquet file.
+def unpack(file: Any, numbers: Sequence[int], where: object) -> list[Arrays]:
+    """Arrays of selected objects of an open Parquet file.
 
     Parameters
     ----------
     file
         ``pyarrow.parquet.ParquetFile`` of a shard.
-    row_groups
+    numbers
         Indices of the objects in it.
     where
         The file, for messages.
@@ -90,17 +95,25 @@ def unpack(file: Any, row_groups: Sequence[int], where: object) -> list[Arrays]:
     import pyarrow as pa
 
     try:
-        if bad := [group for group in row_groups if not 0 <= group < file.num_row_groups]:
-            raise InputError(where, f"has {file.num_row_groups} row groups, expected number {bad[0]}")
-        rows = file.read_row_groups(list(row_groups), use_threads=False).to_pydict()
-        arrays = zip(*(rows[column] for column in _schema().names), strict=True)
-        counts = [file.metadata.row_group(group).num_rows for group in row_groups]
-        found = [dict(_array(where, *next(arrays)) for _ in range(count)) for count in counts]
-    except (pa.ArrowException, OSError, KeyError, ValueError, TypeError, AttributeError) as error:
+        metadata = file.schema_arrow.metadata or {}
+        count = int(metadata.get(_COUNT, file.num_row_groups))
+        if bad := [number for number in numbers if not 0 <= number < count]:
+            raise InputError(where, f"has arrays of {count} objects, expected number {bad[0]}")
+        size = max(1, int(metadata.get(_PER_GROUP, 1)))
+        groups = sorted({number // size for number in numbers})
+        rows = file.read_row_groups(groups, use_threads=False).to_pydict()
+        if (owners := rows.get("object")) is None:
+            owners = [group for group in groups for _ in range(file.metadata.row_group(group).num_rows)]
+        found: dict[int, Arrays] = {number: {} for number in numbers}
+        for owner, *array in zip(owners, *(rows[name] for name in _schema(1).names), strict=True):
+            if owner in found:
+                name, values = _array(where, *array)
+                found[owner][name] = values
+    except (pa.ArrowException, OSError, KeyError, ValueError, TypeError, AttributeError, IndexError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(where, f"is not a readable shard ({error})") from error
-    return found
+    return [found[number] for number in numbers]
 
 
 def _array(where: object, name: str, dtype: str, shape: str, data: bytes) -> tuple[str, np.ndarray]:
@@ -183,14 +196,14 @@ class ShardFolder:
             os.close(handle)
         return name, sha256, size
 
-    def read(self, name: str, row_groups: Sequence[int]) -> list[Arrays]:
+    def read(self, name: str, numbers: Sequence[int]) -> list[Arrays]:
         """Arrays of objects in one shard.
 
         Parameters
         ----------
         name
             Name of the shard.
-        row_groups
+        numbers
             Indices of the objects in it.
 
         Raises
@@ -214,7 +227,7 @@ class ShardFolder:
                 if len(self._open) > self._limit:
                     self._open.popitem(last=False)[1].close()
             self._open.move_to_end(name)
-            return unpack(file, row_groups, self.path(name))
+            return unpack(file, numbers, self.path(name))
 
     def remove(self, names: Sequence[str]) -> None:
         """Remove shards that no object refers to.

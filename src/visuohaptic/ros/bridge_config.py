@@ -28,7 +28,7 @@ class NodeSection(_Section):
     name: str = "visuohaptic"
     namespace: str = "/"
     transport: Transport = "zenoh"
-    domain: Annotated[int, Field(ge=0, le=232)] = 0  #: 0: that of ROS_DOMAIN_ID
+    domain: Annotated[int, Field(ge=0, le=232)] | None = None  #: by default that of ROS_DOMAIN_ID
     type_hashes: bool = True  #: false for Humble, which has none
     connect: list[str] = [ROUTER]  #: routers or peers; empty: wait for others to connect
     listen: list[str] = ["tcp/127.0.0.1:0"]  #: addresses on which peers may connect; port 0 is any free port

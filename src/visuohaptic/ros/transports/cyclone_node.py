@@ -110,11 +110,9 @@ class CycloneNode(TopicNode):
             from cyclonedds.qos import Qos as DdsQos
         try:
             enclave = DdsQos(Policy.Userdata(b"enclave=/;"))
-            self._participant = DomainParticipant(self.options.domain, qos=enclave)
+            self._participant = DomainParticipant(self.domain, qos=enclave)
         except DDSException as error:
-            raise DeviceError(
-                f"domain {self.options.domain} cannot be joined ({shown_error(error)})"
-            ) from error
+            raise DeviceError(f"domain {self.domain} cannot be joined ({shown_error(error)})") from error
         self._endpoints: dict[EntityKind, list[Any]] = {EntityKind.PUBLISHER: [], EntityKind.SUBSCRIPTION: []}
         self._participants = BuiltinDataReader(self._participant, BuiltinTopicDcpsParticipant)
         self._told = (

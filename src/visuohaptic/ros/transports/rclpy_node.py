@@ -204,7 +204,7 @@ class RclpyProcess(Closing):
     name
         Name of the node; ``--ros-args -r __node:=...`` overrides it.
     options
-        Domain and namespace; domain 0 means ``ROS_DOMAIN_ID``. The other fields apply to zenoh.
+        Domain and namespace. The other fields apply to zenoh.
     arguments
         ROS command line, such as ``("--ros-args", "-p", "use_sim_time:=true")``.
     managed
@@ -232,7 +232,7 @@ class RclpyProcess(Closing):
             os.environ[_FASTDDS[0]] = str(Path(__file__).with_name("fastdds.xml"))
         self._context = rclpy.Context()
         try:
-            self._context.init(args=["visuohaptic", *arguments], domain_id=options.domain or None)
+            self._context.init(args=["visuohaptic", *arguments], domain_id=options.domain)
             make = rclpy.lifecycle.LifecycleNode if managed else rclpy.node.Node
             namespace = None if options.namespace == "/" else options.namespace
             self.inner = make(name, context=self._context, namespace=namespace)

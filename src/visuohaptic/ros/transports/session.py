@@ -21,7 +21,8 @@ ROUTER = "tcp/127.0.0.1:7447"
 class RosOptions:
     """Connection options of a node; by default through a router on this machine, and never by multicast."""
 
-    domain: int = field(default=0, metadata=within(0, 232))  #: 0 = that of ``ROS_DOMAIN_ID``, if set
+    #: by default that of ``ROS_DOMAIN_ID``, or 0 if it is not set
+    domain: int | None = field(default=None, metadata=within(0, 232))
     namespace: str = "/"
     type_hashes: bool = True  #: false for Humble, which has none
     connect: tuple[str, ...] = (ROUTER,)  #: routers or peers; empty = wait for others to connect

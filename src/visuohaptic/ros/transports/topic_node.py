@@ -206,7 +206,8 @@ class TopicNode(Closing):
 
     def __init__(self, name: str = "visuohaptic", options: RosOptions | None = None) -> None:
         options = options or RosOptions()
-        self.options = replace(options, domain=options.domain or environment_domain())
+        self.domain = environment_domain() if options.domain is None else options.domain
+        self.options = replace(options, domain=self.domain)
         self.name, self.namespace = name, self.options.namespace
         check_node(self.namespace, name)
         self._closing: list[Callable[[], None]] = []
@@ -362,7 +363,7 @@ class TopicNode(Closing):
         *endpoint
             Topic, type, type hash and quality of service.
         """
-        return Entity(self.options.domain, "", 0, 0, kind, *place, *endpoint)
+        return Entity(self.domain, "", 0, 0, kind, *place, *endpoint)
 
     @abstractmethod
     def _leave(self) -> None:

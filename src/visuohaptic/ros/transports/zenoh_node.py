@@ -54,7 +54,7 @@ class RosNode(TopicNode):
         self._declare(self._entity(EntityKind.NODE, 0))
 
     def _entity(self, kind: EntityKind, number: int, *endpoint: Any) -> Entity:
-        place = (self.options.domain, self._id, 0, number, kind, self.namespace, self.name)
+        place = (self.domain, self._id, 0, number, kind, self.namespace, self.name)
         return Entity(*place, *endpoint)
 
     def _topic_entity(self, kind: EntityKind, topic: str, datatype: MessageType, qos: Qos) -> Entity:
@@ -117,7 +117,7 @@ class RosNode(TopicNode):
 
     def graph(self, timeout_s: float = 1.0) -> tuple[Entity, ...]:
         found = {}
-        for reply in self._session.liveliness().get(all_tokens(self.options.domain), timeout=timeout_s):
+        for reply in self._session.liveliness().get(all_tokens(self.domain), timeout=timeout_s):
             if reply.ok is None:
                 continue
             try:

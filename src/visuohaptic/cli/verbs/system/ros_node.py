@@ -52,7 +52,7 @@ def add_transport(add: Any) -> None:
         Function that adds an argument to the verb.
     """
     add("--transport", "rclpy", "middleware (rclpy)", choices=("rclpy", "zenoh", "cyclonedds"))
-    add("--domain", 0, "ROS_DOMAIN_ID; by default its own", metavar="N")
+    add("--domain", int, "by default that of ROS_DOMAIN_ID", metavar="N")
     add("--namespace", "/", "namespace of the node's topics", metavar="NAME")
     add(
         "--connect",
