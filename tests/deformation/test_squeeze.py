@@ -123,9 +123,9 @@ def test_a_profile_and_places_give_the_same_wall(cup: ShellObject, tmp_path: Pat
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "found columns none"),
+        ("", "is empty"),
         ("z,t\n0,1\n", "found columns z, t, expected z_m, thickness_m or"),
-        ("z_m,thickness_m\n0,0.001\n1,x\n", "line 3 is '1,x'"),
+        ("z_m,thickness_m\n0,0.001\n1,x\n", "line 3, thickness_m: found 'x'"),
         ("z_m,thickness_m\n0,-1\n", "line 2"),
         ("z_m,thickness_m\n", "no rows"),
     ],

@@ -123,7 +123,7 @@ def test_folder_refusals(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"have no times.*rate_Hz"):
         open_source(tmp_path)
     (tmp_path / "times.csv").write_text("file,t_s\na.png,soon\n")
-    with pytest.raises(InputError, match=r"line 2, t_s: found 'soon', expected seconds"):
+    with pytest.raises(InputError, match=r"line 2, t_s: found 'soon', expected a number"):
         open_source(tmp_path)
     (tmp_path / "times.csv").write_text("file,t_s\nb.png,1\n")
     with pytest.raises(InputError, match=r"'b.png' is not an image of the folder"):

@@ -91,10 +91,10 @@ def test_csv_comes_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        (lambda t: t.replace("angle_min_rad", "angle"), "expected t_s, x_m"),
-        (lambda t: t.replace("0.2,3.0", "0.2,nan", 1), "line 2: found a pose"),
-        (lambda t: t.replace("0.2,3.0", "0.2,x", 1), "line 2: has a field that is not a number"),
-        (lambda t: "\n".join(t.splitlines()[:1]), "has no scan"),
+        (lambda t: t.replace("angle_min_rad", "angle"), "missing: angle_min_rad"),
+        (lambda t: t.replace("0.2,3.0", "0.2,nan", 1), "line 2, yaw_rad: found 'nan', expected a finite"),
+        (lambda t: t.replace("0.2,3.0", "0.2,x", 1), "line 2, yaw_rad: found 'x', expected a number"),
+        (lambda t: "\n".join(t.splitlines()[:1]), "has a header but no rows"),
         (lambda t: t[:-200], "fields, expected"),
     ],
 )

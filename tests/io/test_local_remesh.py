@@ -34,8 +34,7 @@ def tube(around: int, along: int, height: float = 3.0) -> tuple[np.ndarray, np.n
 
 
 def loops(vertices: np.ndarray, faces: np.ndarray) -> list[np.ndarray]:
-    directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    return list(boundary_loops(directed, len(vertices)))
+    return list(boundary_loops(faces))
 
 
 def outward(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

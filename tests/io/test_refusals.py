@@ -67,9 +67,9 @@ def _written(path: Path, data: bytes) -> Path:
 @pytest.mark.parametrize(
     ("read", "make", "said"),
     [
-        (read_scans, lambda at: _written(at / "s.csv", BYTES), "is not CSV text"),
-        (read_force_table, lambda at: _written(at / "f.csv", BYTES), "is not CSV text"),
-        (read_reference_table, lambda at: _written(at / "r.csv", b"\xff" + BYTES), "is not CSV text"),
+        (read_scans, lambda at: _written(at / "s.csv", BYTES), "is not UTF-8 text"),
+        (read_force_table, lambda at: _written(at / "f.csv", BYTES), "is not UTF-8 text"),
+        (read_reference_table, lambda at: _written(at / "r.csv", b"\xff" + BYTES), "is not UTF-8 text"),
         (read_poses, lambda at: _written(at / "p.txt", b"1 0 0 0 0 0 0 0.5\n"), ""),
         (VideoSource, lambda at: at / "absent.mp4", "is not a file"),
         (VideoSource, lambda at: _sound(at / "sound.wav"), "has no video stream"),

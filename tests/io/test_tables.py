@@ -113,7 +113,7 @@ def test_bad_rows_are_named(tmp_path: Path, row: str, problem: str) -> None:
 
 def test_bad_files(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("t_s,force_N\n1,2\n")
-    with pytest.raises(InputError, match=r"line 1: found columns t_s, force_N; missing: valid, reason"):
+    with pytest.raises(InputError, match=r"header: found columns t_s, force_N; missing: valid, reason"):
         read_force_table(tmp_path / "a.csv")
     (tmp_path / "a.parquet").write_bytes(b"PAR1 nothing")
     with pytest.raises(InputError, match="is not a readable Parquet file"):
@@ -142,8 +142,8 @@ def test_a_scale_says_newtons_or_grams(tmp_path: Path, text: str, force_N: list,
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("t_s,weight\n0,1\n", "line 1: found columns t_s, weight; expected t_s and one of force_N, mass_g"),
-        ("", "line 1: found columns none"),
+        ("t_s,weight\n0,1\n", "header: found columns t_s, weight; expected t_s and one of force_N, mass_g"),
+        ("", "is empty"),
         ("t_s,force_N\n0,1\n2,1\n2,1\n", "line 4, t_s: found a time that is not later than the previous one"),
         ("force_N\n1\n", "missing: t_s"),
         ("t_s,force_N\n0,x\n", "line 2, force_N: found 'x', expected a number"),

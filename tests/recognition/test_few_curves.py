@@ -159,9 +159,9 @@ def test_a_file_of_curves_is_learned_and_kept(tmp_path: Path) -> None:
 
 
 def test_what_is_no_curve_of_a_known_object(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="has no column 'label'"):
+    with pytest.raises(InputError, match="missing: label"):
         read_squeezed(written(tmp_path / "a.csv", ["8,x+,1,0.001"], "height,side,force_N,deformation_m"))
-    with pytest.raises(InputError, match="line 2: found no label"):
+    with pytest.raises(InputError, match="line 2, label: found no label"):
         read_squeezed(written(tmp_path / "b.csv", [",,0.5,x+,1,0.001,"]))
     with pytest.raises(InputError, match=r"found 1.5 of the height, expected 0 to 1"):
         read_squeezed(written(tmp_path / "c.csv", ["cup,,1.5,x+,1,0.001,"]))

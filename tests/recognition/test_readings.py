@@ -93,10 +93,10 @@ def test_curves_are_read_and_a_missing_side_is_taken_from_the_other(tmp_path: Pa
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("height,side,force_N\n", "has no column 'deformation_m'"),
-        ("height,side,force_N,deformation_m\n", "has no samples"),
+        ("height,side,force_N\n", "missing: deformation_m"),
+        ("height,side,force_N,deformation_m\n", "has a header but no rows"),
         ("height,side,force_N,deformation_m\n17,x+,1,0.001\n", "found height 17, expected 1 to 16"),
-        ("height,side,force_N,deformation_m\n1,z,1,0.001\n", r"line 2: found 'z', expected one of x\+"),
+        ("height,side,force_N,deformation_m\n1,z,1,0.001\n", r"line 2, side: found 'z', expected one of x\+"),
         ("height,side,force_N,deformation_m\n1,x+,nan,0.001\n", "expected a finite number"),
         ("height,side,force_N,deformation_m\n1,x+,-9,0.003\n", r"curve of x\+1: found .* rises"),
         ("height,side,force_N,deformation_m\n1,x+,9,0.03\n", "no sample up to 0.003 m"),

@@ -366,7 +366,7 @@ def test_the_verb_completes_and_plans(files, capsys):
         ("regions.json", '{"clusters": []}', "clusters"),
         ("regions.json", '{"clusters": [{"hull": [[0,0,0],[1,0,0],[0,1,0],[1,1,0]]}]}', "no volume"),
         ("regions.json", '{"clusters": [{"hull": [[0,0,0],[1,0,0],[0,1,0],[1,1,"NaN"]]}]}', "hull"),
-        ("touches.csv", "a,b\n1,2\n", "expected columns x_m, y_m, z_m"),
+        ("touches.csv", "a,b\n1,2\n", "missing: x_m, y_m, z_m"),
         ("touches.csv", "x_m,y_m,z_m\n1,2,x\n", "line 2"),
         ("touches.csv", "x_m,y_m,z_m\n,,\n", "expected start and end"),
         ("model.ply", "ply\n", "is not a PLY file"),

@@ -51,7 +51,7 @@ def test_walls_stand():
     drive(world, 0.3, 6.0)
     assert world.pose_m()[0] == pytest.approx(3.0 - 0.05 - 0.17, abs=0.01)
     assert world.wall_s > 0
-    assert world.touch is None or world.touch.items == ("",)
+    assert world.touch is None or world.touch.objects == ("",)
 
 
 def test_free_space_costs_no_physics():

@@ -37,7 +37,7 @@ from visuohaptic.tasks.mobile.touch_map import (
     TouchMapTask,
     map_by_touch,
 )
-from visuohaptic.tasks.mobile.touch_map._map_contacts import aside_rad, contact_of
+from visuohaptic.tasks.mobile.touch_map._map_contacts import centring_turn_rad, contact_of
 
 
 def seen_at(t_s: float, x_m: float = 0.0, heading_rad: float = 0.0, **more: Any) -> MapObservation:
@@ -118,7 +118,7 @@ def test_free_again_it_ends_the_turn_that_was_held() -> None:
 def test_what_the_end_of_the_foam_met_is_met_once_more() -> None:
     task = TouchMapTask(MapSettings(contacts=2))
     task.step(seen_at(0.0))
-    told = task.step(seen_at(1.0, explored="tagged", aside_rad=-0.6))
+    told = task.step(seen_at(1.0, explored="tagged", centring_turn_rad=-0.6))
     assert told.turn_rate_rad_s < 0
     assert task.once_more
     assert task.contacts == 0
@@ -126,7 +126,7 @@ def test_what_the_end_of_the_foam_met_is_met_once_more() -> None:
     # Whatever it is the second time: no third.
     assert (
         task.step(
-            seen_at(3.0, heading_rad=-0.6, explored="tagged", contact=True, aside_rad=0.5)
+            seen_at(3.0, heading_rad=-0.6, explored="tagged", contact=True, centring_turn_rad=0.5)
         ).turn_rate_rad_s
         > 0
     )
@@ -141,14 +141,14 @@ def test_a_bottle_at_the_end_of_the_foam_is_faced(side: float) -> None:
     foam: Any = QuickFoam(world, np.random.default_rng(0))
     settings = MapSettings(front_m=world.config.radius_m)
     found = explore_obstacle(world, QuickFrames(world), foam, FAST)
-    turn = aside_rad(found, world.state(), settings)
+    turn = centring_turn_rad(found, world.state(), settings)
     x, y, heading = world.pose
     px, py = world.places["bottle"]
     # The near side of a bottle of 4.5 cm that is 0.3 m away is met within a tenth of a radian of its middle.
     assert turn == pytest.approx(math.atan2(py - y, px - x) - heading, abs=0.15)
     world.pose = (x, y, heading + turn)
     again = explore_obstacle(world, QuickFrames(world), foam, FAST)
-    assert math.isnan(aside_rad(again, world.state(), settings))
+    assert math.isnan(centring_turn_rad(again, world.state(), settings))
     contact = contact_of(again)
     assert contact is not None
     assert contact.movable
@@ -187,7 +187,7 @@ def test_walls_and_middles_need_no_second_time() -> None:
         foam: Any = QuickFoam(world, np.random.default_rng(0))
         found = explore_obstacle(world, QuickFrames(world), foam, FAST)
         assert found.touched
-        assert math.isnan(aside_rad(found, world.state(), MapSettings()))
+        assert math.isnan(centring_turn_rad(found, world.state(), MapSettings()))
 
 
 def test_a_failing_sensor_and_the_time_end_it() -> None:

@@ -79,7 +79,7 @@ def test_the_control_is_that_of_riccatis_equation():
 
 def test_force_is_friction():
     run, world = push(0.0)
-    assert run.force_N[1] == pytest.approx(world.items[0].friction_N, rel=0.15)
+    assert run.force_N[1] == pytest.approx(world.objects[0].friction_N, rel=0.15)
 
 
 def test_what_leaves_its_line_is_told_on_the_way():

@@ -15,7 +15,6 @@ from .force import Load as Load
 from .force import object_load as object_load
 from .force import required_force_N as required_force_N
 from .force import success_probability as success_probability
-from .force import wall_density_kg_per_m3 as wall_density_kg_per_m3
 from .grasp_task import Grasp as Grasp
 from .grasp_task import GraspTask as GraspTask
 from .match import DeformedShape as DeformedShape

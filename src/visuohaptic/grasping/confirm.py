@@ -17,6 +17,7 @@ from ..deformation.nonlinear.contents import Contents, contained_curve
 from ..deformation.shapes.mesher import ShellObject
 from ..deformation.shells.shell import ShellModel, enclosed_volume
 from ..deformation.shells.stiffness_map import DualTips, dual_tip_compliance, opposing_points
+from ..io.meshes.mesh_state import boundary_edges
 
 __all__ = ["Confirmation", "confirm_grasp", "mouth_edges", "pinch_at"]
 
@@ -156,10 +157,7 @@ def mouth_edges(container: ShellObject) -> Int[np.ndarray, "e 2"]:
     container
         Parametric or imported container.
     """
-    edges = np.concatenate([container.lid[:, [0, 1]], container.lid[:, [1, 2]], container.lid[:, [2, 0]]])
-    _, inverse, often = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
-    out: np.ndarray = edges[often[inverse.ravel()] == 1]
-    return out
+    return boundary_edges(container.lid)
 
 
 def _slant_rad(container: ShellObject, tips: DualTips, points: Float[np.ndarray, "v 3"]) -> float:

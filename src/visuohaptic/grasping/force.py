@@ -28,7 +28,6 @@ __all__ = [
     "object_load",
     "required_force_N",
     "success_probability",
-    "wall_density_kg_per_m3",
 ]
 
 #: Moments below this are rounding errors [N m].
@@ -45,13 +44,11 @@ class GripperModel:
     #: mu; 0.2 for steel on polyethylene, about 1 for rubber (Alt 2016, Sec. 6.2)
     friction: float = field(default=0.6, metadata=POSITIVE)
     friction_spread: float = field(default=0.15, metadata=within(0, 1))  #: relative standard deviation of mu
-    finger_length_m: float = field(
-        default=0.06, metadata=POSITIVE
-    )  #: from the palm to the centre of the patch
+    #: from the palm to the centre of the patch
+    finger_length_m: float = field(default=0.06, metadata=POSITIVE)
     finger_thickness_m: float = field(default=0.012, metadata=POSITIVE)  #: along the closing direction
-    palm_thickness_m: float = field(
-        default=0.06, metadata=POSITIVE
-    )  #: across the closing direction, and in depth
+    #: across the closing direction, and in depth
+    palm_thickness_m: float = field(default=0.06, metadata=POSITIVE)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -82,17 +79,6 @@ class Load:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-
-
-def wall_density_kg_per_m3(container: ShellObject) -> float | None:
-    """Density of the wall's material [kg/m^3], or None if unknown.
-
-    Parameters
-    ----------
-    container
-        Parametric or imported container.
-    """
-    return container.material.density_kg_per_m3
 
 
 def object_load(
@@ -128,7 +114,7 @@ def object_load(
             raise InputError("object_load", f"found {density}, expected > 0", field=name)
     mesh = container.mesh
     if wall_kg_per_m3 is None:
-        wall_kg_per_m3 = wall_density_kg_per_m3(container)
+        wall_kg_per_m3 = container.material.density_kg_per_m3
         if wall_kg_per_m3 is None:
             raise InputError(
                 f"material {container.material.name}", "has no density", remedy="give wall_kg_per_m3"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import logging
 import re
 from collections.abc import Iterable, Iterator
@@ -13,7 +12,7 @@ from jaxtyping import Float, Int, UInt8
 
 from ..core.camera.model import Camera
 from ..core.errors import InputError
-from ..core.files import ImageMode, read_image
+from ..core.files import ImageMode, read_csv, read_image
 from .source import RecordedSource
 
 __all__ = ["ImageFolderSource", "natural", "seconds_in"]
@@ -50,24 +49,11 @@ def seconds_in(paths: Iterable[Path]) -> list[float]:
 
 def _times_from_csv(table: Path, names: list[str]) -> tuple[list[str], list[float]]:
     """File names and times of ``times.csv`` (columns ``file``, ``t_s``; or only ``t_s``, in order)."""
-    try:
-        with table.open(newline="", encoding="utf-8") as stream:
-            rows = list(csv.DictReader(stream))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(table, f"cannot be read ({type(error).__name__})") from error
-    if not rows or "t_s" not in rows[0]:
-        found = ", ".join(str(name) for name in rows[0]) if rows else "no rows"
-        raise InputError(table, f"found {found}, expected columns file, t_s (or t_s alone)")
-    times: list[float] = []
-    for line, row in enumerate(rows, start=2):
-        try:
-            times.append(float(row["t_s"]))
-        except (TypeError, ValueError) as error:
-            raise InputError(
-                table, f"found {row['t_s']!r}, expected seconds", field=f"line {line}, t_s"
-            ) from error
-    if "file" in rows[0]:
-        listed = [str(row["file"]) for row in rows]
+    columns, read = read_csv(table, ("t_s",))
+    rows = list(read)
+    times = [row.number("t_s") for row in rows]
+    if "file" in columns:
+        listed = [row["file"] for row in rows]
         missing = [name for name in listed if name not in set(names)]
         if missing:
             raise InputError(table, f"{missing[0]!r} is not an image of the folder", field="file")

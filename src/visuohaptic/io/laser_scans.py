@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.errors import InputError
-from ..core.files import atomic_path
+from ..core.files import CsvRow, atomic_path, read_csv
 from ..core.laser_scan import MAX_BEAMS, LaserScan
 from .ros.sqlite_bag import is_bag, open_bag
 
@@ -93,44 +93,25 @@ def write_scans(path: Path | str, scans: Iterable[OdometryScan]) -> None:
 
 
 def _from_csv(path: Path) -> list[OdometryScan]:
-    found: list[OdometryScan] = []
-    try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            rows = csv.reader(stream)
-            header = next(rows, [])
-            beams = len(header) - len(_COLUMNS)
-            if tuple(header[: len(_COLUMNS)]) != _COLUMNS or not 1 <= beams <= MAX_BEAMS:
-                raise InputError(
-                    path,
-                    f"found columns {', '.join(header[:9])}, expected {', '.join(_COLUMNS)}, r0, r1, ...",
-                    field="line 1",
-                )
-            for row in rows:
-                if row:
-                    found.append(_csv_row(path, rows.line_num, row, len(header)))
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, f"is not CSV text ({error})") from error
-    if not found:
-        raise InputError(path, "has no scan")
-    return sorted(found, key=lambda pair: pair[0].t_s)
+    names, rows = read_csv(path, (*_COLUMNS, "r0"))
+    beams = [name for name in names if name not in _COLUMNS]
+    if len(beams) > MAX_BEAMS:
+        raise InputError(path, f"found {len(beams)} beams, expected at most {MAX_BEAMS}", field="header")
+    return sorted((_csv_row(row, beams) for row in rows), key=lambda pair: pair[0].t_s)
 
 
-def _csv_row(path: Path, line: int, row: Sequence[str], fields: int) -> OdometryScan:
-    if len(row) != fields:
-        raise InputError(path, f"found {len(row)} fields, expected {fields}", field=f"line {line}")
+def _csv_row(row: CsvRow, beams: Sequence[str]) -> OdometryScan:
+    t_s, x, y, yaw, first, step, low, high = (row.number(name) for name in _COLUMNS)
     try:
-        t_s, x, y, yaw, first, step, low, high = (float(text) for text in row[: len(_COLUMNS)])
-        ranges = np.array([float(text) if text.strip() else math.nan for text in row[len(_COLUMNS) :]])
+        ranges = np.array([float(row[name] or "nan") for name in beams])
     except ValueError as error:
-        raise InputError(path, f"has a field that is not a number ({error})", field=f"line {line}") from error
-    if not np.isfinite([x, y, yaw]).all() or (ranges < 0).any():
-        raise InputError(path, "found a pose that is not finite or a distance below 0", field=f"line {line}")
+        raise row.problem(f"has a range that is not a number ({error})") from error
+    if (ranges < 0).any():
+        raise row.problem("found a distance below 0")
     try:
         return LaserScan(t_s, ranges, first, step, low, high), (x, y, yaw)
     except InputError as error:
-        raise InputError(path, error.problem, field=f"line {line}") from error
+        raise row.problem(error.problem) from error
 
 
 def _from_mcap(path: Path, scan_topic: str | None, odometry_topic: str | None) -> list[OdometryScan]:

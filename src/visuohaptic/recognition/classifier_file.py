@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+from ..core.codec import from_dict, to_dict
 from ..core.errors import InputError
 from ..core.files import load_json, write_text
-from ..core.files.plain_json import plain
 from .data.curve_file import SqueezedObject
 from .data.data_set import FeatureSet, load_feature_set, save_feature_set
 from .data.protocol import TouchProtocol
-from .data.readings import CurveCoefficients, TouchReading
 from .touch.few_curves import learn_from_curves
 from .touch.haptic_model import HapticModel, ModelSettings, class_statistics, fit_model, with_prior
 from .trees.tree_file import load_tree, tree_mapping
@@ -79,6 +77,16 @@ class Classifier:
         return learn_from_curves(self.squeezed, known, self.groups, settings=settings)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Card:
+    """Contents of the JSON file besides the tree."""
+
+    groups: dict[str, tuple[str, ...]]
+    calibration: tuple[Calibration, Calibration]
+    objects: bool  #: whether there are training objects with complete features
+    squeezed: tuple[SqueezedObject, ...]
+
+
 def save_classifier(path: Path | str, found: Classifier) -> None:
     """Write tree and curves as JSON, and the training objects to an NPZ file next to it.
 
@@ -94,12 +102,13 @@ def save_classifier(path: Path | str, found: Classifier) -> None:
         raise InputError(path, f"found suffix {path.suffix!r}, expected .json")
     if found.data is not None:
         save_feature_set(path.with_suffix(".npz"), found.data)
-    content = ({} if found.tree is None else tree_mapping(found.tree)) | {
-        "groups": {name: list(members) for name, members in found.groups.items()},
-        "calibration": found.calibration,
-        "objects": found.data is not None,
-        "squeezed": [plain(one) for one in found.squeezed],
-    }
+    card = _Card(
+        {name: tuple(members) for name, members in found.groups.items()},
+        found.calibration,
+        found.data is not None,
+        found.squeezed,
+    )
+    content = ({} if found.tree is None else tree_mapping(found.tree)) | to_dict(card)
     write_text(path, json.dumps(content, indent=1) + "\n")
 
 
@@ -118,23 +127,18 @@ def load_classifier(path: Path | str) -> Classifier:
     """
     path = Path(path)
 
-    def parsed(content: Any) -> tuple[Classifier, bool]:
-        # Files of earlier versions have no tail, or no calibration at all.
-        wide, bare = (
-            (float(warm), float(odds), float(tail[0]) if tail else 1.0)
-            for warm, odds, *tail in content.get("calibration", ((1, 0), (1, 0)))
-        )
-        squeezed = tuple(_squeezed(one) for one in content.get("squeezed", ()))
-        groups = {str(name): tuple(map(str, members)) for name, members in content["groups"].items()}
-        found = Classifier(groups, squeezed=squeezed, calibration=(wide, bare))
-        return found, bool(squeezed and not content.get("objects"))
+    names = [field.name for field in fields(_Card)]
 
-    found, whole = load_json(path, "a classifier", parsed, remedy="create one with classify train")
-    for warm, odds, tail in found.calibration:
+    def parsed(content: Any) -> _Card:
+        return from_dict(_Card, {name: content[name] for name in names}, where=path)
+
+    card = load_json(path, "a classifier", parsed, remedy="create one with classify train")
+    for warm, odds, tail in card.calibration:
         if not (0 < warm < 1e3 and abs(odds) < 1e3 and 0 < tail < 1e3):
             problem = f"found temperature {warm}, log odds {odds} and tail {tail}"
             raise InputError(path, problem, field="calibration")
-    if whole:
+    found = Classifier(card.groups, squeezed=card.squeezed, calibration=card.calibration)
+    if card.squeezed and not card.objects:
         return found
     tree = load_tree(path)
     data = load_feature_set(path.with_suffix(".npz"))
@@ -142,18 +146,3 @@ def load_classifier(path: Path | str) -> Classifier:
     if not set(tree.classes) <= {named.get(label, label) for label in data.classes}:
         raise InputError(path.with_suffix(".npz"), "has other classes than its tree")
     return replace(found, tree=tree, data=data)
-
-
-def _squeezed(content: Any) -> SqueezedObject:
-    def number(value: Any) -> float:
-        return math.nan if value is None else float(value)
-
-    readings = []
-    for one in content["readings"]:
-        first, second = (
-            None if side is None else CurveCoefficients(**{key: number(value) for key, value in side.items()})
-            for side in one["sides"]
-        )
-        sizes = (number(one.get(key)) for key in ("width_m", "object_height_m"))
-        readings.append(TouchReading(int(one["height"]), str(one["axis"]), (first, second), *sizes))
-    return SqueezedObject(str(content["label"]), str(content["name"]), tuple(readings))

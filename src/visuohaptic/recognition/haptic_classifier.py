@@ -50,9 +50,8 @@ class TouchPrediction:
     confidence: float  #: probability of the answer
     probabilities: dict[str, float]  #: of every class and of "unknown"; they sum to 1
     confident: bool  #: the requested confidence is reached
-    next_touch: (
-        Touch | None
-    )  #: height 1 .. 16 and axis with the most information per second; None if none is left
+    #: height 1 .. 16 and axis with the most information per second; None if none is left
+    next_touch: Touch | None
     information_nat: float  #: expected decrease of the entropy of the answer by that touch
     seconds: float  #: duration of that touch, including the motion to it
     tree_answer: str | None  #: of the classification tree; None if no leaf is reached, or without a tree
@@ -85,12 +84,10 @@ class HapticClassifier:
     reuse: float = (
         0.1  #: preference of the tree for places that were already touched, see :func:`.train_tree`
     )
-    confidence: float = field(
-        default=0.99, metadata=within(0, 1)
-    )  #: minimum probability of a confident answer
-    trained: Classifier | None = field(
-        default=None, repr=False
-    )  #: tree, objects and calibration, after fit or load
+    #: minimum probability of a confident answer
+    confidence: float = field(default=0.99, metadata=within(0, 1))
+    #: tree, objects and calibration, after fit or load
+    trained: Classifier | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         check_ranges(self)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..core.errors import InputError, VisuohapticError
-from .gate import reported
+from .access_control import reported
 from .server import Page, markdown_text
 from .stage import Stage, View
 

@@ -21,7 +21,7 @@ from ..grasping.match import predicted_shape
 from ..grasping.planner import GraspPlan, plan_grasps, plan_map
 from ..grasping.plots import score_colours
 from ..grasping.score import grasp_scores
-from .gate import reported
+from .access_control import reported
 from .server import markdown_text
 from .stage import Stage, hit_face
 

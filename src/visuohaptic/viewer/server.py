@@ -11,7 +11,7 @@ from jaxtyping import Float
 from ..core.errors import DeviceError, needs
 from ..core.geometry import so3_log
 from ..core.resources import Closing
-from .gate import Gate
+from .access_control import AccessControl
 
 if TYPE_CHECKING:
     import viser
@@ -42,8 +42,8 @@ class Page(Closing):
     """
 
     def __init__(self, port: int, title: str) -> None:
-        self._gate = Gate()
-        self._server: Any = _start(port, title, self._gate)
+        self._access = AccessControl()
+        self._server: Any = _start(port, title, self._access)
         gui = self._server.gui
         gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
@@ -53,7 +53,7 @@ class Page(Closing):
     @property
     def url(self) -> str:
         """Address of the page, including its secret: anyone who has it can open the page."""
-        return f"http://127.0.0.1:{self._server.get_port()}/{self._gate.token}/"
+        return f"http://127.0.0.1:{self._server.get_port()}/{self._access.token}/"
 
     def show(self) -> bool:
         """Open the page in a local browser; ``False`` if there is no display."""
@@ -79,7 +79,7 @@ def has_screen() -> bool:
     )
 
 
-def _start(port: int, title: str, gate: Gate) -> viser.ViserServer:
+def _start(port: int, title: str, access: AccessControl) -> viser.ViserServer:
     """A viser server on 127.0.0.1 with sharing disabled."""
     with needs("viser", "view", "the browser page"):
         import viser
@@ -97,7 +97,7 @@ def _start(port: int, title: str, gate: Gate) -> viser.ViserServer:
     console = rich.get_console()
     console.quiet = True
     try:
-        with gate.guarding():
+        with access.guarding():
             server = LocalServer(host="127.0.0.1", port=port, label=title, verbose=False)
     except OSError as error:
         raise DeviceError(
@@ -105,7 +105,7 @@ def _start(port: int, title: str, gate: Gate) -> viser.ViserServer:
         ) from error
     finally:
         console.quiet = False
-    if gate.closed:
+    if access.closed:
         server.stop()
         raise DeviceError(
             f"the page cannot be protected with viser {viser.__version__}; run: pip install 'viser>=1.1,<2'"

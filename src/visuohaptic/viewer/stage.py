@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ..core.errors import needs
-from .gate import reported
+from .access_control import reported
 
 __all__ = ["Stage", "View", "hit_face", "scale_colours"]
 

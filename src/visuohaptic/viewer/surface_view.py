@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.errors import InputError
 from ..io.meshes.ply import PlyMesh
-from .gate import reported
+from .access_control import reported
 from .server import markdown_text
 from .stage import Stage, scale_colours
 

@@ -140,15 +140,15 @@ def test_bad_poses_are_told_by_line(folder, old, new, text):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("fx,fy\n1,2\n", "is missing; give fx_N"),
-        ("", "has no rows"),
+        ("fx,fy\n1,2\n", "missing: fz_n.*; give fx_N"),
+        ("", "is empty"),
         ("fx,fy,fz,tx,ty,tz,x,y,z,roll,pitch,yaw\n" + ",".join("0" * 12) + "\n", "unit of roll, pitch, yaw"),
         ("fx,fy,fz,tx,ty,tz,x,y,z,rx_rad,ry_rad,rz_rad\n0,0,0,0,0,0,0,0,0,0,0,90\n", "angle of 90 rad"),
         (
             "fx,fy,fz,tx,ty,tz,x,y,z,rx_rad,ry_rad,rz_rad\n0,0,0,0,0,0,0,0,0,0,0,x\n",
-            "line 2: rz_rad: found 'x'",
+            "line 2, rz_rad: found 'x'",
         ),
-        ("fx,fx\n1,2\n", "found a column twice"),
+        ("fx,fx\n1,2\n", "found a column name twice"),
     ],
 )
 def test_bad_loads_are_told(tmp_path, text, message):

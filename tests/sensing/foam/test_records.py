@@ -36,15 +36,15 @@ def test_variants_are_converted(tmp_path, text):
     [
         ("", "is empty"),
         ("strain,stress_Pa\n", "has a header but no rows"),
-        ("0,0,loading\n0.1,5,loading\n", r"line 1: found numbers"),
-        ("0,0\n0.1,5\n", r"line 1: found numbers, expected a header"),
+        ("0,0,loading\n0.1,5,loading\n", r"header: found numbers"),
+        ("0,0\n0.1,5\n", r"header: found numbers, expected a header"),
         ("strain,force_N\n0,0\n", "expected one of stress, stress_pa, stress_kpa, stress_mpa for the stress"),
-        ("strain,stress_Pa\n0,0\n0.1\n", "line 3: found 1 cells, expected 2"),
-        ("strain,stress_Pa\n0,zero\n", "line 2: stress_pa: found 'zero', expected a number"),
-        ("strain,stress_Pa\n0,nan\n", "line 2: stress_pa: found nan"),
+        ("strain,stress_Pa\n0,0\n0.1\n", "line 3: found 1 fields, expected 2"),
+        ("strain,stress_Pa\n0,zero\n", "line 2, stress_pa: found 'zero', expected a number"),
+        ("strain,stress_Pa\n0,nan\n", "line 2, stress_pa: found 'nan'"),
         ("strain,stress_Pa\n0,0\n0.3,5\n", "stress_pa: found at most 5 Pa.*name the column stress_kPa"),
-        ("strain,stress_Pa\n0,0\n10,5\n", "line 3: strain: found strain 10.*name the column strain_percent"),
-        ("strain,stress_Pa,direction\n0,0,left\n", "line 2: direction: found 'left'"),
+        ("strain,stress_Pa\n0,0\n10,5\n", "line 3, strain: found strain 10.*name the column strain_percent"),
+        ("strain,stress_Pa,direction\n0,0,left\n", "line 2, direction: found 'left'"),
         ("strain,stress_Pa,stress_kPa\n0,0,0\n", "expected one of stress, stress_pa"),
         ("strain,strain\n0,0\n", "column name twice"),
     ],
@@ -86,7 +86,7 @@ def test_plate_records(tmp_path):
     rows = "".join(f"0.002,1.5,{0.001 * i},{0.0001 * i}\n" for i in range(12))
     (record,) = read_plate(write(tmp_path, "depth_m,force_N,s_m,delta_m\n" + rows))
     assert (record.depth_m, record.force_N, len(record.s_m)) == pytest.approx((0.002, 1.5, 12))
-    with pytest.raises(CalibrationError, match="expected delta_m"):
+    with pytest.raises(CalibrationError, match="missing: delta_m"):
         read_plate(write(tmp_path, "depth_m,force_N,s_m\n1,1,1\n"))
     with pytest.raises(CalibrationError, match="found 1 points"):
         read_plate(write(tmp_path, "depth_m,force_N,s_m,delta_m\n0.002,1,0,0\n"))

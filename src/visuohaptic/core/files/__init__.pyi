@@ -3,6 +3,9 @@ from .arrays import read_npy as read_npy
 from .arrays import read_npz as read_npz
 from .atomic import atomic_path as atomic_path
 from .atomic import write_text as write_text
+from .csv_table import CsvRow as CsvRow
+from .csv_table import check_columns as check_columns
+from .csv_table import read_csv as read_csv
 from .image_header import MAX_PIXELS as MAX_PIXELS
 from .image_header import image_size as image_size
 from .images import MAX_IMAGE_BYTES as MAX_IMAGE_BYTES

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
-from ...core.files import read_text
+from ...core.files import read_csv
 from ..shapes.mesher import ShellObject
 from ..shells.shell import ShellMesh
 
@@ -37,29 +35,16 @@ def load_thickness_map(path: Path | str) -> Float[np.ndarray, "n c"]:
     InputError
         Wrong columns, a cell that is not a number, or a thickness that is not positive; with the line number.
     """
-    rows = list(csv.reader(io.StringIO(read_text(path, MAX_BYTES))))
-    names = tuple(name.strip() for name in rows[0]) if rows else ()
-    if names not in (PROFILE, PLACES):
+    names, rows = read_csv(path, max_bytes=MAX_BYTES)
+    if tuple(names) not in (PROFILE, PLACES):
         raise InputError(
-            path,
-            f"found columns {', '.join(names) or 'none'}, expected {', '.join(PROFILE)} or {', '.join(PLACES)}",
+            path, f"found columns {', '.join(names)}, expected {', '.join(PROFILE)} or {', '.join(PLACES)}"
         )
     values = []
-    for line, row in enumerate(rows[1:], 2):
-        if not row:
-            continue
-        try:
-            numbers = [float(cell) for cell in row]
-        except ValueError:
-            numbers = []
-        if len(numbers) != len(names) or not np.isfinite(numbers).all() or numbers[-1] <= 0:
-            raise InputError(
-                path,
-                f"line {line} is {','.join(row)[:60]!r}, expected {len(names)} finite numbers, the last above 0",
-            )
-        values.append(numbers)
-    if not values:
-        raise InputError(path, "has no rows, expected at least one thickness")
+    for row in rows:
+        values.append([row.number(name) for name in names])
+        if values[-1][-1] <= 0:
+            raise row.problem(f"found {values[-1][-1]:g}, expected a positive thickness", names[-1])
     return np.array(values)
 
 

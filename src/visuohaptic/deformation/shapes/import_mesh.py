@@ -303,7 +303,7 @@ def _without_top(
     level = normal[:, 2] > 0.7 * np.linalg.norm(normal, axis=1)
     top = level & (vertices[faces, 2].min(axis=1) > high - 0.02 * (high - low))
     faces = faces[~top]
-    return faces, list(boundary_loops(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), len(vertices)))
+    return faces, list(boundary_loops(faces))
 
 
 def _resampled(wall: Wall, thickness_m: Float[np.ndarray, "k 2"], closed: bool, around: int) -> _Shape:

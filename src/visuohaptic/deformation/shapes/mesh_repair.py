@@ -150,9 +150,7 @@ def repair_mesh(state: MeshState, thickness_m: float, around: int) -> tuple[Mesh
 
 
 def _state(state: MeshState, vertices: np.ndarray, faces: np.ndarray) -> MeshState:
-    directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    loops = boundary_loops(directed, len(vertices))
-    return replace(state, vertices=vertices, faces=faces, loops=loops)
+    return replace(state, vertices=vertices, faces=faces, loops=boundary_loops(faces))
 
 
 def _loaded(state: MeshState) -> Int[np.ndarray, "n 3"]:

@@ -158,15 +158,13 @@ def symmetric_part(
     )
 
 
-def detect_symmetry(container: ShellObject, *, tolerance: float = TOLERANCE) -> Symmetry:
+def detect_symmetry(container: ShellObject) -> Symmetry:
     """Find the symmetries of a container: images of its vertices fall on vertices with the same wall.
 
     Parameters
     ----------
     container
         Parametric or imported container.
-    tolerance
-        Distance of a vertex from its image, relative to the size.
     """
     whole = turned(container, 0.0)
     points = whole.mesh.vertices_m
@@ -181,26 +179,24 @@ def detect_symmetry(container: ShellObject, *, tolerance: float = TOLERANCE) -> 
     # A cap adds its own vertices to the level of its ring.
     counts = np.diff(np.append(starts, len(order)))
     wall = counts == np.bincount(counts).argmax()
-    even = bool((most - least < tolerance * size)[wall].mean() > 0.95)
+    even = bool((most - least < TOLERANCE * size)[wall].mean() > 0.95)
     quarter = points[:, [1, 0, 2]] * np.array([-1.0, 1.0, 1.0])
     return Symmetry(
-        _image(whole, 0, tolerance) is not None,
-        _image(whole, 1, tolerance) is not None,
-        even and _falls_on(whole, quarter, tolerance) is not None,
+        _image(whole, 0) is not None,
+        _image(whole, 1) is not None,
+        even and _falls_on(whole, quarter) is not None,
     )
 
 
-def _image(container: ShellObject, axis: int, tolerance: float = TOLERANCE) -> Int[np.ndarray, "v"] | None:
+def _image(container: ShellObject, axis: int) -> Int[np.ndarray, "v"] | None:
     if isinstance(container.material, Laminate) and not container.material.mirrored:
         return None
     mirrored = container.mesh.vertices_m.copy()
     mirrored[:, axis] *= -1.0
-    return _falls_on(container, mirrored, tolerance)
+    return _falls_on(container, mirrored)
 
 
-def _falls_on(
-    container: ShellObject, moved: Float[np.ndarray, "v 3"], tolerance: float
-) -> Int[np.ndarray, "v"] | None:
+def _falls_on(container: ShellObject, moved: Float[np.ndarray, "v 3"]) -> Int[np.ndarray, "v"] | None:
     """The vertex at each transformed vertex, if wall and support there are the same."""
     from scipy.spatial import cKDTree
 
@@ -209,7 +205,7 @@ def _falls_on(
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) * np.asarray(mesh.fraction)
     weight = np.bincount(mesh.faces.ravel(), np.repeat(area * mesh.thickness_m, 3), minlength=len(moved))
     away, other = cKDTree(mesh.vertices_m).query(moved)
-    if not away.max() < tolerance * float(np.ptp(mesh.vertices_m, axis=0).max()):
+    if not away.max() < TOLERANCE * float(np.ptp(mesh.vertices_m, axis=0).max()):
         return None
     same_wall = np.allclose(weight[other], weight, rtol=1e-4, atol=1e-9 * weight.max())
     same_base = bool((container.fixed[other] == container.fixed).all())

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from ...core.errors import InputError
 from ...core.resources import one_blas_thread
@@ -294,7 +294,6 @@ def sparse_matrix(
     elements: Int[np.ndarray, "e corners"],
     nodes: int,
     diagonal: Float[np.ndarray, "v k"] | None = None,
-    keep: Bool[np.ndarray, "n"] | None = None,
 ) -> Any:
     """The sum of element matrices as a scipy CSC array, for other solvers.
 
@@ -308,8 +307,6 @@ def sparse_matrix(
         Number of nodes.
     diagonal
         Added to the diagonal, by node and degree of freedom.
-    keep
-        Degrees of freedom to keep; all by default.
     """
     from scipy.sparse import coo_array, diags_array
 
@@ -320,6 +317,4 @@ def sparse_matrix(
     total = coo_array((matrices.ravel(), (rows, columns)), shape=(nodes * size,) * 2).tocsc()
     if diagonal is not None:
         total = (total + diags_array(diagonal.ravel())).tocsc()
-    if keep is not None:
-        total = total[keep][:, keep].tocsc()
     return total

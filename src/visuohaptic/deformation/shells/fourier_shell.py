@@ -57,7 +57,6 @@ def pinch_stiffness(
     material: IsotropicMaterial | Material | str,
     *,
     harmonics: int = 64,
-    normal_load: bool = False,
 ) -> Float[np.ndarray, "k"]:
     """Dual-tip stiffness at every node of the meridian [N/m]; infinite where fixed.
 
@@ -70,8 +69,6 @@ def pinch_stiffness(
     harmonics
         Even harmonics n = 0, 2, ... below this are summed; beyond, the compliance of a point load
         decreases as n^-3 (the curvature becomes irrelevant, as for a plate) and is extrapolated.
-    normal_load
-        Press along the wall's normal instead of horizontally.
 
     Notes
     -----
@@ -91,10 +88,7 @@ def pinch_stiffness(
     if shell.rim_held:
         held[-1, :3] = True
     loads = np.zeros((nodes, 3))
-    if normal_load:
-        loads[:, 0], loads[:, 2] = -tangent[:, 1], tangent[:, 0]
-    else:
-        loads[:, 0] = 1.0
+    loads[:, 0] = 1.0
     chosen = np.arange(0, max(harmonics, 8), 2)
     parts = kernels.nodal_compliance(
         chosen.astype(float), size, meridian, thickness, material.youngs_modulus_Pa,

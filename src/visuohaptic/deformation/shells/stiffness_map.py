@@ -74,34 +74,29 @@ def opposing_points(
     return _across(mesh, first, np.tile(axis, (len(first), 1)))
 
 
-def antipodal_points(
-    mesh: ShellMesh, vertices: Int[np.ndarray, "m"] | None = None, *, max_slant_rad: float
-) -> DualTips:
+def antipodal_points(mesh: ShellMesh, *, max_slant_rad: float) -> DualTips:
     """The opposite point of each vertex along its horizontal normal.
 
     Parameters
     ----------
     mesh
         Object with z as height axis, faces oriented outwards.
-    vertices
-        First tips; all vertices by default.
     max_slant_rad
         Angle between force and normals up to which both contacts do not slip, ``atan(friction)``; other pairs are marked
         invalid.
     """
     points, faces = mesh.vertices_m, mesh.faces
-    first = np.arange(len(points)) if vertices is None else np.asarray(vertices, dtype=np.int64)
     normal = vertex_normals(points, faces)
-    level = normal[first, :2]
+    level = normal[:, :2]
     size = np.linalg.norm(level, axis=1, keepdims=True)
     start = 1e-3 * float(np.ptp(points, axis=0).max())
     inwards = np.where(size > 1e-6, level / np.maximum(size, 1e-6), 0.0)
-    tips = _across(mesh, first, points[first, :2] - start * inwards)
+    tips = _across(mesh, np.arange(len(points)), points[:, :2] - start * inwards)
     far = np.einsum("mk,mki->mi", tips.weights, normal[tips.second])
     far /= np.maximum(np.linalg.norm(far, axis=1, keepdims=True), 1e-300)
     slants = np.stack(
         [
-            -np.einsum("mi,mi->m", normal[first], tips.direction),
+            -np.einsum("mi,mi->m", normal, tips.direction),
             np.einsum("mi,mi->m", far, tips.direction),
         ]
     )
@@ -202,9 +197,7 @@ def dual_tip_compliance(model: ShellModel, tips: DualTips) -> Float[np.ndarray, 
     return np.where(tips.valid, model.factor().compliance(loads), np.nan)
 
 
-def dual_tip_map(
-    model: ShellModel, tips: DualTips | None = None, *, axis_point_m: tuple[float, float] | None = None
-) -> Float[np.ndarray, "m"]:
+def dual_tip_map(model: ShellModel, tips: DualTips | None = None) -> Float[np.ndarray, "m"]:
     """Exact stiffness [N/m] at every surface point, from one factorisation.
 
     Opposite vertices form one pinch and are computed once. The value is infinite where
@@ -215,12 +208,10 @@ def dual_tip_map(
     model
         Shell model of the object.
     tips
-        Pairs of contacts; one for each vertex by default.
-    axis_point_m
-        x and y of the height axis [m] for these; the middle of the bounding box by default.
+        Pairs of contacts; by default one for each vertex, about the middle of the bounding box.
     """
     if tips is None:
-        tips = opposing_points(model.mesh, axis_point_m=axis_point_m)
+        tips = opposing_points(model.mesh)
     if not tips.valid.any():
         raise InputError(
             "dual_tip_map",

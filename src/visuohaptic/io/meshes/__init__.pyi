@@ -8,6 +8,7 @@ from .mesh import FORMATS as FORMATS
 from .mesh import TriangleMesh as TriangleMesh
 from .mesh import load_mesh as load_mesh
 from .mesh_state import MeshState as MeshState
+from .mesh_state import boundary_edges as boundary_edges
 from .mesh_state import boundary_loops as boundary_loops
 from .mesh_state import face_parts as face_parts
 from .mesh_state import inspect_mesh as inspect_mesh

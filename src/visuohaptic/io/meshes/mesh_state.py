@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from ...core.errors import InputError
 from .local_remesh import mesh_edges
 
-__all__ = ["MeshState", "boundary_loops", "face_parts", "inspect_mesh"]
+__all__ = ["MeshState", "boundary_edges", "boundary_loops", "face_parts", "inspect_mesh"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +93,7 @@ def inspect_mesh(
         place,
         branching,
         int((repeated > 1).sum()),
-        boundary_loops(directed, len(vertices)),
+        boundary_loops(faces),
     )
 
 
@@ -140,26 +140,37 @@ def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
     return vertices, faces, before - len(faces)
 
 
-def boundary_loops(directed: np.ndarray, count: int) -> tuple[np.ndarray, ...]:
+def boundary_edges(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "e 2"]:
+    """Edges with a triangle on one side only, in the direction of that triangle.
+
+    Parameters
+    ----------
+    faces
+        Triangles.
+    """
+    directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    low, high = directed.min(axis=1), directed.max(axis=1)
+    _, inverse, times = np.unique(
+        low * (faces.max(initial=0) + 1) + high, return_inverse=True, return_counts=True
+    )
+    return directed[times[inverse] == 1]
+
+
+def boundary_loops(faces: Int[np.ndarray, "f 3"]) -> tuple[np.ndarray, ...]:
     """Closed chains of edges with a triangle on one side only.
 
     Parameters
     ----------
-    directed
-        Directed edges (e, 2) of all triangles.
-    count
-        Number of vertices.
+    faces
+        Triangles.
 
     Returns
     -------
     tuple of arrays
         Vertex indices of each loop, in order.
     """
-    low, high = directed.min(axis=1), directed.max(axis=1)
-    _, inverse, times = np.unique(low * count + high, return_inverse=True, return_counts=True)
-    edges = directed[times[inverse] == 1]
     after: dict[int, list[int]] = {}
-    for a, b in edges.tolist():
+    for a, b in boundary_edges(faces).tolist():
         after.setdefault(a, []).append(b)
     loops = []
     while after:

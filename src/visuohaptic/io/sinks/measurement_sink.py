@@ -198,8 +198,8 @@ class MeasurementSink(ABC):
             {"header": head, "pose": {"pose": body, "covariance": flat}},
         )
 
-    def write_map(self, grid: OccupancyMap, t_s: float, topic: str = "/map", *, frame: str = "map") -> None:
-        """An occupancy map.
+    def write_map(self, grid: OccupancyMap, t_s: float) -> None:
+        """An occupancy map, on ``/map`` in the frame ``map``.
 
         Parameters
         ----------
@@ -207,9 +207,5 @@ class MeasurementSink(ABC):
             The map.
         t_s
             Time of the map, seconds since the epoch.
-        topic
-            Name of the topic.
-        frame
-            Name of the map frame.
         """
-        self.write(topic, "nav_msgs/msg/OccupancyGrid", t_s, grid.to_message(t_s, frame))
+        self.write("/map", "nav_msgs/msg/OccupancyGrid", t_s, grid.to_message(t_s, "map"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
-from ...core.files import file_size
+from ...core.files import CsvRow, check_columns, file_size, read_csv
 from ...core.measurement import Reason, Wrench
 from .tables import FORCE_COLUMNS, PROFILE_COLUMNS, WRENCH_COLUMNS, arrow
 
@@ -119,44 +118,23 @@ def read_reference_table(path: Path | str) -> dict[str, Float[np.ndarray, "n"]]:
     InputError
         With the line of the first invalid field, or the columns found.
     """
-    path = Path(path)
-    header = _header(path)
-    known = [columns for columns in _REFERENCE_COLUMNS if columns[0] in header]
+    names, rows = read_csv(path, ("t_s",))
+    known = [columns for columns in _REFERENCE_COLUMNS if columns[0] in names]
     if not known:
         expected = ", ".join(columns[0] for columns in _REFERENCE_COLUMNS)
         raise InputError(
-            path,
-            f"found columns {', '.join(header) or 'none'}; expected t_s and one of {expected}",
-            field="line 1",
+            path, f"found columns {', '.join(names)}; expected t_s and one of {expected}", field="header"
         )
     force, sigma, newton = known[0]
-    has_sigma = sigma in header
-    columns = read_columns(path, ("t_s", force, *((sigma,) if has_sigma else ())))
-    found = {
-        "t_s": np.array(columns["t_s"], dtype=np.float64),
-        "force_N": newton * np.array(columns[force], dtype=np.float64),
-        "sigma_N": newton * np.array(columns[sigma], dtype=np.float64)
-        if has_sigma
-        else np.zeros(len(columns["t_s"])),
-    }
-    if (np.diff(found["t_s"]) <= 0).any():
-        row = int(np.argmax(np.diff(found["t_s"]) <= 0)) + 3
-        raise InputError(
-            path, "found a time that is not later than the previous one", field=f"line {row}, t_s"
-        )
-    return found
-
-
-def _header(path: Path) -> list[str]:
-    """First line of a CSV file."""
-    file_size(path)
-    try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            return next(csv.reader(stream), [])
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, f"is not CSV text ({error})") from error
+    times: list[float] = []
+    values: list[tuple[float, float]] = []
+    for row in rows:
+        times.append(_value(row, "t_s"))
+        values.append((_value(row, force), _value(row, sigma) if sigma in names else 0.0))
+        if len(times) > 1 and times[-1] <= times[-2]:
+            raise row.problem("found a time that is not later than the previous one", "t_s")
+    force_N, sigma_N = newton * np.array(values).T
+    return {"t_s": np.array(times), "force_N": force_N, "sigma_N": sigma_N}
 
 
 def read_columns(path: Path, expected: Sequence[str]) -> dict[str, list[Any]]:
@@ -174,51 +152,23 @@ def read_columns(path: Path, expected: Sequence[str]) -> dict[str, list[Any]]:
     InputError
         With the line of the first invalid field, or the missing columns.
     """
-    file_size(path)
     if path.suffix == ".parquet":
         return _read_parquet(path, expected)
+    _, rows = read_csv(path, expected, allow_empty=True)
     columns: dict[str, list[Any]] = {name: [] for name in expected}
-    try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            rows = csv.reader(stream)
-            found = next(rows, [])
-            _check_columns(path, found, expected)
-            places = {name: found.index(name) for name in expected}
-            for row in rows:
-                if not row:
-                    continue
-                if len(row) != len(found):
-                    raise InputError(
-                        path,
-                        f"found {len(row)} fields, expected {len(found)}",
-                        field=f"line {rows.line_num}",
-                    )
-                for name, place in places.items():
-                    where = f"line {rows.line_num}, {name}"
-                    columns[name].append(_value(path, where, name, row[place]))
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, f"is not CSV text ({error})") from error
+    for row in rows:
+        for name, values in columns.items():
+            values.append(_value(row, name))
     return columns
 
 
-def _check_columns(path: Path, found: Sequence[str], expected: Sequence[str]) -> None:
-    missing = [name for name in expected if name not in found]
-    if missing:
-        raise InputError(
-            path,
-            f"found columns {', '.join(found) or 'none'}; missing: {', '.join(missing)}",
-            field="line 1" if path.suffix != ".parquet" else "",
-        )
-
-
-def _value(path: Path, where: str, name: str, text: str) -> Any:
+def _value(row: CsvRow, name: str) -> Any:
+    text = row[name]
     try:
         if name == "reason":
             return Reason(text)
         if name == "valid":
-            return {"0": False, "1": True, "false": False, "true": True}[text.strip().lower()]
+            return {"0": False, "1": True, "false": False, "true": True}[text.lower()]
         if name == "contacts":
             return int(text)
         value = float(text)
@@ -228,21 +178,20 @@ def _value(path: Path, where: str, name: str, text: str) -> Any:
             "valid": "true or false",
             "contacts": "a whole number",
         }
-        raise InputError(
-            path, f"found {text!r}, expected {kinds.get(name, 'a number')}", field=where
-        ) from error
+        raise row.problem(f"found {text!r}, expected {kinds.get(name, 'a number')}", name) from error
     if name == "t_s" and not math.isfinite(value):
-        raise InputError(path, f"found {text!r}, expected a finite time", field=where)
+        raise row.problem(f"found {text!r}, expected a finite time", name)
     return value
 
 
 def _read_parquet(path: Path, expected: Sequence[str]) -> dict[str, list[Any]]:
+    file_size(path)
     pa, pq = arrow()
     try:
         table = pq.read_table(str(path))
     except (OSError, pa.ArrowException) as error:
         raise InputError(path, f"is not a readable Parquet file ({error})") from error
-    _check_columns(path, table.column_names, expected)
+    check_columns(path, table.column_names, expected)
     for name in expected:
         kind = table.schema.field(name).type
         good = (
@@ -256,6 +205,7 @@ def _read_parquet(path: Path, expected: Sequence[str]) -> dict[str, list[Any]]:
             raise InputError(path, f"found {kind} with {table.column(name).null_count} nulls", field=name)
     columns: dict[str, list[Any]] = {name: table.column(name).to_pylist() for name in table.column_names}
     columns["reason"] = [
-        _value(path, f"row {row}, reason", "reason", text) for row, text in enumerate(columns["reason"])
+        _value(CsvRow(path, line, {"reason": text}), "reason")
+        for line, text in enumerate(columns["reason"], start=1)
     ]
     return columns

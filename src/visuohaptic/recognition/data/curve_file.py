@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.errors import InputError
+from ...core.files import CsvRow, check_columns, read_csv
 from .places import HEIGHTS, SIDES
 from .readings import CurveCoefficients, TouchNoise, TouchReading, fit_curve
 
@@ -121,61 +121,39 @@ def _touches(path: Path, samples: list[_Sample], noise: TouchNoise | None) -> tu
 
 
 def _samples(path: Path, more: tuple[str, ...]) -> Iterator[_Sample]:
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as handle:
-            rows = csv.DictReader(handle)
-            names = rows.fieldnames or ()
-            place = "at" if "at" in names and "height" not in names else "height"
-            wanted = (place, "side", "force_N", "deformation_m", *more)
-            if missing := [name for name in wanted if name not in names]:
-                raise InputError(path, f"has no column {missing[0]!r}, expected {', '.join(wanted)}")
-            number = -1
-            for number, row in enumerate(rows):
-                if number >= MAX_SAMPLES:
-                    raise InputError(path, f"has more than {MAX_SAMPLES} samples")
-                yield _sample(path, f"line {rows.line_num}", row, place, more)
-            if number < 0:
-                raise InputError(path, "has no samples")
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, f"is not a CSV file in UTF-8 ({error})") from error
+    names, rows = read_csv(path, ("side", "force_N", "deformation_m", *more))
+    place = "at" if "at" in names and "height" not in names else "height"
+    check_columns(path, names, (place,))
+    for number, row in enumerate(rows):
+        if number >= MAX_SAMPLES:
+            raise InputError(path, f"has more than {MAX_SAMPLES} samples")
+        yield _sample(row, place, more)
 
 
-def _sample(path: Path, line: str, row: dict[str, str], place: str, more: tuple[str, ...]) -> _Sample:
-    side = (row["side"] or "").strip()
+def _sample(row: CsvRow, place: str, more: tuple[str, ...]) -> _Sample:
+    side = row["side"]
     if side not in SIDES:
-        raise InputError(path, f"found {side!r}, expected one of {', '.join(SIDES)}", field=line)
-    height = _float(path, line, row[place])
+        raise row.problem(f"found {side!r}, expected one of {', '.join(SIDES)}", "side")
+    height = row.number(place)
     if place == "at":
         if not 0 <= height <= 1:
-            raise InputError(path, f"found {height:g} of the height, expected 0 to 1", field=line)
+            raise row.problem(f"found {height:g} of the height, expected 0 to 1", place)
         height = min(math.floor(height * HEIGHTS), HEIGHTS - 1) + 1
     if height not in range(1, HEIGHTS + 1):
-        raise InputError(path, f"found height {height:g}, expected 1 to {HEIGHTS}", field=line)
-    sizes = [_size(path, line, row, key) for key in ("width_m", "object_height_m")]
-    label, name, curve = ((row.get(key) or "").strip() for key in ("label", "object", "curve"))
+        raise row.problem(f"found height {height:g}, expected 1 to {HEIGHTS}", place)
+    sizes = [_size(row, key) for key in ("width_m", "object_height_m")]
+    label, name, curve = (row.get(key) for key in ("label", "object", "curve"))
     if "label" in more and not label:
-        raise InputError(path, "found no label, expected the class of the object", field=line)
-    sample = _float(path, line, row["deformation_m"]), _float(path, line, row["force_N"])
+        raise row.problem("found no label, expected the class of the object", "label")
+    sample = row.number("deformation_m"), row.number("force_N")
     return _Sample(label, name, curve, int(height), side, *sample, *sizes)
 
 
-def _size(path: Path, line: str, row: dict[str, str], key: str) -> float:
-    """A length of the object [m]; NaN if the line has none."""
-    if not (row.get(key) or "").strip():
+def _size(row: CsvRow, key: str) -> float:
+    """Size [m]; NaN without that column or in an empty field."""
+    if not row.get(key):
         return math.nan
-    size = _float(path, line, row[key])
+    size = row.number(key)
     if not 0 < size < 10:
-        raise InputError(path, f"found {key} {size:g}, expected 0 to 10 m", field=line)
+        raise row.problem(f"found {size:g}, expected 0 to 10 m", key)
     return size
-
-
-def _float(path: Path, line: str, text: str | None) -> float:
-    try:
-        value = float(text or "")
-    except ValueError as error:
-        raise InputError(path, f"found {text!r}, expected a number", field=line) from error
-    if not math.isfinite(value):
-        raise InputError(path, f"found {text!r}, expected a finite number", field=line)
-    return value

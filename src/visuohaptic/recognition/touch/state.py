@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ...core.codec import from_dict, to_dict
 from ...core.errors import InputError, VisuohapticError
 from ...core.files import load_json, write_text
 from ...core.map_tasks import map_tasks
@@ -44,6 +45,8 @@ __all__ = [
 ]
 
 _FORMAT = 1
+#: Number of noisy readings of each curve that a model is fitted to.
+COPIES = 20
 #: Deformations of the simulated curves, mean of both tips [m].
 DEFORMATION_m = (0.001, 0.002, 0.003, 0.0045, 0.006, 0.008)
 
@@ -156,9 +159,6 @@ def state_features(i_N_per_m: float, I_N_per_m: float, II: float) -> Float[np.nd
 def fit_state_model(
     curves: Sequence[StateCurve],
     rng: np.random.Generator,
-    *,
-    noise: TouchNoise | None = None,
-    copies: int = 20,
 ) -> HapticStateModel:
     """Learn Gaussians of each state from curves with added noise, and rank the places.
 
@@ -170,17 +170,12 @@ def fit_state_model(
         Of all states and places, see :func:`simulate_state_curves`.
     rng
         Source of the noise.
-    noise
-        Standard deviations of one sample.
-    copies
-        Number of noisy readings of each curve.
 
     Raises
     ------
     InputError
         Fewer than two states, or no place with curves of all states.
     """
-    noise = TouchNoise() if noise is None else noise
     states = tuple(dict.fromkeys(curve.state for curve in curves))
     places = tuple(dict.fromkeys(curve.place for curve in curves))
     if len(states) < 2:
@@ -189,8 +184,8 @@ def fit_state_model(
     for place in places:
         rows, label, group = [], [], []
         for curve in (one for one in curves if one.place == place):
-            for _ in range(copies):
-                features = _read(curve, noise, rng)
+            for _ in range(COPIES):
+                features = _read(curve, TouchNoise(), rng)
                 if features is not None:
                     rows.append(features)
                     label.append(states.index(curve.state))
@@ -268,14 +263,7 @@ def save_state_model(path: Path | str, model: HapticStateModel) -> None:
     model
         State model.
     """
-    content = {
-        "format": _FORMAT,
-        "states": list(model.states),
-        "places": list(model.places),
-        "mean": model.mean.tolist(),
-        "covariance": model.covariance.tolist(),
-        "accuracy": model.accuracy.tolist(),
-    }
+    content = {"format": _FORMAT, **to_dict(model)}
     write_text(path, json.dumps(content, indent=1) + "\n")
 
 
@@ -293,21 +281,20 @@ def load_state_model(path: Path | str) -> HapticStateModel:
         The file does not exist, or is not a state model.
     """
 
-    def parsed(found: Any) -> tuple[tuple[str, ...], tuple[str, ...], list[np.ndarray]]:
-        arrays = [np.array(found[key], dtype=float) for key in ("mean", "covariance", "accuracy")]
-        return tuple(map(str, found["states"])), tuple(map(str, found["places"])), arrays
+    def parsed(found: Any) -> HapticStateModel:
+        return from_dict(HapticStateModel, {k: v for k, v in found.items() if k != "format"}, where=path)
 
-    states, places, (mean, covariance, accuracy) = load_json(path, "a state model", parsed, version=_FORMAT)
-    count = len(places)
-    good = count > 0 and len(states) > 1 and mean.shape == (count, len(states), 3)
-    good = good and covariance.shape == (count, 3, 3) and accuracy.shape == (count,)
+    model = load_json(path, "a state model", parsed, version=_FORMAT)
+    count, mean, covariance = len(model.places), model.mean, model.covariance
+    good = count > 0 and len(model.states) > 1 and mean.shape[:2] == (count, len(model.states))
+    good = good and len(covariance) == count == len(model.accuracy)
     if not (good and np.isfinite(mean).all() and np.isfinite(covariance).all()):
         raise InputError(path, "is not a state model: the shapes of its arrays are inconsistent")
     if not (np.linalg.eigvalsh(covariance) > 0).all():
         raise InputError(path, "is not a state model: a covariance is not positive", field="covariance")
-    for place in places:
+    for place in model.places:
         _place(place)
-    return HapticStateModel(states, places, mean, covariance, accuracy)
+    return model
 
 
 def _read(curve: StateCurve, noise: TouchNoise, rng: np.random.Generator) -> np.ndarray | None:

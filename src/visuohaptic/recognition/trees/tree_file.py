@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...core.codec import from_dict, to_dict
 from ...core.errors import InputError
 from ...core.files import load_json, write_text
 from ..data.places import HEIGHTS, Touch
@@ -16,7 +18,6 @@ from .tree_nodes import SCHEMES, ClassificationTree, feature_name, scaling_touch
 __all__ = ["load_tree", "plan_rows", "save_tree", "tree_mapping", "tree_text"]
 
 _FORMAT = 1
-_LOSSES = ("loss", "loss_sigma", "nested_loss")
 
 
 def tree_text(tree: ClassificationTree) -> str:
@@ -71,18 +72,7 @@ def tree_mapping(tree: ClassificationTree) -> dict[str, Any]:
     tree
         Exploration plan.
     """
-    return {
-        "format": _FORMAT,
-        "classes": list(tree.classes),
-        "scheme": tree.scheme,
-        "feature": tree.feature.tolist(),
-        "threshold": tree.threshold.tolist(),
-        "left": tree.left.tolist(),
-        "right": tree.right.tolist(),
-        "counts": tree.counts.tolist(),
-        "alpha": tree.alpha,
-        **{key: None if np.isnan(getattr(tree, key)) else getattr(tree, key) for key in _LOSSES},
-    }
+    return {"format": _FORMAT, **to_dict(tree)}
 
 
 def load_tree(path: Path | str) -> ClassificationTree:
@@ -98,10 +88,15 @@ def load_tree(path: Path | str) -> ClassificationTree:
     InputError
         The file is missing, not JSON, or not a tree: each node has two children with higher indices, or none.
     """
-    tree = load_json(path, "a classification tree", _parsed, version=_FORMAT)
-    nodes = tree.threshold.size if tree.threshold.ndim == 1 else 0
+    names = [field.name for field in fields(ClassificationTree)]
+
+    def parsed(found: Any) -> ClassificationTree:
+        return from_dict(ClassificationTree, {name: found[name] for name in names}, where=path)
+
+    tree = load_json(path, "a classification tree", parsed, version=_FORMAT)
+    nodes = tree.threshold.size
     place, children = np.arange(nodes), (tree.left, tree.right)
-    inner = tree.feature >= 0 if tree.feature.ndim == 1 else np.zeros(0, dtype=bool)
+    inner = tree.feature >= 0
     good = (
         tree.scheme in SCHEMES
         and len(tree.classes) > 0
@@ -115,14 +110,6 @@ def load_tree(path: Path | str) -> ClassificationTree:
     if not good:
         raise InputError(path, "is not a classification tree: the shapes of its arrays are inconsistent")
     return tree
-
-
-def _parsed(found: Any) -> ClassificationTree:
-    feature, left, right = (np.array(found[key], dtype=np.int64) for key in ("feature", "left", "right"))
-    threshold, counts = (np.array(found[key], dtype=float) for key in ("threshold", "counts"))
-    losses = [float("nan") if found[key] is None else float(found[key]) for key in _LOSSES]
-    names, scheme, alpha = tuple(map(str, found["classes"])), str(found["scheme"]), float(found["alpha"])
-    return ClassificationTree(names, scheme, feature, threshold, left, right, counts, alpha, *losses)
 
 
 def plan_rows(tree: ClassificationTree) -> list[dict[str, Any]]:

@@ -89,19 +89,15 @@ class VisualPrior:
         self._views: tuple[Float[np.ndarray, "_ d"], Int[np.ndarray, "_"], Int[np.ndarray, "_"]] | None = None
 
     @classmethod
-    def of_objects(
-        cls, objects: Iterable[VisuoHapticObject], settings: PriorSettings | None = None
-    ) -> VisualPrior:
+    def of_objects(cls, objects: Iterable[VisuoHapticObject]) -> VisualPrior:
         """Prior of the objects of a database: shapes from meshes, features from images of faces, context from last places.
 
         Parameters
         ----------
         objects
             Objects.
-        settings
-            Computational effort, and weights of the evidence.
         """
-        prior = cls(settings)
+        prior = cls()
         for obj in objects:
             prior.add_object(obj)
         return prior

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
-from ...io.meshes.mesh_state import face_parts
+from ...io.meshes.mesh_state import boundary_edges, face_parts
 from ..mesh import SurfaceMesh
 from .hole_region import HoleRegion, load_hole_regions
 from .visibility import open_sight
@@ -46,10 +46,7 @@ def boundary_loops(mesh: SurfaceMesh) -> list[Int[np.ndarray, "k"]]:
     mesh
         Mesh with welded vertices.
     """
-    faces = mesh.faces
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    unique, counts = np.unique(edges, axis=0, return_counts=True)
-    rim = unique[counts == 1]
+    rim = np.unique(np.sort(boundary_edges(mesh.faces), axis=1), axis=0)
     if not len(rim):
         return []
     part = face_parts(rim[:, [0, 1, 1]])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +11,13 @@ from jaxtyping import Bool, Float
 
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
+from ...core.files import CsvRow, read_csv
 from ..mesh import SurfaceMesh
 
 __all__ = ["Touch", "TouchPlan", "best_vertex", "reachable", "read_touches", "starts"]
 
-_MAX_ROWS = 100_000
+#: Larger files are rejected: about 100,000 rows.
+MAX_TOUCH_BYTES = 16 * 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,32 +129,19 @@ def read_touches(path: Path | str, *, sigma_m: float = 0.001) -> list[Touch]:
     InputError
         The file is missing, lacks a column, or a row is not numeric.
     """
-    path = Path(path)
-    try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            rows = list(csv.DictReader(stream))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, f"cannot be read ({type(error).__name__})") from error
-    if not rows or not {"x_m", "y_m", "z_m"} <= set(rows[0]):
-        found = ", ".join(str(name) for name in rows[0]) if rows else "no rows"
-        raise InputError(path, f"found {found}, expected columns x_m, y_m, z_m")
-    if len(rows) > _MAX_ROWS:
-        raise InputError(path, f"has {len(rows)} rows, expected at most {_MAX_ROWS}")
     touches = []
-    for line, row in enumerate(rows, start=2):
+    for row in read_csv(path, [f"{axis}_m" for axis in _AXES], max_bytes=MAX_TOUCH_BYTES)[1]:
+        sigma = row.number("sigma_m") if row.get("sigma_m") else sigma_m
         try:
-            contact, start, end = (_point(row, prefix) for prefix in ("", "start_", "end_"))
-            touches.append(Touch(contact, start, end, float(row.get("sigma_m") or sigma_m)))
+            touches.append(Touch(_point(row), _point(row, "start_"), _point(row, "end_"), sigma))
         except InputError as error:
-            raise InputError(path, error.problem, field=f"line {line}") from error
-        except (TypeError, ValueError) as error:
-            raise InputError(path, f"found no number ({error})", field=f"line {line}") from error
+            raise row.problem(error.problem, error.field) from error
     return touches
 
 
-def _point(row: dict[str, str], prefix: str) -> Float[np.ndarray, "3"] | None:
-    words = [(row.get(f"{prefix}{axis}_m") or "").strip() for axis in _AXES]
-    return np.array([float(word) for word in words]) if any(words) else None
+def _point(row: CsvRow, prefix: str = "") -> Float[np.ndarray, "3"] | None:
+    columns = [f"{prefix}{axis}_m" for axis in _AXES]
+    return np.array([row.number(name) for name in columns]) if any(map(row.get, columns)) else None
 
 
 def reachable(

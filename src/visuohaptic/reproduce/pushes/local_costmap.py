@@ -29,21 +29,17 @@ class FootprintSamples:
     )
 
     @classmethod
-    def of(
-        cls, outline_m: Float[np.ndarray, "m 2"], radius_m: float, cell_m: float, *, round_m: float = 0.0
-    ) -> FootprintSamples:
+    def of(cls, outline_m: Float[np.ndarray, "m 2"], radius_m: float, cell_m: float) -> FootprintSamples:
         """Sample an outline for a round platform and a grid.
 
         Parameters
         ----------
         outline_m
-            Corners in the object's frame [m]; one or two points only with ``round_m``.
+            Corners in the object's frame [m].
         radius_m
             Of the platform [m].
         cell_m
             Edge length of a cell [m].
-        round_m
-            The outline is dilated by this [m].
 
         Raises
         ------
@@ -52,18 +48,12 @@ class FootprintSamples:
         """
         import shapely
 
-        core = np.asarray(outline_m, dtype=np.float64)
-        shape = (
-            shapely.Polygon(core)
-            if len(core) > 2
-            else (shapely.LineString(core) if len(core) == 2 else shapely.Point(core[0]))
-        )
-        if round_m > 0:
-            shape = shape.buffer(round_m)
-        if shape.geom_type != "Polygon" or not shape.is_valid or not shape.area > 0:
+        outline = np.asarray(outline_m, dtype=np.float64)
+        shape = shapely.Polygon(outline) if len(outline) > 2 else shapely.Polygon()
+        if not shape.is_valid or not shape.area > 0:
             raise InputError(
                 "footprint",
-                f"found {len(core)} corners, area {shape.area:.3g} m^2; expected a simple outline",
+                f"found {len(outline)} corners, area {shape.area:.3g} m^2; expected a simple outline",
             )
         corners = np.array(shapely.geometry.polygon.orient(shape).exterior.coords)[:-1]
         border = _along(shape.exterior, cell_m)

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from ...core.camera.pose import Pose
 from ...core.errors import CalibrationError, InputError
-from ...core.files import read_text
+from ...core.files import CsvRow, atomic_path, read_csv
 from ...core.measurement import Reason
 from .observation import TemplateMeasurement
 
@@ -71,31 +71,27 @@ def read_loads(path: Path | str, *, angles: Literal["deg", "rad"] | None = None)
     CalibrationError
         A column is missing or a row cannot be read; the message states the line.
     """
-    names, rows = _table(path, CalibrationError)
-    names = [_SHORT.get(name, {"x": "x_m", "y": "y_m", "z": "z_m"}.get(name, name)) for name in names]
-    index = {name: place for place, name in enumerate(names)}
-    if len(index) != len(names):
-        raise CalibrationError(path, "found a column twice", field="header")
+    written, rows = read_csv(path, max_bytes=MAX_BYTES, spreadsheet=True, error=CalibrationError)
+    short = _SHORT | {"x": "x_m", "y": "y_m", "z": "z_m"}
+    # Standard name -> name in the file.
+    index = {short.get(name, name): name for name in written}
+    if len(index) != len(written):
+        raise CalibrationError(path, "found a column name twice", field="header")
+    table = list(rows)
 
     def columns(requested: Iterable[str]) -> np.ndarray:
         missing = [name for name in requested if name not in index]
         if missing:
             raise CalibrationError(
                 path,
-                f"found columns {', '.join(names)[:120]}; {', '.join(missing)} is missing",
+                f"found columns {', '.join(index)[:120]}; missing: {', '.join(missing)}",
                 field="header",
                 remedy="give fx_N ... mz_Nm and read_fx_N ... read_mz_Nm, or x_m y_m z_m rx_rad ry_rad rz_rad",
             )
-        places = [index[name] for name in requested]
-        return np.array(
-            [
-                [_number(path, line, names[k], cells[k], CalibrationError) for k in places]
-                for line, cells in rows
-            ]
-        )
+        return np.array([[row.number(index[name]) for name in requested] for row in table])
 
     load = columns(_AXES)
-    line = np.array([number for number, _ in rows])
+    line = np.array([row.line for row in table])
     if "read_fx_n" in index:
         return LoadRecord(load, columns([f"read_{name}" for name in _AXES]), "wrench", line, str(path))
     place = columns(_PLACE)
@@ -134,8 +130,6 @@ def write_template_poses(
     frames
         Time [s] and templates of each frame.
     """
-    from ...core.files import atomic_path
-
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         writer.writerow(POSE_COLUMNS)
@@ -165,71 +159,39 @@ def read_template_poses(path: Path | str) -> Iterator[tuple[float, list[Template
     InputError
         Contains the line, the found and the expected value.
     """
-    names, rows = _table(path, InputError)
-    if names != [name.lower() for name in POSE_COLUMNS]:
-        raise InputError(path, f"found columns {', '.join(names)[:80]}", field="header",
-                         remedy=f"expected {', '.join(POSE_COLUMNS[:11])}, c00 ... c55")  # fmt: skip
+    _, rows = read_csv(path, POSE_COLUMNS, max_bytes=MAX_BYTES)
     now: float | None = None
     frame: list[TemplateMeasurement] = []
-    for line, cells in rows:
-        t_s = _number(path, line, "t_s", cells[0], InputError)
+    for row in rows:
+        t_s = row.number("t_s")
         if now is not None and t_s != now:
             yield now, frame
             frame = []
         now = t_s
-        frame.append(_template(path, line, cells))
+        frame.append(_template(row))
     if now is not None:
         yield now, frame
 
 
-def _template(path: Path | str, line: int, cells: list[str]) -> TemplateMeasurement:
-    name, valid = cells[1].strip(), cells[2].strip().lower()
+def _template(row: CsvRow) -> TemplateMeasurement:
+    name, valid = row["name"], row["valid"].lower()
     try:
-        reason = Reason(cells[3].strip())
+        reason = Reason(row["reason"])
     except ValueError:
-        raise InputError(path, f"found {cells[3][:20]!r}, expected one of {', '.join(Reason)}",
-                         field=f"line {line}: reason") from None  # fmt: skip
+        problem = f"found {row['reason'][:20]!r}, expected one of {', '.join(Reason)}"
+        raise row.problem(problem, "reason") from None
     if valid not in ("true", "false"):
-        raise InputError(path, f"found {valid[:20]!r}, expected true or false", field=f"line {line}: valid")
+        raise row.problem(f"found {valid[:20]!r}, expected true or false", "valid")
     if valid == "false":
         return TemplateMeasurement.missing(name, reason if reason is not Reason.OK else Reason.LOST)
-    numbers = np.array([
-        _number(path, line, POSE_COLUMNS[k], cells[k], InputError) for k in range(4, len(POSE_COLUMNS))
-    ])  # fmt: skip
+    numbers = np.array([row.number(column) for column in POSE_COLUMNS[4:]])
     covariance = np.zeros((6, 6))
     covariance[np.triu_indices(6)] = numbers[7:]
     covariance = covariance + np.triu(covariance, 1).T
     if np.linalg.eigvalsh(covariance).min() <= 0:
-        raise InputError(path, "the covariance is not positive definite", field=f"line {line}: c00")
+        raise row.problem("the covariance is not positive definite", "c00")
     try:
         pose = Pose.from_quaternion(numbers[3:7], numbers[:3])
     except InputError as error:
-        raise InputError(path, error.problem, field=f"line {line}: qx") from error
+        raise row.problem(error.problem, "qx") from error
     return TemplateMeasurement(name, pose, covariance)
-
-
-def _table(path: Path | str, error: type[InputError]) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    path = Path(path)
-    text = read_text(path, MAX_BYTES, error=error)
-    reader = csv.reader(text.splitlines())
-    try:
-        lines = [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
-    except csv.Error as problem:
-        raise error(path, f"is not CSV: {problem}", field=f"line {reader.line_num}") from problem
-    if len(lines) < 2:
-        raise error(path, "has no rows, expected a header line and rows")
-    names = [name.strip().lower() for name in lines[0][1]]
-    for line, cells in lines[1:]:
-        if len(cells) != len(names):
-            raise error(path, f"found {len(cells)} cells, expected {len(names)}", field=f"line {line}")
-    return names, lines[1:]
-
-
-def _number(path: Path | str, line: int, name: str, text: str, error: type[InputError]) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        raise error(path, f"found {text[:20]!r}, expected a number", field=f"line {line}: {name}") from None
-    if not np.isfinite(value):
-        raise error(path, f"found {text.strip()}, expected a finite number", field=f"line {line}: {name}")
-    return value

@@ -70,7 +70,7 @@ class FloorRobot:
 def floor_mjcf(
     map: OccupancyMap,
     boxes: Float[np.ndarray, "n 4"],
-    items: Sequence[FloorObject],
+    objects: Sequence[FloorObject],
     robot: FloorRobot,
     step_s: float,
 ) -> str:
@@ -82,7 +82,7 @@ def floor_mjcf(
         Pose of the map in the world.
     boxes
         Walls (x0, y0, x1, y1) in the frame of the map [m].
-    items
+    objects
         Objects with different names.
     robot
         Size of the robot.
@@ -97,7 +97,7 @@ def floor_mjcf(
         f'friction="{WALL_FRICTION} 0 0"/>'
         for x0, y0, x1, y1 in boxes
     )
-    bodies = "".join(_item_mjcf(item) for item in items)
+    bodies = "".join(_object_mjcf(obj) for obj in objects)
     return f"""<mujoco><compiler angle="radian" inertiafromgeom="false"/>
     <option timestep="{step_s}" cone="elliptic" impratio="5" integrator="implicitfast"
       gravity="0 0 {-GRAVITY_M_S2}"/>
@@ -112,19 +112,19 @@ def floor_mjcf(
     {bodies}</worldbody></mujoco>"""
 
 
-def _item_mjcf(item: FloorObject) -> str:
+def _object_mjcf(obj: FloorObject) -> str:
     """A ring of capsules, or a sphere, on feet: pairs with closed-form contacts."""
-    centre, height = polygon_centroid(item.footprint_m), PUSH_HEIGHT_M
-    own = item.footprint_m - centre
+    centre, height = polygon_centroid(obj.footprint_m), PUSH_HEIGHT_M
+    own = obj.footprint_m - centre
     # Foam is between rim and outline: soft, so that forces are measured and no impacts.
     shape = (
         f'mass="0" contype="2" conaffinity="2" priority="1" solref="{FOAM_S} 1" solimp="0.8 0.8 0.001" '
-        f'friction="{item.contact_friction} 0 0"'
+        f'friction="{obj.contact_friction} 0 0"'
     )
-    if item.round_m > 0:
-        parts = f'<geom type="sphere" size="{item.round_m}" pos="0 0 {height}" {shape}/>'
+    if obj.round_m > 0:
+        parts = f'<geom type="sphere" size="{obj.round_m}" pos="0 0 {height}" {shape}/>'
         angle = np.arange(6) * (math.pi / 3)
-        feet = 0.7 * item.round_m * np.column_stack([np.cos(angle), np.sin(angle)])
+        feet = 0.7 * obj.round_m * np.column_stack([np.cos(angle), np.sin(angle)])
     else:
         inner = _inset(own, EDGE_M)
         parts = "".join(
@@ -134,19 +134,19 @@ def _item_mjcf(item: FloorObject) -> str:
         )
         feet = 0.8 * own
     # It stands upright with even load on its feet: they are placed relative to the centre of mass.
-    feet = feet + np.asarray(item.centre_offset_m)
+    feet = feet + np.asarray(obj.centre_offset_m)
     stand = "".join(
         f'<geom type="sphere" size="{FOOT_M}" pos="{u} {v} {FOOT_M}" mass="0" contype="0" conaffinity="1" '
-        f'priority="1" solref="{SINK_S} 1" solimp="0.6 0.6 0.001" friction="{item.floor_friction} 0 0"/>'
+        f'priority="1" solref="{SINK_S} 1" solimp="0.6 0.6 0.001" friction="{obj.floor_friction} 0 0"/>'
         for u, v in feet
     )
     extent = float((own**2).sum(axis=1).mean()) / 2
-    inertia = item.mass_kg * extent
-    cx, cy = item.centre_offset_m
+    inertia = obj.mass_kg * extent
+    cx, cy = obj.centre_offset_m
     joints = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
     return (
-        f'<body name="item:{item.id}" pos="{centre[0]} {centre[1]} 0">{joints}'
-        f'<joint type="hinge" axis="0 0 1"/><inertial pos="{cx} {cy} 0.05" mass="{item.mass_kg}" '
+        f'<body name="object:{obj.id}" pos="{centre[0]} {centre[1]} 0">{joints}'
+        f'<joint type="hinge" axis="0 0 1"/><inertial pos="{cx} {cy} 0.05" mass="{obj.mass_kg}" '
         f'diaginertia="{inertia} {inertia} {inertia}"/>{parts}{stand}</body>'
     )
 

@@ -30,6 +30,8 @@ __all__ = ["FloorBase", "FloorTouch", "FloorWorld"]
 NEAR_M = 0.03
 #: The drive stalls when the reaction is too large for this time (s).
 STALL_S = 0.1
+#: Time step of the physics (s).
+STEP_S = 0.004
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +40,7 @@ class FloorTouch:
 
     force_N: float
     point_m: tuple[float, float]  #: in the map frame
-    items: tuple[str, ...]  #: true ids of the touched objects; "" for a wall
+    objects: tuple[str, ...]  #: true ids of the touched objects; "" for a wall
 
 
 class FloorWorld:
@@ -48,44 +50,40 @@ class FloorWorld:
     ----------
     map
         Its occupied cells are walls; the objects are not part of it.
-    items
+    objects
         Objects, each on feet at its corners or, round ones, on a ring of feet. They slide and rotate, but do not tip.
     start_m
         Pose of the robot (x, y, heading).
     robot
         Size and strength.
-    time_step_s
-        Time step of the physics.
     """
 
     def __init__(
         self,
         map: OccupancyMap,
-        items: Sequence[FloorObject],
+        objects: Sequence[FloorObject],
         start_m: Sequence[float],
         robot: FloorRobot | None = None,
-        *,
-        time_step_s: float = 0.004,
     ) -> None:
         with needs("mujoco-core", "sim", "the simulated floor"):
             import mujoco
         self._mujoco: Any = mujoco
         self.robot = robot if robot is not None else FloorRobot()
-        self.items = tuple(items)
+        self.objects = tuple(objects)
         self._map, self._boxes = map, wall_boxes(map)
         self._model: Any = mujoco.MjModel.from_xml_string(
-            floor_mjcf(map, self._boxes, self.items, self.robot, time_step_s)
+            floor_mjcf(map, self._boxes, self.objects, self.robot, STEP_S)
         )
         self._data: Any = mujoco.MjData(self._model)
         self._pose = np.array(start_m, dtype=np.float64)
         self._data.qpos[:3] = self._pose
         self._rim = int(self._model.geom("rim").id)
         names = [self._model.body(int(b)).name for b in self._model.geom_bodyid]
-        self._owner = [name[5:] if name.startswith("item:") else "" for name in names]
-        self._centres = [polygon_centroid(item.footprint_m) for item in self.items]
+        self._owner = [name.removeprefix("object:") if name.startswith("object:") else "" for name in names]
+        self._centres = [polygon_centroid(obj.footprint_m) for obj in self.objects]
         self._reach = [
-            float(np.hypot(*(item.footprint_m - centre).T).max())
-            for item, centre in zip(self.items, self._centres, strict=True)
+            float(np.hypot(*(obj.footprint_m - centre).T).max())
+            for obj, centre in zip(self.objects, self._centres, strict=True)
         ]
         self.base = FloorBase(self)
         self.speed_m_s = self.turn_rate_rad_s = 0.0
@@ -129,7 +127,7 @@ class FloorWorld:
         """
         x, y, yaw = self.object_pose_m(id)
         index = self._index(id)
-        own = self.items[index].footprint_m - self._centres[index]
+        own = self.objects[index].footprint_m - self._centres[index]
         return own @ rotation_2d(yaw).T + (x, y)
 
     def step(self, duration_s: float) -> None:
@@ -153,10 +151,10 @@ class FloorWorld:
                 self._physics(step_s)
 
     def _index(self, id: str) -> int:
-        for index, item in enumerate(self.items):
-            if item.id == id:
+        for index, obj in enumerate(self.objects):
+            if obj.id == id:
                 return index
-        names = ", ".join(item.id for item in self.items) or "none"
+        names = ", ".join(obj.id for obj in self.objects) or "none"
         raise InputError("FloorWorld", f"found no object '{id}', expected one of: {names}")
 
     def _gap(self) -> float:

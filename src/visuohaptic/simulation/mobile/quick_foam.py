@@ -89,33 +89,21 @@ class QuickFoam:
         Simulated world.
     rng
         Source of the noise.
-    contour_sigma_m
-        Standard deviation of a point of the contour [m].
     gain_sigma
         Relative standard deviation of the calibration.
-    spacing_m
-        Distance of the points of the profile [m].
-    densification_strain
-        Strain beyond which a profile is not valid.
     """
 
-    def __init__(
-        self,
-        world: StripWorld,
-        rng: np.random.Generator,
-        *,
-        contour_sigma_m: float = 3e-5,
-        gain_sigma: float = 0.03,
-        spacing_m: float = 0.003,
-        densification_strain: float = 0.6,
-    ) -> None:
+    #: Standard deviation of a point of the contour, and distance of the points of the profile [m].
+    sigma_m, spacing_m = 3e-5, 0.003
+    densification_strain = 0.6  #: strain beyond which a profile is not valid
+
+    def __init__(self, world: StripWorld, rng: np.random.Generator, *, gain_sigma: float = 0.03) -> None:
         self.world, self._rng = world, rng
-        self.sigma_m = contour_sigma_m
         self.gain_sigma = gain_sigma
         self._gain = 1.0 + gain_sigma * float(rng.standard_normal())
         strip = world.config.strip
-        self._every = max(1, round(spacing_m / strip.spacing_m))
-        self.setup = _Setup(_Material(densification_strain, strip.width_m))
+        self._every = max(1, round(self.spacing_m / strip.spacing_m))
+        self.setup = _Setup(_Material(self.densification_strain, strip.width_m))
 
     def reset(self) -> None:
         """Does nothing: the reading has no memory."""

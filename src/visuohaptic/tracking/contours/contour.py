@@ -64,18 +64,14 @@ class ContourSettings:
     plateau_px: float = field(default=8.0, metadata=at_least(2.0))
     #: Standard deviation of one pixel [grey levels]; None: estimated per frame.
     noise_grey: float | None = field(default=None, metadata=POSITIVE)
-    window_px: int = field(
-        default=15, metadata=POSITIVE
-    )  #: search on either side of the prediction while tracking
-    full_search_every: int = field(
-        default=60, metadata=POSITIVE
-    )  #: frames between searches of the whole range
-    max_chi2: float = field(
-        default=4.0, metadata=POSITIVE
-    )  #: largest mean squared residual, in noise variances
-    max_jump: float = field(
-        default=1.75, metadata=POSITIVE
-    )  #: distance from both neighbours, in point spacings
+    #: search on either side of the prediction while tracking
+    window_px: int = field(default=15, metadata=POSITIVE)
+    #: frames between searches of the whole range
+    full_search_every: int = field(default=60, metadata=POSITIVE)
+    #: largest mean squared residual, in noise variances
+    max_chi2: float = field(default=4.0, metadata=POSITIVE)
+    #: distance from both neighbours, in point spacings
+    max_jump: float = field(default=1.75, metadata=POSITIVE)
 
     def __post_init__(self) -> None:
         check_ranges(self)

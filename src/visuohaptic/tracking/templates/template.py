@@ -60,9 +60,8 @@ class Template:
     pixel_m: float  #: printed size of one pixel of ``image``
     tag_id: int | None  #: number in the AprilTag family 36h11; None for an image
     esm: EsmTemplate = field(repr=False)
-    keypoints: Float[np.ndarray, "n 2"] = field(
-        repr=False
-    )  #: SIFT features of all views (column, row); none for a tag
+    #: SIFT features of all views (column, row); none for a tag
+    keypoints: Float[np.ndarray, "n 2"] = field(repr=False)
     descriptors: Float32[np.ndarray, "n 128"] = field(repr=False)
 
     @property

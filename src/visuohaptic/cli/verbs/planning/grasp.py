@@ -139,9 +139,8 @@ def _task(args: Any, centre_m: Any) -> GraspTask:
 def _check_mass_known(args: Any, container: Any) -> None:
     """Reject a wall of unknown density before computing: a modulus alone does not determine it."""
     from ....core.errors import InputError
-    from ....grasping.force import wall_density_kg_per_m3
 
-    if args.mass is None and wall_density_kg_per_m3(container) is None:
+    if args.mass is None and container.material.density_kg_per_m3 is None:
         raise InputError(
             args.object,
             f"its wall is of material {container.material.name!r}, whose density is unknown, and so is its mass",

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from ....core.errors import CalibrationError
-from ....core.files import read_text
+from ....core.files import read_csv
 
 __all__ = ["PlateRecord", "StrainStress", "read_plate", "read_strain_stress"]
 
@@ -25,6 +24,7 @@ _STRESS = {"stress": 1.0, "stress_pa": 1.0, "stress_kpa": 1e3, "stress_mpa": 1e6
 _DIRECTION = ("direction", "direction_of_loading", "loading_direction")
 _LOADING = {"loading", "load", "increasing", "up", "1", "+1"}
 _UNLOADING = {"unloading", "unload", "decreasing", "down", "-1"}
+_read_table = partial(read_csv, max_bytes=MAX_BYTES, spreadsheet=True, error=CalibrationError)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,23 +102,19 @@ def read_strain_stress(path: Path | str) -> StrainStress:
     CalibrationError
         A column is missing or a row cannot be read; the message states the line.
     """
-    rows, names = _rows(path)
+    names, rows = _read_table(path)
     strain_name = _one_of(path, names, _STRAIN, "strain")
     stress_name = _one_of(path, names, _STRESS, "stress")
     direction_name = next((name for name in _DIRECTION if name in names), "")
     strain, stress, direction, lines = [], [], [], []
-    for line, row in rows:
-        strain.append(_number(path, line, row, strain_name) * _STRAIN[strain_name])
-        stress.append(_number(path, line, row, stress_name) * _STRESS[stress_name])
-        lines.append(line)
+    for row in rows:
+        strain.append(row.number(strain_name) * _STRAIN[strain_name])
+        stress.append(row.number(stress_name) * _STRESS[stress_name])
+        lines.append(row.line)
         if direction_name:
-            text = row[direction_name].strip().lower()
+            text = row[direction_name].lower()
             if text not in _LOADING and text not in _UNLOADING:
-                raise CalibrationError(
-                    path,
-                    f"found {text[:20]!r}, expected loading or unloading",
-                    field=f"line {line}: {direction_name}",
-                )
+                raise row.problem(f"found {text[:20]!r}, expected loading or unloading", direction_name)
             direction.append(1 if text in _LOADING else -1)
     strain_values, stress_values = np.array(strain), np.array(stress)
     too_far = np.flatnonzero((strain_values < -0.01) | (strain_values >= 1.0))
@@ -128,7 +124,7 @@ def read_strain_stress(path: Path | str) -> StrainStress:
         raise CalibrationError(
             path,
             f"found strain {strain_values[i]:g}, expected 0 <= strain < 1",
-            field=f"line {lines[i]}: {strain_name}",
+            field=f"line {lines[i]}, {strain_name}",
             remedy="name the column strain_percent if it is in percent" if percent else "",
         )
     if stress_values.size and _STRESS[stress_name] == 1.0 and 0 < stress_values.max() < SOFTEST_Pa:
@@ -158,16 +154,8 @@ def read_plate(path: Path | str) -> tuple[PlateRecord, ...]:
     CalibrationError
         A column is missing, a row cannot be read, or a depth has too few points.
     """
-    rows, names = _rows(path)
-    for name in ("depth_m", "force_n", "s_m", "delta_m"):
-        if name not in names:
-            raise CalibrationError(path, f"found columns {', '.join(names)}; expected {name}", field="line 1")
-    table = np.array(
-        [
-            [_number(path, line, row, n) for n in ("depth_m", "force_n", "s_m", "delta_m")]
-            for line, row in rows
-        ]
-    )
+    columns = ("depth_m", "force_n", "s_m", "delta_m")
+    table = np.array([[row.number(name) for name in columns] for row in _read_table(path, columns)[1]])
     records = []
     for depth in np.unique(table[:, 0]):
         part = table[table[:, 0] == depth]
@@ -183,46 +171,6 @@ def read_plate(path: Path | str) -> tuple[PlateRecord, ...]:
     return tuple(records)
 
 
-def _rows(path: Path | str) -> tuple[list[tuple[int, dict[str, str]]], list[str]]:
-    path = Path(path)
-    text = read_text(path, MAX_BYTES, error=CalibrationError)
-    lines = _lines(path, text)
-    first = next(lines, None)
-    if first is None:
-        raise CalibrationError(path, "is empty, expected a header line and rows")
-    names = [name.strip().lower().replace(" ", "_") for name in first[1]]
-    if any(_is_number(name) for name in names):
-        raise CalibrationError(
-            path,
-            "found numbers, expected a header with column names",
-            field=f"line {first[0]}",
-            remedy="start the file with: strain,stress_Pa,direction",
-        )
-    if len(set(names)) != len(names):
-        raise CalibrationError(path, "found a column name twice", field=f"line {first[0]}")
-    rows = []
-    for line, cells in lines:
-        if len(cells) != len(names):
-            raise CalibrationError(
-                path, f"found {len(cells)} cells, expected {len(names)}", field=f"line {line}"
-            )
-        rows.append((line, dict(zip(names, cells, strict=True))))
-    if not rows:
-        raise CalibrationError(path, "has a header but no rows")
-    return rows, names
-
-
-def _lines(path: Path, text: str) -> Iterator[tuple[int, list[str]]]:
-    delimiter = ";" if text.partition("\n")[0].count(";") > text.partition("\n")[0].count(",") else ","
-    reader = csv.reader(text.splitlines(), delimiter=delimiter)
-    try:
-        for cells in reader:
-            if cells and any(cell.strip() for cell in cells) and not cells[0].lstrip().startswith("#"):
-                yield reader.line_num, cells
-    except csv.Error as error:
-        raise CalibrationError(path, f"is not CSV: {error}", field=f"line {reader.line_num}") from error
-
-
 def _one_of(path: Path | str, names: list[str], known: dict[str, float], what: str) -> str:
     found = [name for name in names if name in known]
     if len(found) != 1:
@@ -233,24 +181,3 @@ def _one_of(path: Path | str, names: list[str], known: dict[str, float], what: s
             remedy="name the columns with their unit, for example strain,stress_Pa,direction",
         )
     return found[0]
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _number(path: Path | str, line: int, row: dict[str, str], name: str) -> float:
-    text = row[name].strip()
-    try:
-        value = float(text)
-    except ValueError:
-        raise CalibrationError(
-            path, f"found {text[:20]!r}, expected a number", field=f"line {line}: {name}"
-        ) from None
-    if not np.isfinite(value):
-        raise CalibrationError(path, f"found {text}, expected a finite number", field=f"line {line}: {name}")
-    return value

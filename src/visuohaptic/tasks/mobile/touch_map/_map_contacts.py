@@ -17,7 +17,7 @@ from ._odometry_scale import OdometryScale
 from ._straight_walls import correct_by_walls
 from .map_records import MapSettings
 
-__all__ = ["ContactPlacement", "aside_rad", "contact_of", "face_rad"]
+__all__ = ["ContactPlacement", "centring_turn_rad", "contact_of", "face_rad"]
 
 #: An object that stopped the foam and has moved less than this is fixed [m].
 MAX_FIXED_MOTION_M = 0.005
@@ -125,7 +125,7 @@ def _largest(found: ObstacleExploration, state: BaseState) -> Contact | None:
     return None
 
 
-def aside_rad(found: ObstacleExploration, now: BaseState, settings: MapSettings) -> float:
+def centring_turn_rad(found: ObstacleExploration, now: BaseState, settings: MapSettings) -> float:
     """Left turn that brings an object touched by the end of the foam in front of its middle; NaN if not needed.
 
     The end of the foam deforms at a small force: it is densified before a light object slides, and a shape

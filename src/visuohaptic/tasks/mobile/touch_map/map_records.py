@@ -77,7 +77,7 @@ class MapObservation:
     contact: bool  #: whether it yielded a contact for the map
     face_rad: float  #: direction of the touched face in the map, to be followed; NaN: unknown
     #: left turn that brings an object touched by the end of the foam in front of its middle; NaN if not needed
-    aside_rad: float = math.nan
+    centring_turn_rad: float = math.nan
     overload: bool = False  #: whether the force is at the platform's limit
 
 

@@ -21,7 +21,7 @@ from ...framework.trace import Ending, Trace
 from ..explore import ObstacleExploration, explore_obstacle
 from ..explore_records import ExploreOutcome, ExploreSettings
 from ..force_guard import FoamLimit, ForceGuard, GuardState
-from ._map_contacts import ContactPlacement, aside_rad, contact_of, face_rad
+from ._map_contacts import ContactPlacement, centring_turn_rad, contact_of, face_rad
 from .map_records import MapCommand, MapObservation, MapOutcome, MapSettings, MapState
 
 if TYPE_CHECKING:
@@ -180,12 +180,12 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
         if seen.explored == ExploreOutcome.SENSOR_FAILED:
             self.end(False, MapOutcome.SENSOR_FAILED, f"after {self.contacts} contacts")
             return _STOP
-        if math.isfinite(seen.aside_rad) and not self.once_more:
+        if math.isfinite(seen.centring_turn_rad) and not self.once_more:
             self.once_more = True
-            self._goal_rad = seen.heading_rad + seen.aside_rad
-            degrees = math.degrees(seen.aside_rad)
+            self._goal_rad = seen.heading_rad + seen.centring_turn_rad
+            degrees = math.degrees(seen.centring_turn_rad)
             self.go(MapState.TURN_BACK, f"contact at the end of the foam: {degrees:+.0f} deg, repeated")
-            return MapCommand(turn_rate_rad_s=math.copysign(s.turn_rad_s, seen.aside_rad))
+            return MapCommand(turn_rate_rad_s=math.copysign(s.turn_rad_s, seen.centring_turn_rad))
         self.once_more = False
         if seen.contact:
             self.contacts += 1
@@ -261,9 +261,9 @@ class _Contacts:
     def add(self, found: ObstacleExploration, state: BaseState, *, once_more: bool) -> MapObservation:
         """Process an exploration that has ended at ``state``."""
         self.explorations.append(found)
-        aside = aside_rad(found, state, self._settings)
+        turn_rad = centring_turn_rad(found, state, self._settings)
         # A contact at the end of the foam determines neither the position nor whether the object is movable.
-        waits = math.isfinite(aside) and not once_more
+        waits = math.isfinite(turn_rad) and not once_more
         contact = None if waits else contact_of(found, self._settings)
         if contact is not None:
             face = face_rad(contact)
@@ -276,7 +276,7 @@ class _Contacts:
             explored=found.outcome.value,
             contact=contact is not None,
             face_rad=math.nan if contact is None else face,
-            aside_rad=aside,
+            centring_turn_rad=turn_rad,
         )
 
     def redraw(self) -> None:

@@ -55,7 +55,7 @@ class _Known:
             friction_covariance_m2=((float(xx), float(xy)), (float(xy), float(yy))) if self.learned else None,
         )
 
-    def tell(self, *, failed: bool, **changes: Any) -> None:
+    def count_push(self, *, failed: bool, **changes: Any) -> None:
         """Count a push in the tag, and change its properties."""
         tag = self.item.tag or HapticTag()
         counted = tag.updated(explored=tag.explored + 1, failed=tag.failed + int(failed), **changes)
@@ -227,7 +227,7 @@ class TravelMemory:
         failed
             Whether it did not reach its planned goal.
         """
-        self._known[id].tell(failed=failed, fixed=False, min_static_friction_N=None)
+        self._known[id].count_push(failed=failed, fixed=False, min_static_friction_N=None)
 
     def refused(self, id: str, *, fixed: bool) -> None:
         """Count a push that has not moved an object; with ``fixed`` it is not pushed again.
@@ -242,7 +242,7 @@ class TravelMemory:
         known = self._known[id]
         known.failures += 1
         known.stalled = known.stalled or fixed
-        known.tell(failed=True, **({"fixed": True} if fixed else {}))
+        known.count_push(failed=True, **({"fixed": True} if fixed else {}))
 
     def too_heavy(self, id: str) -> None:
         """Record that an object withstood the maximum push force: a lower bound that replaces the measured frictions.
@@ -256,7 +256,7 @@ class TravelMemory:
         known.failures += 1
         known.stalled = False  # a measurement, not a stall: no further attempt
         limit_N = self._problem.robot.push_force_max_N
-        known.tell(
+        known.count_push(
             failed=True, fixed=True, static_friction_N=None, dynamic_friction_N=None, min_static_friction_N=limit_N
         )  # fmt: skip
 

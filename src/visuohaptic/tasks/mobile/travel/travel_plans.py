@@ -29,9 +29,8 @@ class TravelPlans:
     turns: int = 0  #: number of off-centre pushes
     #: infeasible margins, since the last change
     without_plan: set[tuple[float, float]] = field(default_factory=set)
-    max_bumps: dict[float, int] = field(
-        default_factory=dict
-    )  #: number of contacts with known walls, by margin
+    #: number of contacts with known walls, by margin
+    max_bumps: dict[float, int] = field(default_factory=dict)
 
     def largest_margin(
         self, pose_m: Float[np.ndarray, "3"]

@@ -14,7 +14,7 @@ from typing import Any
 
 from ..core.errors import VisuohapticError
 
-__all__ = ["Gate", "reported"]
+__all__ = ["AccessControl", "reported"]
 
 _log = logging.getLogger(__name__)
 #: Of the connections themselves: malformed requests and lost browsers are logged separately from the page's events.
@@ -37,12 +37,12 @@ _HEADERS = {
 _PATCHING = threading.Lock()
 
 
-class Gate:
+class AccessControl:
     """Rejects requests with a foreign ``Host`` or ``Origin``, or without the secret of the page's address."""
 
     def __init__(self) -> None:
         self.token = secrets.token_urlsafe(24)  #: first part of the path of every request
-        self.closed = True  #: whether no server uses this gate
+        self.closed = True  #: whether no server uses it
         self._browsers = 0
         self._misread = 0
 
@@ -71,7 +71,7 @@ class Gate:
 
     @contextmanager
     def guarding(self) -> Iterator[None]:
-        """Install this gate in the server that viser starts inside the block; viser has no setting for it.
+        """Apply this access control to the server that viser starts inside the block; viser has no setting for it.
 
         Remains ``closed`` if viser starts its server in an unknown way.
         """

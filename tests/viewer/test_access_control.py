@@ -97,13 +97,13 @@ def test_two_pages_have_two_secrets(page):
 
 
 def test_a_server_of_another_library_is_left_alone(page):
-    """The gate stands before viser's server only, also while one is started."""
+    """Access control applies to viser's server only, also while one is started."""
     import asyncio
 
     from websockets.asyncio.server import serve
     from websockets.sync.client import connect
 
-    from visuohaptic.viewer.gate import Gate
+    from visuohaptic.viewer.access_control import AccessControl
 
     async def greet(connection):
         await connection.send("hello")
@@ -113,13 +113,13 @@ def test_a_server_of_another_library_is_left_alone(page):
             return stream.recv(timeout=60)
 
     async def run():
-        gate = Gate()
-        with gate.guarding():
+        access = AccessControl()
+        with access.guarding():
             from websockets.asyncio import server as library
 
             assert library.serve is not serve
             server = await library.serve(greet, "127.0.0.1", 0)
-        assert gate.closed
+        assert access.closed
         async with server:
             return await asyncio.to_thread(ask_it, server.sockets[0].getsockname()[1])
 
@@ -176,7 +176,7 @@ def test_too_many_browsers_are_refused_and_leave_room_when_they_go():
 
     from websockets.exceptions import InvalidStatus
 
-    from visuohaptic.viewer.gate import MAX_BROWSERS
+    from visuohaptic.viewer.access_control import MAX_BROWSERS
 
     with LivePage(port=0) as page, ExitStack() as browsers:
         port, secret = place(page)
@@ -186,7 +186,7 @@ def test_too_many_browsers_are_refused_and_leave_room_when_they_go():
             connect(page, secret, f"http://127.0.0.1:{port}")
         last.close()
         until_s = time.monotonic() + 60
-        while page._gate._browsers == MAX_BROWSERS:  # the server learns of it a moment later
+        while page._access._browsers == MAX_BROWSERS:  # the server learns of it a moment later
             assert time.monotonic() < until_s
             time.sleep(0.01)
         with connect(page, secret, f"http://127.0.0.1:{port}") as again:
@@ -235,8 +235,8 @@ def test_a_viser_that_cannot_be_guarded_is_not_started(monkeypatch):
     from contextlib import nullcontext
 
     from visuohaptic.core import DeviceError
-    from visuohaptic.viewer.gate import Gate
+    from visuohaptic.viewer.access_control import AccessControl
 
-    monkeypatch.setattr(Gate, "guarding", lambda self: nullcontext())
+    monkeypatch.setattr(AccessControl, "guarding", lambda self: nullcontext())
     with pytest.raises(DeviceError, match="cannot be protected with viser"):
         LivePage(port=0)
