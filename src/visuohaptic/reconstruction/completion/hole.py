@@ -73,7 +73,8 @@ class SupportBand:
     @property
     def walls_m(self) -> Float[np.ndarray, "w 3"]:
         """The points of walls [m]."""
-        return self.points_m[np.abs(self.normals[:, 2]) < MAX_WALL_NZ]
+        walls_m: Float[np.ndarray, "w 3"] = self.points_m[np.abs(self.normals[:, 2]) < MAX_WALL_NZ]
+        return walls_m
 
     @property
     def spacing_m(self) -> float:
