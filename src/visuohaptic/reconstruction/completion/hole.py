@@ -17,6 +17,7 @@ from ...core.errors import InputError
 from ...io.meshes.mesh_state import boundary_edges, face_parts
 from ..mesh import SurfaceMesh
 from .hole_region import HoleRegion, load_hole_regions
+from .symmetry import MAX_WALL_NZ
 from .visibility import open_sight
 
 __all__ = ["HoleRegion", "SupportBand", "boundary_loops", "load_hole_regions", "support_band"]
@@ -65,6 +66,12 @@ class SupportBand:
     samples_m: Float[np.ndarray, "k 3"]
     sample_normals: Float[np.ndarray, "k 3"]
     area_m2: float  #: area of the sampled surface
+
+    @property
+    def walls_m(self) -> Float[np.ndarray, "w 3"]:
+        """The points of walls [m]."""
+        walls_m: Float[np.ndarray, "w 3"] = self.points_m[np.abs(self.normals[:, 2]) < MAX_WALL_NZ]
+        return walls_m
 
     @property
     def spacing_m(self) -> float:

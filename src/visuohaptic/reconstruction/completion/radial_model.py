@@ -154,7 +154,7 @@ def wall_seen(prior: ShapePrior, band: SupportBand) -> VisibleWall:
     band
         Known points around the hole.
     """
-    points_m = band.points_m[np.abs(band.normals[:, 2]) < 0.85]
+    points_m = band.walls_m
     theta, rho_m = _polar(points_m, prior)
     logs = np.log(rho_m) - prior.section(theta, points_m[:, 2])
     sector = np.floor((theta + np.pi) / (2 * np.pi) * _ANGLES).astype(int) % _ANGLES

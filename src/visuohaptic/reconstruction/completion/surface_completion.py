@@ -56,7 +56,6 @@ class CompletionSettings:
     )
     visual_sigma_m: float = 0.0005  #: standard deviation of the visible surface [m]
     use_priors: bool = True  #: whether a touch predicts a ring from the visible cross-sections
-    ring_points: int = 11  #: number of points predicted by each touch
     #: lower bound of missing parts and touches: the table plus the radius of the tip [m]
     floor_m: float = -np.inf
 
@@ -144,7 +143,8 @@ class Completion:
         floor_m = max(self.settings.floor_m, min(near.min(), self.region.hull_m[:, 2].min()))
         self._outer = self.region.with_surface(self._supports(), self.band.gap_m, floor_m)
         within = constrain_to_hull(self._of_band, self._outer, self.band, 0.5 * self._d_m, self._rho)
-        self._visible = constrain_core(within, self.region, self._rho)
+        walls_m = np.vstack([self.band.walls_m, *(contact for contact, _ in self._contacts)])
+        self._visible = constrain_core(within, self.region.clipped(self.axis_m, walls_m), self._rho)
         self._symmetry = DiscreteSymmetry(self.band, self.region, self._outer)
         self._symmetric = self.settings.use_priors and self._symmetry.possible
 
@@ -208,7 +208,7 @@ class Completion:
         if self.prior is None:
             return
         radius = float(np.linalg.norm(contact[:2] - self.axis_m))
-        points, spread = self.prior.ring(contact, self.settings.ring_points)
+        points, spread = self.prior.ring(contact)
         held = np.full(len(points), self.prior.p_sweep)
         if self.prior.p_mirror > 0.5 > self.prior.p_sweep:
             # The cross-section changes between the bands, but the mirror symmetry still holds.

@@ -18,6 +18,8 @@ from jaxtyping import Float
 
 __all__ = ["ShapePrior", "fit_prior"]
 
+#: Maximum vertical component of the unit normal of a wall; at floors and shoulders the height does not determine the radius.
+MAX_WALL_NZ = 0.85
 #: Number of harmonics of a cross-section.
 ORDER = 8
 #: Number of knots of log R(z) in a band.
@@ -83,7 +85,7 @@ class ShapePrior:
         return between, np.abs(each[:, 1] - each[:, 0]) * np.sqrt(t * (1 - t)) / 2
 
     def ring(
-        self, point_m: Float[np.ndarray, "3"], count: int = 12
+        self, point_m: Float[np.ndarray, "3"], count: int = 11
     ) -> tuple[Float[np.ndarray, "count 3"], Float[np.ndarray, "count"]]:
         """Points of the surface at the height of a contact, at other angles, and their standard deviations [m].
 
@@ -140,8 +142,7 @@ def fit_prior(
     axis = height_axis(points_m, normals)
     offset = points_m[:, :2] - axis
     rho, theta = np.hypot(offset[:, 0], offset[:, 1]), np.arctan2(offset[:, 1], offset[:, 0])
-    # Walls only: at floors and shoulders rho is not determined by the height.
-    wall = (np.abs(normals[:, 2]) < 0.85) & (rho > 1e-6)
+    wall = (np.abs(normals[:, 2]) < MAX_WALL_NZ) & (rho > 1e-6)
     parts = []
     for below in (True, False):
         rows = np.flatnonzero(wall & ((points_m[:, 2] < middle_z_m) == below))
