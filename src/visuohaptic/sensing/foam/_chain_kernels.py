@@ -37,7 +37,7 @@ def log_sum(a, b):
 
 @kernel(nogil=True, error_model="numpy")
 def place_odds(
-    t, apart, delta, sigma, trusted, since, blur, lens, pixel, width, speed, bulge, against, unary
+    t, apart, delta, sigma, trusted, since, blur, lens, pixel, width, speed, bulge, against, unary, shared
 ):
     """Log-likelihood ratio of position and blur of each edge: foam against an edge anywhere on the strip with any blur.
 
@@ -56,11 +56,15 @@ def place_odds(
     against
         Columns ``SPEED`` and ``BLUR`` are filled, (K, 6).
     unary
-        The log-likelihood is added to the column of foam, (K, 4).
+        The log-likelihood of what each point has of its own is added to the column of foam, (K, 4).
+    shared
+        Filled with the part that neighbours have in common: if one point of an occluder lies within reach of a contact, so
+        do the points beside it, (K,).
     """
     n, lens = len(delta), math.hypot(lens, PIXEL_PX)
     for k in range(n):
         rest = width / (math.sqrt(2.0 * math.pi) * sigma[k]) * math.exp(-0.5 * (delta[k] / sigma[k]) ** 2)
+        rest = math.log(0.5 * rest + 1e-30)
         # A contact may also move in from the side: the last deflection of a neighbour is likely, too.
         before = -math.inf
         for j in range(max(k - 1, 0), min(k + 2, n)):
@@ -87,8 +91,11 @@ def place_odds(
         sharp = -(excess if excess > 0.0 else 0.0) / _SAME_BLUR - math.log(2.0 * _SAME_BLUR)
         against[k, BLUR] = ALIKE * (log_sum(math.log(0.5) + sharp, -math.log(2.0 * _ANY_BLUR)) - sharp)
         against[k, SPEED] = min(surprise, 40.0)
-        pressed = math.log(max(0.3 * anywhere + 0.7 * near, 0.3)) - surprise - against[k, BLUR]
-        unary[k, FOAM] += min(max(log_sum(math.log(0.5 * rest + 1e-30), pressed), -40.0), 8.0)
+        pressed = -surprise - against[k, BLUR]
+        own = min(max(log_sum(rest, pressed), -40.0), 8.0)
+        unary[k, FOAM] += own
+        pressed += math.log(max(0.3 * anywhere + 0.7 * near, 0.3))
+        shared[k] = min(max(log_sum(rest, pressed), -40.0), 8.0) - own
 
 
 @kernel(nogil=True, error_model="numpy")
@@ -179,13 +186,18 @@ def _join_runs(unary, pair, ahead, behind, posterior, runs):
 
 
 @kernel(nogil=True)
-def join(unary, crossing, delta, sigma, rest_sigma, s, enter, decay, chord, margin, posterior, runs, fall):
+def join(
+    unary, shared, crossing, delta, sigma, rest_sigma, s, enter, decay, chord, margin, posterior, runs, fall
+):
     """Forward-backward over the points.
 
     Parameters
     ----------
     unary
-        Log-likelihood of each state, (K, 4).
+        Log-likelihood of each state, independent between points, (K, 4).
+    shared
+        Negative log-likelihood of each state that neighbours share, zero for the most likely one: along a run of points with
+        one state it counts once, as its first value and its increases, (K, 4).
     crossing
         Log-likelihood ratio of a point's position relative to the previous one where foam and occluder meet, against
         a single body; with the foam first, and with the occluder first, (K, 2).
@@ -215,7 +227,7 @@ def join(unary, crossing, delta, sigma, rest_sigma, s, enter, decay, chord, marg
     for k in range(1, n):
         for a in range(4):
             for b in range(4):
-                value = enter[b] if a != b else 0.0
+                value = enter[b] - shared[k, b] if a != b else -max(shared[k, b] - shared[k - 1, b], 0.0)
                 if a <= SHADOW and b <= SHADOW:
                     left = delta[k - 1] if a == FOAM else 0.0
                     here = delta[k] if b == FOAM else 0.0
@@ -232,7 +244,7 @@ def join(unary, crossing, delta, sigma, rest_sigma, s, enter, decay, chord, marg
     ahead = np.zeros((n, 4))
     for k in range(n):
         for b in range(4):
-            total = 0.0 if k == 0 and b == FOAM else enter[b]
+            total = -shared[0, b] if b == FOAM else enter[b] - shared[0, b]
             if k > 0:
                 top = -1e300
                 for a in range(4):

@@ -17,6 +17,8 @@ from ._posterior_kernels import BAND, EDGE
 COUNT, MEAN, GAIN_REST, GAIN_PRESSED, OWN, COV_REST, VAR_REST, COV_PRESSED, VAR_PRESSED = range(9)
 #: Log prior of texture that moves with the foam, stays in place, or differs from the zero image.
 _MOVED, _FIXED, _OTHER = math.log(0.6), math.log(0.3), math.log(0.1)
+#: Probability that the edge of a shadow lies within a band.
+_LIGHT_EDGE = 0.05
 #: Fraction of the pixels of a band that are independent, after lens, interpolation and JPEG.
 _INDEPENDENT = 0.5
 #: Probability that an edge of a body lies within a pixel of a given position: two edges on some forty pixels.
@@ -26,7 +28,7 @@ _MISFIT = 3.0
 #: Largest log-odds of one point from its pixels, so that a single speck cannot decide.
 MAX_ODDS = 12.0
 #: Relative difference within which two surfaces have the same grey level.
-_SAME_GREY = 0.03
+SAME_GREY = 0.03
 
 
 @kernel(nogil=True)
@@ -123,7 +125,7 @@ def texture_odds(bands, unary, against, gain):
     if count < 6:
         return 0.0, 0.0
     transfer = min(max(median(cov, count, work) / max(median(var, count, work), 1e-6), 0.0), 1.0)
-    moved, fixed, count = np.empty(n), np.empty(n), 0
+    moved, fixed, count, coarsest = np.empty(n), np.empty(n), 0, 0.0
     for k in range(n):
         b = bands[k]
         moved[k] = max(b[OWN] - 2.0 * transfer * b[COV_PRESSED] + transfer**2 * b[VAR_PRESSED], 0.05)
@@ -131,6 +133,7 @@ def texture_odds(bands, unary, against, gain):
         if b[COUNT] > 0.0:
             cov[count] = min(moved[k], fixed[k])
             count += 1
+            coarsest = max(coarsest, b[VAR_REST])
     variance = median(cov, count, work)
     for k in range(n):
         gain[k] = math.nan
@@ -139,7 +142,11 @@ def texture_odds(bands, unary, against, gain):
             own = 1.0 + math.log(max(bands[k, OWN], 0.05) / variance)
             goes = min(max(half * (own - moved[k] / variance), -MAX_ODDS), MAX_ODDS)
             stays = min(max(half * (own - fixed[k] / variance), -MAX_ODDS), MAX_ODDS)
-            foam = log_sum(log_sum(_MOVED + goes, _FIXED + stays), _OTHER)
+            # Foam that shows another part of its surface is no coarser than the coarsest part of the strip at rest.
+            ratio = max(bands[k, OWN] / (variance + transfer**2 * coarsest), 1.0)
+            coarse = half * (1.0 + math.log(ratio) - ratio)
+            coarse = log_sum(math.log(1.0 - _LIGHT_EDGE) + coarse, math.log(_LIGHT_EDGE))
+            foam = log_sum(log_sum(_MOVED + goes, _FIXED + stays), _OTHER + coarse)
             other = log_sum(_FIXED + stays, math.log(1.0 - math.exp(_FIXED)))
             # A run of points has a common cause for a different texture, such as rotated or worn foam.
             if foam < other:
@@ -192,7 +199,7 @@ def level_odds(found, dependence, gain, change, foam, variance, against):
         if math.isfinite(near):
             # The edge of a shadow that crosses the strip changes the illumination between neighbouring points.
             odds += (
-                ALIKE * min(max(0.5 * (change[k] / _SAME_GREY) ** 2 - 3.0, -3.0), 3.0) + _INDEPENDENT * near
+                ALIKE * min(max(0.5 * (change[k] / SAME_GREY) ** 2 - 3.0, -3.0), 3.0) + _INDEPENDENT * near
             )
         if math.isfinite(texture):
             # A misfit cannot support the hypothesis that the texture continues. Without a misfit, an edge of a body
@@ -200,7 +207,7 @@ def level_odds(found, dependence, gain, change, foam, variance, against):
             clean = found[k, 5] < _MISFIT
             texture /= dependence[k]
             odds += texture if clean else min(texture, 0.0)
-            sigma = math.hypot(_SAME_GREY * light * foam[k], math.sqrt(variance))
+            sigma = math.hypot(SAME_GREY * light * foam[k], math.sqrt(variance))
             shaded = 0.4 * _density(beyond - light * floor, sigma) + 0.2 / 255
             shaded += 0.4 * _density(beyond - between / foam[k] * floor, sigma)
             body = 0.6 * _density(beyond - between, sigma) + 0.4 / 255 * (_BY_CHANCE if clean else 1.0)

@@ -10,12 +10,14 @@ now and x0 at rest, the likelihoods of a frame, each relative to that of O, are
     blur      p(b | F, pressed) : that of the lens and of its own motion;  p(b | O) : any, the edge of a shadow may be soft
     steepness p(x_k, x_k+1 | F, F) : free foam decays over DECAY_PER_WIDTH w or more (a free end has no slope)
     crossing  p(x_k, x_k+1 | F, O) : an occluder crosses the edge of the foam at any angle;  p(... | F, F) : a single edge
+    surface   p(grey beyond x | F, pressed before) : that of the body that pressed there, or another one;  p(... | O) : any
     edge      p(no edge | F) = 0
 
 The variance about g Z and the visible fraction of the texture of Z (blur, JPEG) are measured on the foam behind the
 edges of the same frame; pixels beyond the edge are weighted by the correlation of their own residuals. Steepness and
-crossing couple the states along the strip, and states persist in time for ``PERSISTENCE_S``; the forward-backward
-algorithm over the points gives p(z_k | all). It also gives the probabilities P_ij that the states of all points from i to
+crossing couple the states along the strip, and states persist in time for ``PERSISTENCE_S``. An occluder that covers one
+point within reach of the contact covers its neighbours within reach as well: position, surface and persistence of a run of
+points count once, not once per point. The forward-backward algorithm over the points gives p(z_k | all). It also gives the probabilities P_ij that the states of all points from i to
 j are wrong, from which force and variance follow in ``deflection.py``.
 """
 
@@ -28,10 +30,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ._chain_kernels import FOAM, NOTHING, OPTICS, SHADOW, edge_crossing, join, place_odds
-from ._texture_kernels import MAX_ODDS
+from ._texture_kernels import MAX_ODDS, SAME_GREY
 from .pixel_evidence import image_evidence
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
+from .uneven_light import local_statistics
 
 __all__ = ["BULGE", "DECAY_PER_WIDTH", "FALSE_ALARM", "EdgePosterior", "EdgeStates"]
 
@@ -50,6 +53,8 @@ PERSISTENCE_S = 0.3
 _ENTER = np.log([0.05, 0.01, 0.01, 0.01])
 #: Prior probability of the onset of a contact per frame, at most.
 _ONSET = 0.01
+#: Probability that the surface beyond the front of a contact changes from one frame to the next.
+_OTHER_SURFACE = 0.05
 #: Standard deviation of the front under the edge of a shadow [px], due to the pixel resolution.
 REST_PX = 0.5
 #: Names of the kinds of evidence, in the order of :attr:`EdgeStates.against`.
@@ -112,7 +117,11 @@ class EdgePosterior:
         self._s, self._width, self._speed = np.ascontiguousarray(s_m, dtype=np.float64), width_m, speed_m_s
         self._trusted_m = np.full(len(s_m), np.nan)  # last observed deflection of the foam, and its time
         self._since_s = np.full(len(s_m), np.nan)
-        self._pressed = np.zeros(len(s_m), dtype=bool)  # points of contacts that are established
+        #: Prior odds of contacts against occluders that entered in the same frames; 1 for established contacts, 0 without.
+        self._contact = np.zeros(len(s_m))
+        self._beyond = np.full(
+            len(s_m), np.nan
+        )  # last grey level beyond the front, relative to that of the foam
         self._last: tuple[float, Float[np.ndarray, "K 4"]] | None = None
 
     def start(self, t_s: float) -> None:
@@ -152,31 +161,59 @@ class EdgePosterior:
         else:
             image_evidence(strip, zero, rest_px, seen, deflected, unary, against)
         unary[:, SHADOW] = np.where(deflected, unary[:, SHADOW], -MAX_ODDS)
+        near = np.empty(len(seen))
         apart_s = strip.t_s - self._last[0] if self._last is not None else math.inf
         place_odds(
             strip.t_s, apart_s, delta, np.hypot(sigma, strip.common_sigma_m), self._trusted_m, self._since_s,
             strip.front.blur_px, strip.lens_px, strip.pixel_m, self._width, self._speed,
-            BULGE * max(float(delta.max()), 0.0), against, unary,
+            BULGE * max(float(delta.max()), 0.0), against, unary, near,
         )  # fmt: skip
         against[~seen, :] = 0.0
         against[~seen, 4] = MAX_ODDS
         unary[~seen] = [-60.0, -60.0, 0.0, 0.0]
         unary[seen, NOTHING] = -MAX_ODDS
-        if self._last is not None:
-            stay = math.exp(-max(strip.t_s - self._last[0], 0.0) / PERSISTENCE_S)
-            # The previous states of neighbours are not independent: a run of ten counts once.
-            unary += 0.1 * np.log(stay * self._last[1] + (1.0 - stay) * 0.25)
+        shared, stay = self._shared(strip, near, seen, deflected)
         probability, runs = np.empty_like(unary), np.empty((len(seen), len(seen)))
         rules = DECAY_PER_WIDTH * self._width, _CHORD, OPTICS * self._width
         crossing = edge_crossing(delta, sigma, self._s, self._width)
         s_m, rest_m = self._s, REST_PX * strip.pixel_m
-        join(unary, crossing, delta, sigma, rest_m, s_m, _ENTER, *rules, probability, runs, against[:, 3])
+        places = delta, sigma, rest_m, s_m
+        join(unary, shared, crossing, *places, _ENTER, *rules, probability, runs, against[:, 3])
         self._last = strip.t_s, probability
-        self._confirm(probability[:, FOAM], deflected, runs)
+        self._confirm(probability[:, FOAM], deflected, runs, near - math.log(max(stay, 1e-9)))
         states = EdgeStates(probability, runs, against)
         calm = states.foam & seen
+        self._beyond[calm] = _beyond(strip)[calm]
         self._trusted_m[calm], self._since_s[calm] = delta[calm], strip.t_s
         return states
+
+    def _shared(
+        self,
+        strip: ObservedStrip,
+        near: Float[np.ndarray, "K"],
+        seen: Bool[np.ndarray, "K"],
+        deflected: Bool[np.ndarray, "K"],
+    ) -> tuple[Float[np.ndarray, "K 4"], float]:
+        """Negative log-likelihoods that neighbours share, see ``join``, and the probability that a state has persisted."""
+        foam = near + self._same_surface(strip, seen & deflected & (self._contact == 1.0))
+        shared = np.maximum(np.outer(np.where(seen, foam, 0.0), [-1.0, 1.0, 1.0, 1.0]), 0.0)
+        if self._last is None:
+            return shared, 0.0
+        stay = math.exp(-max(strip.t_s - self._last[0], 0.0) / PERSISTENCE_S)
+        before = np.log(stay * self._last[1] + (1.0 - stay) * 0.25)
+        return shared + before.max(axis=1, keepdims=True) - before, stay
+
+    def _same_surface(self, strip: ObservedStrip, known: Bool[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
+        """Log-likelihood ratio of the grey levels beyond the edges: the body that pressed there before against any surface.
+
+        Neighbours share it: the points of known contacts whose surface is the same have its median over the strip.
+        """
+        away = (_beyond(strip) - self._beyond) / SAME_GREY
+        density = np.exp(-0.5 * away**2) / (2.5 * SAME_GREY)
+        each = np.log((1.0 - _OTHER_SURFACE) * density + _OTHER_SURFACE)
+        local = local_statistics(np.where(known & np.isfinite(each), each, np.nan))[0]
+        same = max(float(np.median(local[known])), 0.0) if known.any() else 0.0
+        return np.where(known, np.where(local > 0.0, same, local), 0.0)
 
     def moved_m(self, delta_m: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
         """Distance of the edges from the last observed position of the foam [m]; zero where there is none.
@@ -190,10 +227,29 @@ class EdgePosterior:
         return np.where(np.isfinite(moved), moved, 0.0)
 
     def _confirm(
-        self, foam: Float[np.ndarray, "K"], deflected: Bool[np.ndarray, "K"], runs: Float[np.ndarray, "K K"]
+        self,
+        foam: Float[np.ndarray, "K"],
+        deflected: Bool[np.ndarray, "K"],
+        runs: Float[np.ndarray, "K K"],
+        support: Float[np.ndarray, "K"],
     ) -> None:
-        """Apply the prior odds of new contacts, which are as rare as other new edges; changes ``runs``."""
-        grown = np.convolve(self._pressed, np.ones(3), mode="same") > 0.0
-        fresh = deflected & ~grown
-        runs[np.ix_(fresh, fresh)] = np.minimum(runs[np.ix_(fresh, fresh)] / _ONSET, 1.0)
-        self._pressed = (foam > 0.5) & deflected & (grown | (runs.diagonal() < FALSE_ALARM))
+        """Apply the prior odds of new contacts, which are as rare as other new edges; changes ``runs``.
+
+        An occluder that was taken for a contact persists no longer than other states, and its edge lies within reach of the
+        last one by chance only: ``support`` is the log-odds by which each frame confirms a contact.
+        """
+        before = np.pad(self._contact, 1)
+        before = np.maximum(np.maximum(before[:-2], before[2:]), before[1:-1])
+        prior = np.where(before > 0.0, np.minimum(before * np.exp(np.minimum(support, 20.0)), 1.0), _ONSET)
+        prior[~deflected] = 1.0
+        np.minimum(runs / np.maximum.outer(prior, prior), 1.0, out=runs)
+        known = runs.diagonal() < FALSE_ALARM
+        # A contact that is hidden is expected to be there afterwards.
+        self._contact = np.where(foam > 0.5, np.where(known, 1.0, prior) * deflected, self._contact)
+
+
+def _beyond(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
+    """Grey level beyond each edge, relative to that of the foam behind it, which is lit alike; NaN where there is no edge."""
+    level = strip.front.level
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(strip.stripe, np.nan, level / (level - strip.front.contrast))
