@@ -51,12 +51,10 @@ def plain_join(
     posterior = total / total.sum(axis=1, keepdims=True)
     other = np.array(list(weights)) != posterior.argmax(axis=1)
     weight = np.array(list(weights.values())) / sum(weights.values())
-    exact = {(a, b): float(weight @ other[:, a : b + 1].all(axis=1)) for a in range(n) for b in range(a, n)}
     runs = np.zeros((n, n))
-    for (a, b), value in exact.items():
-        # One or two alone are bridged, but not at the ends.
-        windows = [(max(i, 0), min(i + 2, n - 1)) for i in range(b - 2, a + 1)]
-        runs[a, b] = runs[b, a] = max((exact[one] for one in windows), default=value)
+    for a in range(n):
+        for b in range(a, n):
+            runs[a, b] = runs[b, a] = float(weight @ other[:, a : b + 1].all(axis=1))
     return posterior, runs
 
 
@@ -253,6 +251,42 @@ def test_a_wide_occluder_within_reach_is_one_coincidence_however_many_points_it_
     assert 1e-3 < odds[1] < 1e-2, (
         "one strip in a hundred has an occluder, and this one would be within reach by chance"
     )
+
+
+def filtered(own: list[float], seen: float, *, spread_m: float = 0.0, onset: float = 1.0) -> list[float]:
+    """Probability that ten points are wrong: 2 % in the first frame, and ``seen`` in each later frame by itself."""
+    count, result = 10, []
+    every, wrong, best = np.ones(count), np.zeros((count, count)), np.zeros((count, count))
+    for i, odds in enumerate(own):
+        runs = np.full((count, count), seen if i else 0.02)
+        prior = every if i else onset * every
+        moved = np.linspace(0.0, spread_m, count)
+        filter_runs(runs, prior, moved, 0.004 * every, 1e-4 * every, every > 0, odds * every, 0.9, wrong, best)
+        result.append(float(runs[0, -1]))
+    return result
+
+
+def test_an_edge_that_looks_the_same_in_every_frame_is_confirmed_at_the_rate_of_change_only() -> None:
+    """A hand that comes to rest beside the foam looks no more like foam because it is seen again."""
+    found = filtered([0.0] * 6, 1e-6)
+    np.testing.assert_allclose(found, 0.02 * 0.9 ** np.arange(6), rtol=1e-3)
+
+
+def test_a_better_view_confirms_a_contact_and_a_worse_one_after_it_takes_nothing_back() -> None:
+    found = filtered([0.0, -0.2, 0.0, 0.5, 0.5, 0.3], 1e-6)
+    assert found[2] == pytest.approx(0.02 * 0.9**2, rel=1e-3)
+    assert found[3] == pytest.approx(0.02 * 0.9**3 * np.exp(-5.0), rel=0.02)
+    assert found[5] == pytest.approx(found[3] * 0.9**2, rel=0.02)
+
+
+def test_new_evidence_against_the_foam_counts_at_once() -> None:
+    assert filtered([0.0, -1.0], 0.3)[1] == pytest.approx(0.3 + 0.9 * 0.02)
+
+
+def test_a_new_contact_that_moves_the_front_as_a_whole_is_no_coincidence() -> None:
+    flat, uneven = (filtered([0.0], 0.0, spread_m=spread, onset=0.1)[0] for spread in (0.0, 0.002))
+    assert flat == pytest.approx(0.2 * 0.1 / 4.0), "a pixel of the 4 mm within reach"
+    assert uneven == pytest.approx(0.2 * 2.1 / 4.0)
 
 
 def test_a_surface_coarser_than_any_part_of_the_strip_is_not_the_foam() -> None:

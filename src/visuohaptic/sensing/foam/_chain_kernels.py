@@ -177,12 +177,71 @@ def _join_runs(unary, pair, ahead, behind, posterior, runs):
             runs[first, last] = runs[last, first] = value
             if value < 1e-12:
                 break
-    for a in range(n):
-        for b in range(a, min(a + 2, n)):
-            value = 0.0
-            for start in range(b - 2, a + 1):
-                value = max(value, runs[max(start, 0), min(start + 2, n - 1)])
-            runs[a, b] = runs[b, a] = value
+
+
+@kernel(nogil=True)
+def filter_runs(runs, onset, moved, reach, pixel, same, own, stay, wrong, best):
+    """Filter the probability of wrong runs from frame to frame.
+
+    What was not foam in the frame before and looked like it is still there with the probability ``stay``: its appearance is no
+    new evidence, only a change of its appearance is. Single points and pairs are interpolated: only runs of at least three
+    count, and shorter ones at the ends of the strip.
+
+    Parameters
+    ----------
+    runs
+        From :func:`join`; replaced by the probability given all frames, (K, K).
+    onset
+        Prior odds of a new contact against a new occluder or shadow, 1 where there is no new contact, (K,).
+    moved, reach
+        Distance of each edge from the last position of the foam, and the largest one of foam [m], (K,). The edge of a body moves
+        the front of a new contact as a whole; another edge within reach has any position within it.
+    pixel
+        Length of a pixel [m], (K,).
+    same
+        Points that were foam in the frame before and are foam within reach now, (K,).
+    own
+        Log-odds of foam from the appearance of each point, (K,).
+    stay
+        Probability that a state has persisted since the frame before.
+    wrong
+        Probability that a run is wrong and its neighbours are not; replaced by that of this frame, (K, K).
+    best
+        Largest log-odds of foam from the appearance of each run since it may have become wrong; updated, (K, K).
+    """
+    n = len(onset)
+    for first in range(n):
+        high, low, odds, kept = moved[first], moved[first], 0.0, stay
+        for last in range(first, n):
+            high, low = max(high, moved[last]), min(low, moved[last])
+            odds += own[last]
+            if not same[last]:
+                kept = 0.0
+            value = runs[first, last]
+            if first > 0:
+                value -= runs[first - 1, last]
+            if last < n - 1:
+                value -= runs[first, last + 1] - (runs[first - 1, last + 1] if first > 0 else 0.0)
+            if last < first + 2 and first > 0 and last < n - 1:
+                value = 0.0
+            prior = max(onset[first], onset[last])
+            if prior < 1.0:
+                value *= min((high - low + pixel[first]) / min(reach[first], reach[last]), 1.0) / prior
+            before = kept * wrong[first, last] * math.exp(-min(max(odds - best[first, last], 0.0), 40.0))
+            if value > before or odds > best[first, last]:
+                best[first, last] = odds
+            wrong[first, last] = min(max(value, 0.0) + before, 1.0)
+    for first in range(n):
+        for last in range(n - 1, first - 1, -1):
+            value = wrong[first, last]
+            if first > 0:
+                value += runs[first - 1, last]
+            if last < n - 1:
+                value += runs[first, last + 1] - (runs[first - 1, last + 1] if first > 0 else 0.0)
+            runs[first, last] = value
+    for first in range(n):
+        for last in range(first, n):
+            runs[first, last] = runs[last, first] = min(runs[first, last], 1.0)
 
 
 @kernel(nogil=True)
@@ -217,7 +276,6 @@ def join(
         Filled, (K, 4).
     runs
         Filled, (K, K): probability that none of the points from one to the other has its most likely state.
-        Single points and pairs are interpolated: only runs of at least three count, and shorter ones at the ends of the strip.
     fall
         Filled, (K,): negative log-likelihood of the drop in deflection to a neighbour, if both are foam [nats].
     """

@@ -17,8 +17,13 @@ The variance about g Z and the visible fraction of the texture of Z (blur, JPEG)
 edges of the same frame; pixels beyond the edge are weighted by the correlation of their own residuals. Steepness and
 crossing couple the states along the strip, and states persist in time for ``PERSISTENCE_S``. An occluder that covers one
 point within reach of the contact covers its neighbours within reach as well: position, surface and persistence of a run of
-points count once, not once per point. The forward-backward algorithm over the points gives p(z_k | all). It also gives the probabilities P_ij that the states of all points from i to
-j are wrong, from which force and variance follow in ``deflection.py``.
+points count once, not once per point. The forward-backward algorithm over the points gives p(z_k | all), and the
+probabilities P_ij that the states of all points from i to j are wrong, from which force and variance follow in
+``deflection.py``.
+
+P_ij is filtered from frame to frame (``filter_runs``). An edge that was wrongly taken for foam moves on as foam would, and
+frames share its appearance. Therefore its odds decrease by the rate at which states change, and where its appearance becomes
+more like that of foam than in any frame since it came, but not because it looks the same in every frame.
 """
 
 from __future__ import annotations
@@ -29,7 +34,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ._chain_kernels import FOAM, NOTHING, OPTICS, SHADOW, edge_crossing, join, place_odds
+from ._chain_kernels import BLUR, FOAM, NOTHING, OPTICS, SHADOW, edge_crossing, filter_runs, join, place_odds
 from ._texture_kernels import MAX_ODDS, SAME_GREY
 from .pixel_evidence import image_evidence
 from .strip.optics import ObservedStrip
@@ -117,8 +122,9 @@ class EdgePosterior:
         self._s, self._width, self._speed = np.ascontiguousarray(s_m, dtype=np.float64), width_m, speed_m_s
         self._trusted_m = np.full(len(s_m), np.nan)  # last observed deflection of the foam, and its time
         self._since_s = np.full(len(s_m), np.nan)
-        #: Prior odds of contacts against occluders that entered in the same frames; 1 for established contacts, 0 without.
-        self._contact = np.zeros(len(s_m))
+        self._pressed = np.zeros(len(s_m), dtype=bool)  # points of contacts
+        self._wrong, self._best = np.zeros((2, len(s_m), len(s_m)))  # see filter_runs
+        self._foam = np.ones(len(s_m), dtype=bool)
         self._beyond = np.full(
             len(s_m), np.nan
         )  # last grey level beyond the front, relative to that of the foam
@@ -161,7 +167,7 @@ class EdgePosterior:
         else:
             image_evidence(strip, zero, rest_px, seen, deflected, unary, against)
         unary[:, SHADOW] = np.where(deflected, unary[:, SHADOW], -MAX_ODDS)
-        near = np.empty(len(seen))
+        own, near = unary[:, FOAM] - unary[:, SHADOW:NOTHING].max(axis=1), np.empty(len(seen))
         apart_s = strip.t_s - self._last[0] if self._last is not None else math.inf
         place_odds(
             strip.t_s, apart_s, delta, np.hypot(sigma, strip.common_sigma_m), self._trusted_m, self._since_s,
@@ -180,7 +186,9 @@ class EdgePosterior:
         places = delta, sigma, rest_m, s_m
         join(unary, shared, crossing, *places, _ENTER, *rules, probability, runs, against[:, 3])
         self._last = strip.t_s, probability
-        self._confirm(probability[:, FOAM], deflected, runs, near - math.log(max(stay, 1e-9)))
+        reach = min(self._speed * apart_s, self._width) + np.hypot(sigma, OPTICS * self._width)
+        own -= against[:, BLUR]
+        self._filter(probability[:, FOAM] > 0.5, deflected, delta, reach, strip.pixel_m, own, stay, runs)
         states = EdgeStates(probability, runs, against)
         calm = states.foam & seen
         self._beyond[calm] = _beyond(strip)[calm]
@@ -195,13 +203,15 @@ class EdgePosterior:
         deflected: Bool[np.ndarray, "K"],
     ) -> tuple[Float[np.ndarray, "K 4"], float]:
         """Negative log-likelihoods that neighbours share, see ``join``, and the probability that a state has persisted."""
-        foam = near + self._same_surface(strip, seen & deflected & (self._contact == 1.0))
-        shared = np.maximum(np.outer(np.where(seen, foam, 0.0), [-1.0, 1.0, 1.0, 1.0]), 0.0)
-        if self._last is None:
-            return shared, 0.0
-        stay = math.exp(-max(strip.t_s - self._last[0], 0.0) / PERSISTENCE_S)
-        before = np.log(stay * self._last[1] + (1.0 - stay) * 0.25)
-        return shared + before.max(axis=1, keepdims=True) - before, stay
+        foam = np.where(seen, near + self._same_surface(strip, seen & deflected & self._pressed), 0.0)
+        stay, last = 0.0, 0.25 * np.ones((len(seen), 4))
+        if self._last is not None:
+            stay, last = math.exp(-max(strip.t_s - self._last[0], 0.0) / PERSISTENCE_S), self._last[1]
+        # An occluder or shadow that is there already remains where it was, as foam does; a new one is there by chance.
+        change = 0.25 * (1.0 - stay)
+        log_prior = np.log(stay * last * np.exp(np.maximum(foam, 0.0))[:, None] + change)
+        log_prior[:, FOAM] = foam + np.log(stay * last[:, FOAM] + change)
+        return log_prior.max(axis=1, keepdims=True) - log_prior, stay
 
     def _same_surface(self, strip: ObservedStrip, known: Bool[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
         """Log-likelihood ratio of the grey levels beyond the edges: the body that pressed there before against any surface.
@@ -226,26 +236,29 @@ class EdgePosterior:
         moved = np.abs(delta_m - self._trusted_m)
         return np.where(np.isfinite(moved), moved, 0.0)
 
-    def _confirm(
+    def _filter(
         self,
-        foam: Float[np.ndarray, "K"],
+        foam: Bool[np.ndarray, "K"],
         deflected: Bool[np.ndarray, "K"],
+        delta: Float[np.ndarray, "K"],
+        reach: Float[np.ndarray, "K"],
+        pixel_m: Float[np.ndarray, "K"],
+        own: Float[np.ndarray, "K"],
+        stay: float,
         runs: Float[np.ndarray, "K K"],
-        support: Float[np.ndarray, "K"],
     ) -> None:
-        """Apply the prior odds of new contacts, which are as rare as other new edges; changes ``runs``.
+        """Filter the probability of wrong runs from frame to frame; changes ``runs``.
 
-        An occluder that was taken for a contact persists no longer than other states, and its edge lies within reach of the
-        last one by chance only: ``support`` is the log-odds by which each frame confirms a contact.
+        New contacts are as rare as other new edges: they carry the prior odds of their onset.
         """
-        before = np.pad(self._contact, 1)
-        before = np.maximum(np.maximum(before[:-2], before[2:]), before[1:-1])
-        prior = np.where(before > 0.0, np.minimum(before * np.exp(np.minimum(support, 20.0)), 1.0), _ONSET)
-        prior[~deflected] = 1.0
-        np.minimum(runs / np.maximum.outer(prior, prior), 1.0, out=runs)
-        known = runs.diagonal() < FALSE_ALARM
+        grown = np.convolve(self._pressed, np.ones(3), mode="same") > 0.0
+        onset = np.where(deflected & ~grown, _ONSET, 1.0)
+        moved = np.nan_to_num(delta - self._trusted_m)
+        same = foam & self._foam & (np.abs(moved) < reach)
+        filter_runs(runs, onset, moved, reach, pixel_m, same, own, stay, self._wrong, self._best)
         # A contact that is hidden is expected to be there afterwards.
-        self._contact = np.where(foam > 0.5, np.where(known, 1.0, prior) * deflected, self._contact)
+        self._pressed = np.where(foam, deflected, self._pressed)
+        self._foam = foam
 
 
 def _beyond(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
