@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from visuohaptic.sensing.foam._chain_kernels import FOAM, edge_crossing, join, place_odds
+from visuohaptic.sensing.foam._chain_kernels import FOAM, edge_crossing, filter_runs, join, place_odds
 from visuohaptic.sensing.foam._posterior_kernels import _fit, shadow_odds
 from visuohaptic.sensing.foam._texture_kernels import (
     COV_PRESSED,
@@ -257,11 +257,12 @@ def filtered(own: list[float], seen: float, *, spread_m: float = 0.0, onset: flo
     """Probability that ten points are wrong: 2 % in the first frame, and ``seen`` in each later frame by itself."""
     count, result = 10, []
     every, wrong, best = np.ones(count), np.zeros((count, count)), np.zeros((count, count))
+    s = 0.003 * np.arange(float(count))
     for i, odds in enumerate(own):
         runs = np.full((count, count), seen if i else 0.02)
         prior = every if i else onset * every
         moved = np.linspace(0.0, spread_m, count)
-        filter_runs(runs, prior, moved, 0.004 * every, 1e-4 * every, every > 0, odds * every, 0.9, wrong, best)
+        filter_runs(runs, prior, moved, s, 1e-4 * every, every > 0, odds * every, 0.9, wrong, best)
         result.append(float(runs[0, -1]))
     return result
 
@@ -273,7 +274,7 @@ def test_an_edge_that_looks_the_same_in_every_frame_is_confirmed_at_the_rate_of_
 
 
 def test_a_better_view_confirms_a_contact_and_a_worse_one_after_it_takes_nothing_back() -> None:
-    found = filtered([0.0, -0.2, 0.0, 0.5, 0.5, 0.3], 1e-6)
+    found = filtered([0.0, -0.2, 0.0, 0.5, 0.5, 0.3], 1e-9)
     assert found[2] == pytest.approx(0.02 * 0.9**2, rel=1e-3)
     assert found[3] == pytest.approx(0.02 * 0.9**3 * np.exp(-5.0), rel=0.02)
     assert found[5] == pytest.approx(found[3] * 0.9**2, rel=0.02)
@@ -285,8 +286,8 @@ def test_new_evidence_against_the_foam_counts_at_once() -> None:
 
 def test_a_new_contact_that_moves_the_front_as_a_whole_is_no_coincidence() -> None:
     flat, uneven = (filtered([0.0], 0.0, spread_m=spread, onset=0.1)[0] for spread in (0.0, 0.002))
-    assert flat == pytest.approx(0.2 * 0.1 / 4.0), "a pixel of the 4 mm within reach"
-    assert uneven == pytest.approx(0.2 * 2.1 / 4.0)
+    assert flat == pytest.approx(0.2 * 2 / np.pi * np.arctan(0.1 / 27.0)), "a pixel over 27 mm, at any angle"
+    assert uneven == pytest.approx(0.2 * 2 / np.pi * np.arctan(2.1 / 27.0))
 
 
 def test_a_surface_coarser_than_any_part_of_the_strip_is_not_the_foam() -> None:

@@ -180,7 +180,7 @@ def _join_runs(unary, pair, ahead, behind, posterior, runs):
 
 
 @kernel(nogil=True)
-def filter_runs(runs, onset, moved, reach, pixel, same, own, stay, wrong, best):
+def filter_runs(runs, onset, moved, s, pixel, same, own, stay, wrong, best):
     """Filter the probability of wrong runs from frame to frame.
 
     What was not foam in the frame before and looked like it is still there with the probability ``stay``: its appearance is no
@@ -193,9 +193,9 @@ def filter_runs(runs, onset, moved, reach, pixel, same, own, stay, wrong, best):
         From :func:`join`; replaced by the probability given all frames, (K, K).
     onset
         Prior odds of a new contact against a new occluder or shadow, 1 where there is no new contact, (K,).
-    moved, reach
-        Distance of each edge from the last position of the foam, and the largest one of foam [m], (K,). The edge of a body moves
-        the front of a new contact as a whole; another edge within reach has any position within it.
+    moved, s
+        Distance of each edge from the last position of the foam, and position along the strip [m], (K,). A body moves the front
+        as a whole; other edges have any angle, and are parallel to it by chance.
     pixel
         Length of a pixel [m], (K,).
     same
@@ -226,7 +226,8 @@ def filter_runs(runs, onset, moved, reach, pixel, same, own, stay, wrong, best):
                 value = 0.0
             prior = max(onset[first], onset[last])
             if prior < 1.0:
-                value *= min((high - low + pixel[first]) / min(reach[first], reach[last]), 1.0) / prior
+                length = max(s[last] - s[first], 1e-9)
+                value *= 2.0 / math.pi * math.atan((high - low + pixel[first]) / length) / prior
             before = kept * wrong[first, last] * math.exp(-min(max(odds - best[first, last], 0.0), 40.0))
             if value > before or odds > best[first, last]:
                 best[first, last] = odds
@@ -241,7 +242,15 @@ def filter_runs(runs, onset, moved, reach, pixel, same, own, stay, wrong, best):
             runs[first, last] = value
     for first in range(n):
         for last in range(first, n):
-            runs[first, last] = runs[last, first] = min(runs[first, last], 1.0)
+            value = runs[first, last]
+            if last < first + 2:
+                value = 0.0
+                for start in range(last - 2, first + 1):
+                    value = max(value, runs[max(start, 0), min(start + 2, n - 1)])
+            runs[last, first] = min(value, 1.0)
+    for first in range(n):
+        for last in range(first, n):
+            runs[first, last] = runs[last, first]
 
 
 @kernel(nogil=True)

@@ -255,10 +255,11 @@ class EdgePosterior:
         onset = np.where(deflected & ~grown, _ONSET, 1.0)
         moved = np.nan_to_num(delta - self._trusted_m)
         same = foam & self._foam & (np.abs(moved) < reach)
-        filter_runs(runs, onset, moved, reach, pixel_m, same, own, stay, self._wrong, self._best)
+        filter_runs(runs, onset, moved, self._s, pixel_m, same, own, stay, self._wrong, self._best)
         # A contact that is hidden is expected to be there afterwards.
         self._pressed = np.where(foam, deflected, self._pressed)
-        self._foam = foam
+        # How an edge came to its place is known only where there was foam before.
+        self._foam = foam & np.isfinite(self._trusted_m)
 
 
 def _beyond(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
