@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from visuohaptic.sensing.foam._chain_kernels import FOAM, edge_crossing, join, place_odds
+from visuohaptic.sensing.foam._chain_kernels import FOAM, edge_crossing, filter_runs, join, place_odds
 from visuohaptic.sensing.foam._posterior_kernels import _fit, shadow_odds
 from visuohaptic.sensing.foam._texture_kernels import (
     COV_PRESSED,
@@ -17,6 +17,7 @@ from visuohaptic.sensing.foam._texture_kernels import (
     VAR_PRESSED,
     foam_bands,
 )
+from visuohaptic.sensing.foam._texture_kernels import texture_odds as foam_texture_odds
 from visuohaptic.sensing.foam.posterior import DECAY_PER_WIDTH
 from visuohaptic.sensing.foam.strip._rectify_kernels import rectify
 
@@ -24,17 +25,17 @@ ENTER = np.log([0.05, 0.01, 0.01, 0.01])
 
 
 def plain_join(
-    unary, crossing, delta, sigma, rest_sigma, s, decay, chord, margin
+    unary, shared, crossing, delta, sigma, rest_sigma, s, decay, chord, margin
 ) -> tuple[np.ndarray, np.ndarray]:
     """Posterior of each state, and of runs that are none of the likeliest, by the sum over all sequences."""
     n = len(s)
     total, weights = np.zeros((n, 4)), {}
     for path in itertools.product(range(4), repeat=n):
-        value = 0.0 if path[0] == 0 else ENTER[path[0]]
+        value = (0.0 if path[0] == 0 else ENTER[path[0]]) - shared[0, path[0]]
         value += sum(unary[k, z] for k, z in enumerate(path))
         for k in range(1, n):
             a, b = path[k - 1], path[k]
-            here = 0.0 if a == b else ENTER[b]
+            here = -max(shared[k, b] - shared[k - 1, b], 0.0) if a == b else ENTER[b] - shared[k, b]
             if a <= 1 and b <= 1:
                 pair = [
                     (delta[i], sigma[i]) if z == 0 else (0.0, rest_sigma[i]) for i, z in ((k - 1, a), (k, b))
@@ -50,12 +51,10 @@ def plain_join(
     posterior = total / total.sum(axis=1, keepdims=True)
     other = np.array(list(weights)) != posterior.argmax(axis=1)
     weight = np.array(list(weights.values())) / sum(weights.values())
-    exact = {(a, b): float(weight @ other[:, a : b + 1].all(axis=1)) for a in range(n) for b in range(a, n)}
     runs = np.zeros((n, n))
-    for (a, b), value in exact.items():
-        # One or two alone are bridged, but not at the ends.
-        windows = [(max(i, 0), min(i + 2, n - 1)) for i in range(b - 2, a + 1)]
-        runs[a, b] = runs[b, a] = max((exact[one] for one in windows), default=value)
+    for a in range(n):
+        for b in range(a, n):
+            runs[a, b] = runs[b, a] = float(weight @ other[:, a : b + 1].all(axis=1))
     return posterior, runs
 
 
@@ -64,12 +63,14 @@ def test_chain_equals_the_sum_over_all_sequences(seed) -> None:
     rng = np.random.default_rng(seed)
     n = 6
     unary, crossing = rng.normal(0, 2, (n, 4)), -rng.exponential(1.0, (n, 2))
+    shared = rng.exponential(2.0, (n, 4))
     delta, sigma = rng.uniform(-1e-4, 4e-3, n), rng.uniform(1e-5, 1e-3, n)
     rest_sigma, s = np.full(n, 1e-4), np.cumsum(rng.uniform(2e-3, 4e-3, n))
     rules = DECAY_PER_WIDTH * 0.02, 0.03, 5e-5
     found, runs = np.empty((n, 4)), np.empty((n, n))
-    join(unary, crossing, delta, sigma, rest_sigma, s, ENTER, *rules, found, runs, np.empty(n))
-    posterior, plain_runs = plain_join(unary, crossing, delta, sigma, rest_sigma, s, *rules)
+    given = unary, shared, crossing, delta, sigma, rest_sigma, s
+    join(*given, ENTER, *rules, found, runs, np.empty(n))
+    posterior, plain_runs = plain_join(*given, *rules)
     np.testing.assert_allclose(found, posterior, atol=1e-9)
     np.testing.assert_allclose(runs, plain_runs, atol=1e-9)
 
@@ -226,13 +227,82 @@ def test_an_occluder_that_goes_on_in_one_line_with_the_foam_is_a_coincidence() -
 def foam_odds(waited_s: float, apart_s: float, delta_m: float = 0.004) -> float:
     """Log-likelihood of a sharp edge as foam that was last seen at rest some time ago."""
     count = 5
-    unary, against = np.zeros((count, 4)), np.zeros((count, 6))
+    unary, against, shared = np.zeros((count, 4)), np.zeros((count, 6)), np.empty(count)
     every, since = np.ones(count), np.zeros(count)
     place_odds(
         waited_s, apart_s, delta_m * every, 2e-5 * every, 0.0 * every, since, every, 1.0, 2e-4 * every,
-        0.02, 0.1, 0.0, against, unary,
+        0.02, 0.1, 0.0, against, unary, shared,
     )  # fmt: skip
-    return float(unary[2, FOAM])
+    return float(unary[2, FOAM] + shared[2])
+
+
+def test_a_wide_occluder_within_reach_is_one_coincidence_however_many_points_it_covers() -> None:
+    """The shared evidence of a run counts once: the odds of an occluder do not fall with its length."""
+    odds = []
+    for count in (10, 40):
+        s = 0.003 * np.arange(float(count))
+        unary, shared = np.zeros((count, 4)), np.tile([0.0, 1.0, 1.0, 1.0], (count, 1))
+        given = np.zeros((count, 2)), 0.002 * np.ones(count), 1e-5 * np.ones(count), 1e-4 * np.ones(count), s
+        found, runs = np.empty((count, 4)), np.empty((count, count))
+        rules = DECAY_PER_WIDTH * 0.02, 0.03, 5e-5
+        join(unary, shared, *given, ENTER, *rules, found, runs, np.empty(count))
+        odds.append(runs[0, -1])
+    assert odds[1] == pytest.approx(odds[0], rel=0.5)
+    assert 1e-3 < odds[1] < 1e-2, (
+        "one strip in a hundred has an occluder, and this one would be within reach by chance"
+    )
+
+
+def filtered(own: list[float], seen: float, *, spread_m: float = 0.0, onset: float = 1.0) -> list[float]:
+    """Probability that ten points are wrong: 2 % in the first frame, and ``seen`` in each later frame by itself."""
+    count, result = 10, []
+    every, wrong, best = np.ones(count), np.zeros((count, count)), np.zeros((count, count))
+    s = 0.003 * np.arange(float(count))
+    for i, odds in enumerate(own):
+        runs = np.full((count, count), seen if i else 0.02)
+        prior = every if i else onset * every
+        moved = np.linspace(0.0, spread_m, count)
+        filter_runs(runs, prior, moved, s, 1e-4 * every, every > 0, odds * every, 0.9, wrong, best)
+        result.append(float(runs[0, -1]))
+    return result
+
+
+def test_an_edge_that_looks_the_same_in_every_frame_is_confirmed_at_the_rate_of_change_only() -> None:
+    """A hand that comes to rest beside the foam looks no more like foam because it is seen again."""
+    found = filtered([0.0] * 6, 1e-6)
+    np.testing.assert_allclose(found, 0.02 * 0.9 ** np.arange(6), rtol=1e-3)
+
+
+def test_a_better_view_confirms_a_contact_and_a_worse_one_after_it_takes_nothing_back() -> None:
+    found = filtered([0.0, -0.2, 0.0, 0.5, 0.5, 0.3], 1e-9)
+    assert found[2] == pytest.approx(0.02 * 0.9**2, rel=1e-3)
+    assert found[3] == pytest.approx(0.02 * 0.9**3 * np.exp(-5.0), rel=0.02)
+    assert found[5] == pytest.approx(found[3] * 0.9**2, rel=0.02)
+
+
+def test_new_evidence_against_the_foam_counts_at_once() -> None:
+    assert filtered([0.0, -1.0], 0.3)[1] == pytest.approx(0.3 + 0.9 * 0.02)
+
+
+def test_a_new_contact_that_moves_the_front_as_a_whole_is_no_coincidence() -> None:
+    flat, uneven = (filtered([0.0], 0.0, spread_m=spread, onset=0.1)[0] for spread in (0.0, 0.002))
+    assert flat == pytest.approx(0.2 * 2 / np.pi * np.arctan(0.1 / 27.0)), "a pixel over 27 mm, at any angle"
+    assert uneven == pytest.approx(0.2 * 2 / np.pi * np.arctan(2.1 / 27.0))
+
+
+def test_a_surface_coarser_than_any_part_of_the_strip_is_not_the_foam() -> None:
+    rng = np.random.default_rng(8)
+    rest, _ = strip(rng, 85.0, 0.03)
+    body = np.where(np.arange(110.0) < 80.0, 170.0 + 30.0 * rng.standard_normal(rest.shape), 70.0)
+    ones, other = np.ones(30), {}
+    for name, now in (("worn", strip(rng, 85.0, 0.03)[0]), ("body", body)):
+        # Half of the strip shows its own foam, from which the visible texture and the noise are known.
+        now = np.where(np.arange(30)[:, None, None] < 15, rest + 2.0 * rng.standard_normal(rest.shape), now)
+        bands, unary, against = np.empty((30, 9)), np.zeros((30, 4)), np.zeros((30, 6))
+        foam_bands(now.astype(np.float32), rest, 80.0 * ones, 85.0 * ones, 0 * ones, 1.0, ones > 0, bands)
+        foam_texture_odds(bands, unary, against, np.empty(30))
+        other[name] = float(np.median(against[18:, 0]))
+    assert other["body"] > other["worn"] + 0.3
 
 
 def test_a_slow_camera_costs_the_foam_nothing_but_frames_out_of_sight_do() -> None:

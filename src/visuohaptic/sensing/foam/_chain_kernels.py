@@ -37,7 +37,7 @@ def log_sum(a, b):
 
 @kernel(nogil=True, error_model="numpy")
 def place_odds(
-    t, apart, delta, sigma, trusted, since, blur, lens, pixel, width, speed, bulge, against, unary
+    t, apart, delta, sigma, trusted, since, blur, lens, pixel, width, speed, bulge, against, unary, shared
 ):
     """Log-likelihood ratio of position and blur of each edge: foam against an edge anywhere on the strip with any blur.
 
@@ -56,11 +56,15 @@ def place_odds(
     against
         Columns ``SPEED`` and ``BLUR`` are filled, (K, 6).
     unary
-        The log-likelihood is added to the column of foam, (K, 4).
+        The log-likelihood of what each point has of its own is added to the column of foam, (K, 4).
+    shared
+        Filled with the part that neighbours have in common: if one point of an occluder lies within reach of a contact, so
+        do the points beside it, (K,).
     """
     n, lens = len(delta), math.hypot(lens, PIXEL_PX)
     for k in range(n):
         rest = width / (math.sqrt(2.0 * math.pi) * sigma[k]) * math.exp(-0.5 * (delta[k] / sigma[k]) ** 2)
+        rest = math.log(0.5 * rest + 1e-30)
         # A contact may also move in from the side: the last deflection of a neighbour is likely, too.
         before = -math.inf
         for j in range(max(k - 1, 0), min(k + 2, n)):
@@ -87,8 +91,11 @@ def place_odds(
         sharp = -(excess if excess > 0.0 else 0.0) / _SAME_BLUR - math.log(2.0 * _SAME_BLUR)
         against[k, BLUR] = ALIKE * (log_sum(math.log(0.5) + sharp, -math.log(2.0 * _ANY_BLUR)) - sharp)
         against[k, SPEED] = min(surprise, 40.0)
-        pressed = math.log(max(0.3 * anywhere + 0.7 * near, 0.3)) - surprise - against[k, BLUR]
-        unary[k, FOAM] += min(max(log_sum(math.log(0.5 * rest + 1e-30), pressed), -40.0), 8.0)
+        pressed = -surprise - against[k, BLUR]
+        own = min(max(log_sum(rest, pressed), -40.0), 8.0)
+        unary[k, FOAM] += own
+        pressed += math.log(max(0.3 * anywhere + 0.7 * near, 0.3))
+        shared[k] = min(max(log_sum(rest, pressed), -40.0), 8.0) - own
 
 
 @kernel(nogil=True, error_model="numpy")
@@ -170,22 +177,95 @@ def _join_runs(unary, pair, ahead, behind, posterior, runs):
             runs[first, last] = runs[last, first] = value
             if value < 1e-12:
                 break
-    for a in range(n):
-        for b in range(a, min(a + 2, n)):
-            value = 0.0
-            for start in range(b - 2, a + 1):
-                value = max(value, runs[max(start, 0), min(start + 2, n - 1)])
-            runs[a, b] = runs[b, a] = value
 
 
 @kernel(nogil=True)
-def join(unary, crossing, delta, sigma, rest_sigma, s, enter, decay, chord, margin, posterior, runs, fall):
+def filter_runs(runs, onset, moved, s, pixel, same, own, stay, wrong, best):
+    """Filter the probability of wrong runs from frame to frame.
+
+    What was not foam in the frame before and looked like it is still there with the probability ``stay``: its appearance is no
+    new evidence, only a change of its appearance is. Single points and pairs are interpolated: only runs of at least three
+    count, and shorter ones at the ends of the strip.
+
+    Parameters
+    ----------
+    runs
+        From :func:`join`; replaced by the probability given all frames, (K, K).
+    onset
+        Prior odds of a new contact against a new occluder or shadow, 1 where there is no new contact, (K,).
+    moved, s
+        Distance of each edge from the last position of the foam, and position along the strip [m], (K,). A body moves the front
+        as a whole; other edges have any angle, and are parallel to it by chance.
+    pixel
+        Length of a pixel [m], (K,).
+    same
+        Points that were foam in the frame before and are foam within reach now, (K,).
+    own
+        Log-odds of foam from the appearance of each point, (K,).
+    stay
+        Probability that a state has persisted since the frame before.
+    wrong
+        Probability that a run is wrong and its neighbours are not; replaced by that of this frame, (K, K).
+    best
+        Largest log-odds of foam from the appearance of each run since it may have become wrong; updated, (K, K).
+    """
+    n = len(onset)
+    for first in range(n):
+        high, low, odds, kept = moved[first], moved[first], 0.0, stay
+        for last in range(first, n):
+            high, low = max(high, moved[last]), min(low, moved[last])
+            odds += own[last]
+            if not same[last]:
+                kept = 0.0
+            value = runs[first, last]
+            if first > 0:
+                value -= runs[first - 1, last]
+            if last < n - 1:
+                value -= runs[first, last + 1] - (runs[first - 1, last + 1] if first > 0 else 0.0)
+            if last < first + 2 and first > 0 and last < n - 1:
+                value = 0.0
+            prior = max(onset[first], onset[last])
+            if prior < 1.0:
+                length = max(s[last] - s[first], 1e-9)
+                value *= 2.0 / math.pi * math.atan((high - low + pixel[first]) / length) / prior
+            before = kept * wrong[first, last] * math.exp(-min(max(odds - best[first, last], 0.0), 40.0))
+            if value > before or odds > best[first, last]:
+                best[first, last] = odds
+            wrong[first, last] = min(max(value, 0.0) + before, 1.0)
+    for first in range(n):
+        for last in range(n - 1, first - 1, -1):
+            value = wrong[first, last]
+            if first > 0:
+                value += runs[first - 1, last]
+            if last < n - 1:
+                value += runs[first, last + 1] - (runs[first - 1, last + 1] if first > 0 else 0.0)
+            runs[first, last] = value
+    for first in range(n):
+        for last in range(first, n):
+            value = runs[first, last]
+            if last < first + 2:
+                value = 0.0
+                for start in range(last - 2, first + 1):
+                    value = max(value, runs[max(start, 0), min(start + 2, n - 1)])
+            runs[last, first] = min(value, 1.0)
+    for first in range(n):
+        for last in range(first, n):
+            runs[first, last] = runs[last, first]
+
+
+@kernel(nogil=True)
+def join(
+    unary, shared, crossing, delta, sigma, rest_sigma, s, enter, decay, chord, margin, posterior, runs, fall
+):
     """Forward-backward over the points.
 
     Parameters
     ----------
     unary
-        Log-likelihood of each state, (K, 4).
+        Log-likelihood of each state, independent between points, (K, 4).
+    shared
+        Negative log-likelihood of each state that neighbours share, zero for the most likely one: along a run of points with
+        one state it counts once, as its first value and its increases, (K, 4).
     crossing
         Log-likelihood ratio of a point's position relative to the previous one where foam and occluder meet, against
         a single body; with the foam first, and with the occluder first, (K, 2).
@@ -205,7 +285,6 @@ def join(unary, crossing, delta, sigma, rest_sigma, s, enter, decay, chord, marg
         Filled, (K, 4).
     runs
         Filled, (K, K): probability that none of the points from one to the other has its most likely state.
-        Single points and pairs are interpolated: only runs of at least three count, and shorter ones at the ends of the strip.
     fall
         Filled, (K,): negative log-likelihood of the drop in deflection to a neighbour, if both are foam [nats].
     """
@@ -215,7 +294,7 @@ def join(unary, crossing, delta, sigma, rest_sigma, s, enter, decay, chord, marg
     for k in range(1, n):
         for a in range(4):
             for b in range(4):
-                value = enter[b] if a != b else 0.0
+                value = enter[b] - shared[k, b] if a != b else -max(shared[k, b] - shared[k - 1, b], 0.0)
                 if a <= SHADOW and b <= SHADOW:
                     left = delta[k - 1] if a == FOAM else 0.0
                     here = delta[k] if b == FOAM else 0.0
@@ -232,7 +311,7 @@ def join(unary, crossing, delta, sigma, rest_sigma, s, enter, decay, chord, marg
     ahead = np.zeros((n, 4))
     for k in range(n):
         for b in range(4):
-            total = 0.0 if k == 0 and b == FOAM else enter[b]
+            total = -shared[0, b] if b == FOAM else enter[b] - shared[0, b]
             if k > 0:
                 top = -1e300
                 for a in range(4):

@@ -10,6 +10,7 @@ import numpy as np
 from ...core.kernels import kernel
 from ...tracking._solve_kernels import median
 from ._chain_kernels import ALIKE, FOAM, OCCLUDER, SHADOW, log_sum
+from ._light_kernels import BESIDE, local_medians
 from ._posterior_kernels import BAND, EDGE
 
 #: Columns of the bands: number of samples, current mean grey level, gain relative to the zero image at its old position and
@@ -17,6 +18,10 @@ from ._posterior_kernels import BAND, EDGE
 COUNT, MEAN, GAIN_REST, GAIN_PRESSED, OWN, COV_REST, VAR_REST, COV_PRESSED, VAR_PRESSED = range(9)
 #: Log prior of texture that moves with the foam, stays in place, or differs from the zero image.
 _MOVED, _FIXED, _OTHER = math.log(0.6), math.log(0.3), math.log(0.1)
+#: Independent points among a point and its neighbours.
+_NEIGHBOURS = ALIKE * (2 * BESIDE + 1)
+#: Probability that the edge of a shadow lies within a band.
+_LIGHT_EDGE = 0.05
 #: Fraction of the pixels of a band that are independent, after lens, interpolation and JPEG.
 _INDEPENDENT = 0.5
 #: Probability that an edge of a body lies within a pixel of a given position: two edges on some forty pixels.
@@ -26,7 +31,7 @@ _MISFIT = 3.0
 #: Largest log-odds of one point from its pixels, so that a single speck cannot decide.
 MAX_ODDS = 12.0
 #: Relative difference within which two surfaces have the same grey level.
-_SAME_GREY = 0.03
+SAME_GREY = 0.03
 
 
 @kernel(nogil=True)
@@ -123,7 +128,7 @@ def texture_odds(bands, unary, against, gain):
     if count < 6:
         return 0.0, 0.0
     transfer = min(max(median(cov, count, work) / max(median(var, count, work), 1e-6), 0.0), 1.0)
-    moved, fixed, count = np.empty(n), np.empty(n), 0
+    moved, fixed, count, coarsest = np.empty(n), np.empty(n), 0, 0.0
     for k in range(n):
         b = bands[k]
         moved[k] = max(b[OWN] - 2.0 * transfer * b[COV_PRESSED] + transfer**2 * b[VAR_PRESSED], 0.05)
@@ -131,23 +136,42 @@ def texture_odds(bands, unary, against, gain):
         if b[COUNT] > 0.0:
             cov[count] = min(moved[k], fixed[k])
             count += 1
+            coarsest = max(coarsest, b[VAR_REST])
     variance = median(cov, count, work)
     for k in range(n):
         gain[k] = math.nan
         if bands[k, COUNT] > 0.0:
             half = 0.5 * _INDEPENDENT * bands[k, COUNT]
             own = 1.0 + math.log(max(bands[k, OWN], 0.05) / variance)
-            goes = min(max(half * (own - moved[k] / variance), -MAX_ODDS), MAX_ODDS)
-            stays = min(max(half * (own - fixed[k] / variance), -MAX_ODDS), MAX_ODDS)
-            foam = log_sum(log_sum(_MOVED + goes, _FIXED + stays), _OTHER)
-            other = log_sum(_FIXED + stays, math.log(1.0 - math.exp(_FIXED)))
+            moved[k] = min(max(half * (own - moved[k] / variance), -MAX_ODDS), MAX_ODDS)
+            fixed[k] = min(max(half * (own - fixed[k] / variance), -MAX_ODDS), MAX_ODDS)
+        else:
+            moved[k], fixed[k] = math.nan, math.nan
+    # Whether a texture moves with the foam, stays in place or differs is the same for neighbours and counts once for them.
+    stayed, still = np.empty((3, n)), np.empty((3, n))
+    local_medians(fixed - moved, stayed)
+    local_medians(fixed, still)
+    both = math.exp(_MOVED) + math.exp(_FIXED)
+    for k in range(n):
+        if bands[k, COUNT] > 0.0:
+            half = 0.5 * _INDEPENDENT * bands[k, COUNT]
+            goes, stays = moved[k], fixed[k]
+            fixed_part = both / (1.0 + math.exp(_MOVED - _FIXED - _NEIGHBOURS * stayed[0, k]))
+            beside = both / (1.0 + math.exp(_MOVED - _FIXED - _NEIGHBOURS * still[0, k]))
+            # Foam that shows another part of its surface is no coarser than the coarsest part of the strip at rest.
+            ratio = max(bands[k, OWN] / (variance + transfer**2 * coarsest), 1.0)
+            coarse = half * (1.0 + math.log(ratio) - ratio)
+            coarse = log_sum(math.log(1.0 - _LIGHT_EDGE) + coarse, math.log(_LIGHT_EDGE))
+            foam = log_sum(math.log(both - fixed_part) + goes, math.log(fixed_part) + stays)
+            foam = log_sum(foam, _OTHER + coarse)
+            other = log_sum(math.log(beside) + stays, math.log(1.0 - beside))
             # A run of points has a common cause for a different texture, such as rotated or worn foam.
             if foam < other:
                 foam = other + ALIKE * (foam - other)
             unary[k, FOAM], unary[k, OCCLUDER] = foam, other
             unary[k, SHADOW] = log_sum(math.log(0.9) + stays, _OTHER)
             against[k, 0] = other - foam
-            gain[k] = bands[k, GAIN_PRESSED] if moved[k] < fixed[k] else bands[k, GAIN_REST]
+            gain[k] = bands[k, GAIN_PRESSED] if goes > stays else bands[k, GAIN_REST]
     return transfer, variance
 
 
@@ -192,7 +216,7 @@ def level_odds(found, dependence, gain, change, foam, variance, against):
         if math.isfinite(near):
             # The edge of a shadow that crosses the strip changes the illumination between neighbouring points.
             odds += (
-                ALIKE * min(max(0.5 * (change[k] / _SAME_GREY) ** 2 - 3.0, -3.0), 3.0) + _INDEPENDENT * near
+                ALIKE * min(max(0.5 * (change[k] / SAME_GREY) ** 2 - 3.0, -3.0), 3.0) + _INDEPENDENT * near
             )
         if math.isfinite(texture):
             # A misfit cannot support the hypothesis that the texture continues. Without a misfit, an edge of a body
@@ -200,7 +224,7 @@ def level_odds(found, dependence, gain, change, foam, variance, against):
             clean = found[k, 5] < _MISFIT
             texture /= dependence[k]
             odds += texture if clean else min(texture, 0.0)
-            sigma = math.hypot(_SAME_GREY * light * foam[k], math.sqrt(variance))
+            sigma = math.hypot(SAME_GREY * light * foam[k], math.sqrt(variance))
             shaded = 0.4 * _density(beyond - light * floor, sigma) + 0.2 / 255
             shaded += 0.4 * _density(beyond - between / foam[k] * floor, sigma)
             body = 0.6 * _density(beyond - between, sigma) + 0.4 / 255 * (_BY_CHANCE if clean else 1.0)

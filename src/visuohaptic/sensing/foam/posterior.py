@@ -10,13 +10,20 @@ now and x0 at rest, the likelihoods of a frame, each relative to that of O, are
     blur      p(b | F, pressed) : that of the lens and of its own motion;  p(b | O) : any, the edge of a shadow may be soft
     steepness p(x_k, x_k+1 | F, F) : free foam decays over DECAY_PER_WIDTH w or more (a free end has no slope)
     crossing  p(x_k, x_k+1 | F, O) : an occluder crosses the edge of the foam at any angle;  p(... | F, F) : a single edge
+    surface   p(grey beyond x | F, pressed before) : that of the body that pressed there, or another one;  p(... | O) : any
     edge      p(no edge | F) = 0
 
 The variance about g Z and the visible fraction of the texture of Z (blur, JPEG) are measured on the foam behind the
 edges of the same frame; pixels beyond the edge are weighted by the correlation of their own residuals. Steepness and
-crossing couple the states along the strip, and states persist in time for ``PERSISTENCE_S``; the forward-backward
-algorithm over the points gives p(z_k | all). It also gives the probabilities P_ij that the states of all points from i to
-j are wrong, from which force and variance follow in ``deflection.py``.
+crossing couple the states along the strip, and states persist in time for ``PERSISTENCE_S``. An occluder that covers one
+point within reach of the contact covers its neighbours within reach as well: position, surface and persistence of a run of
+points count once, not once per point. The forward-backward algorithm over the points gives p(z_k | all), and the
+probabilities P_ij that the states of all points from i to j are wrong, from which force and variance follow in
+``deflection.py``.
+
+P_ij is filtered from frame to frame (``filter_runs``). An edge that was wrongly taken for foam moves on as foam would, and
+frames share its appearance. Therefore its odds decrease by the rate at which states change, and where its appearance becomes
+more like that of foam than in any frame since it came, but not because it looks the same in every frame.
 """
 
 from __future__ import annotations
@@ -27,11 +34,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ._chain_kernels import FOAM, NOTHING, OPTICS, SHADOW, edge_crossing, join, place_odds
-from ._texture_kernels import MAX_ODDS
+from ._chain_kernels import BLUR, FOAM, NOTHING, OPTICS, SHADOW, edge_crossing, filter_runs, join, place_odds
+from ._texture_kernels import MAX_ODDS, SAME_GREY
 from .pixel_evidence import image_evidence
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
+from .uneven_light import local_statistics
 
 __all__ = ["BULGE", "DECAY_PER_WIDTH", "FALSE_ALARM", "EdgePosterior", "EdgeStates"]
 
@@ -50,6 +58,8 @@ PERSISTENCE_S = 0.3
 _ENTER = np.log([0.05, 0.01, 0.01, 0.01])
 #: Prior probability of the onset of a contact per frame, at most.
 _ONSET = 0.01
+#: Probability that the surface beyond the front of a contact changes from one frame to the next.
+_OTHER_SURFACE = 0.05
 #: Standard deviation of the front under the edge of a shadow [px], due to the pixel resolution.
 REST_PX = 0.5
 #: Names of the kinds of evidence, in the order of :attr:`EdgeStates.against`.
@@ -112,7 +122,12 @@ class EdgePosterior:
         self._s, self._width, self._speed = np.ascontiguousarray(s_m, dtype=np.float64), width_m, speed_m_s
         self._trusted_m = np.full(len(s_m), np.nan)  # last observed deflection of the foam, and its time
         self._since_s = np.full(len(s_m), np.nan)
-        self._pressed = np.zeros(len(s_m), dtype=bool)  # points of contacts that are established
+        self._pressed = np.zeros(len(s_m), dtype=bool)  # points of contacts
+        self._wrong, self._best = np.zeros((2, len(s_m), len(s_m)))  # see filter_runs
+        self._foam = np.ones(len(s_m), dtype=bool)
+        self._beyond = np.full(
+            len(s_m), np.nan
+        )  # last grey level beyond the front, relative to that of the foam
         self._last: tuple[float, Float[np.ndarray, "K 4"]] | None = None
 
     def start(self, t_s: float) -> None:
@@ -152,31 +167,63 @@ class EdgePosterior:
         else:
             image_evidence(strip, zero, rest_px, seen, deflected, unary, against)
         unary[:, SHADOW] = np.where(deflected, unary[:, SHADOW], -MAX_ODDS)
+        own, near = unary[:, FOAM] - unary[:, SHADOW:NOTHING].max(axis=1), np.empty(len(seen))
         apart_s = strip.t_s - self._last[0] if self._last is not None else math.inf
         place_odds(
             strip.t_s, apart_s, delta, np.hypot(sigma, strip.common_sigma_m), self._trusted_m, self._since_s,
             strip.front.blur_px, strip.lens_px, strip.pixel_m, self._width, self._speed,
-            BULGE * max(float(delta.max()), 0.0), against, unary,
+            BULGE * max(float(delta.max()), 0.0), against, unary, near,
         )  # fmt: skip
         against[~seen, :] = 0.0
         against[~seen, 4] = MAX_ODDS
         unary[~seen] = [-60.0, -60.0, 0.0, 0.0]
         unary[seen, NOTHING] = -MAX_ODDS
-        if self._last is not None:
-            stay = math.exp(-max(strip.t_s - self._last[0], 0.0) / PERSISTENCE_S)
-            # The previous states of neighbours are not independent: a run of ten counts once.
-            unary += 0.1 * np.log(stay * self._last[1] + (1.0 - stay) * 0.25)
+        shared, stay = self._shared(strip, near, seen, deflected)
         probability, runs = np.empty_like(unary), np.empty((len(seen), len(seen)))
         rules = DECAY_PER_WIDTH * self._width, _CHORD, OPTICS * self._width
         crossing = edge_crossing(delta, sigma, self._s, self._width)
         s_m, rest_m = self._s, REST_PX * strip.pixel_m
-        join(unary, crossing, delta, sigma, rest_m, s_m, _ENTER, *rules, probability, runs, against[:, 3])
+        places = delta, sigma, rest_m, s_m
+        join(unary, shared, crossing, *places, _ENTER, *rules, probability, runs, against[:, 3])
         self._last = strip.t_s, probability
-        self._confirm(probability[:, FOAM], deflected, runs)
+        reach = min(self._speed * apart_s, self._width) + np.hypot(sigma, OPTICS * self._width)
+        own -= against[:, BLUR]
+        self._filter(probability[:, FOAM] > 0.5, deflected, delta, reach, strip.pixel_m, own, stay, runs)
         states = EdgeStates(probability, runs, against)
         calm = states.foam & seen
+        self._beyond[calm] = _beyond(strip)[calm]
         self._trusted_m[calm], self._since_s[calm] = delta[calm], strip.t_s
         return states
+
+    def _shared(
+        self,
+        strip: ObservedStrip,
+        near: Float[np.ndarray, "K"],
+        seen: Bool[np.ndarray, "K"],
+        deflected: Bool[np.ndarray, "K"],
+    ) -> tuple[Float[np.ndarray, "K 4"], float]:
+        """Negative log-likelihoods that neighbours share, see ``join``, and the probability that a state has persisted."""
+        foam = np.where(seen, near + self._same_surface(strip, seen & deflected & self._pressed), 0.0)
+        stay, last = 0.0, 0.25 * np.ones((len(seen), 4))
+        if self._last is not None:
+            stay, last = math.exp(-max(strip.t_s - self._last[0], 0.0) / PERSISTENCE_S), self._last[1]
+        # An occluder or shadow that is there already remains where it was, as foam does; a new one is there by chance.
+        change = 0.25 * (1.0 - stay)
+        log_prior = np.log(stay * last * np.exp(np.maximum(foam, 0.0))[:, None] + change)
+        log_prior[:, FOAM] = foam + np.log(stay * last[:, FOAM] + change)
+        return log_prior.max(axis=1, keepdims=True) - log_prior, stay
+
+    def _same_surface(self, strip: ObservedStrip, known: Bool[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
+        """Log-likelihood ratio of the grey levels beyond the edges: the body that pressed there before against any surface.
+
+        Neighbours share it: the points of known contacts whose surface is the same have its median over the strip.
+        """
+        away = (_beyond(strip) - self._beyond) / SAME_GREY
+        density = np.exp(-0.5 * away**2) / (2.5 * SAME_GREY)
+        each = np.log((1.0 - _OTHER_SURFACE) * density + _OTHER_SURFACE)
+        local = local_statistics(np.where(known & np.isfinite(each), each, np.nan))[0]
+        same = max(float(np.median(local[known])), 0.0) if known.any() else 0.0
+        return np.where(known, np.where(local > 0.0, same, local), 0.0)
 
     def moved_m(self, delta_m: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
         """Distance of the edges from the last observed position of the foam [m]; zero where there is none.
@@ -189,11 +236,34 @@ class EdgePosterior:
         moved = np.abs(delta_m - self._trusted_m)
         return np.where(np.isfinite(moved), moved, 0.0)
 
-    def _confirm(
-        self, foam: Float[np.ndarray, "K"], deflected: Bool[np.ndarray, "K"], runs: Float[np.ndarray, "K K"]
+    def _filter(
+        self,
+        foam: Bool[np.ndarray, "K"],
+        deflected: Bool[np.ndarray, "K"],
+        delta: Float[np.ndarray, "K"],
+        reach: Float[np.ndarray, "K"],
+        pixel_m: Float[np.ndarray, "K"],
+        own: Float[np.ndarray, "K"],
+        stay: float,
+        runs: Float[np.ndarray, "K K"],
     ) -> None:
-        """Apply the prior odds of new contacts, which are as rare as other new edges; changes ``runs``."""
+        """Filter the probability of wrong runs from frame to frame; changes ``runs``.
+
+        New contacts are as rare as other new edges: they carry the prior odds of their onset.
+        """
         grown = np.convolve(self._pressed, np.ones(3), mode="same") > 0.0
-        fresh = deflected & ~grown
-        runs[np.ix_(fresh, fresh)] = np.minimum(runs[np.ix_(fresh, fresh)] / _ONSET, 1.0)
-        self._pressed = (foam > 0.5) & deflected & (grown | (runs.diagonal() < FALSE_ALARM))
+        onset = np.where(deflected & ~grown, _ONSET, 1.0)
+        moved = np.nan_to_num(delta - self._trusted_m)
+        same = foam & self._foam & (np.abs(moved) < reach)
+        filter_runs(runs, onset, moved, self._s, pixel_m, same, own, stay, self._wrong, self._best)
+        # A contact that is hidden is expected to be there afterwards.
+        self._pressed = np.where(foam, deflected, self._pressed)
+        # How an edge came to its place is known only where there was foam before.
+        self._foam = foam & np.isfinite(self._trusted_m)
+
+
+def _beyond(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
+    """Grey level beyond each edge, relative to that of the foam behind it, which is lit alike; NaN where there is no edge."""
+    level = strip.front.level
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(strip.stripe, np.nan, level / (level - strip.front.contrast))
