@@ -155,21 +155,23 @@ def push_ends(planner: Planner, key: str) -> Row:
         "length_m": float(np.hypot(*push["displacement_m"])),
         "off_m": float(np.hypot(*off)),
         "turn_deg": abs(float(np.degrees(turn))),
+        "turn_off_deg": abs(float(np.degrees(turn - push.get("turn_rad", 0.0)))),
     }
     steered_m, steered_rad = _steered(world, push)
     row |= {"steered_off_m": steered_m, "steered_deg": abs(float(np.degrees(steered_rad)))}
+    row["steered_off_deg"] = abs(float(np.degrees(steered_rad - push.get("turn_rad", 0.0))))
     physics.drive(path[1:], 0.1)
     here = physics.robot_m
     now = replace(world, bodies=physics.bodies, start_m=(float(here[0]), float(here[1])))
-    onward = planner.ask({"do": "plan", "problem": described(now, 0.05)}).get("plan", {})
+    onward = planner.ask({"do": "plan", "problem": described(now, 0.05)})
     planned, needed = (
         sum(task["kind"] == "push" for task in some)
-        for some in (tasks, onward.get("tasks", MAX_PLANS * ({"kind": "push"},)))
+        for some in (tasks, onward.get("plan", {}).get("tasks", ()))
     )
-    row["again"] = needed > planned - 1
+    row["again"] = needed > planned - 1 or answer_of(onward) != "plan"
     if (covariance := push.get("end_covariance")) is not None:
         matrix = np.array(covariance, dtype=float)
-        error = np.array([*off, turn])
+        error = np.array([*off, turn - push.get("turn_rad", 0.0)])
         row["squared"] = float(error @ np.linalg.solve(matrix, error))
     return row
 
@@ -244,6 +246,7 @@ def push_ends_table(rows: Rows) -> list[Row]:
             "unit": "deg",
             "floor": 3,
             "aim": 1.5,
+            "note": _turns(done, "turn_deg", "turn_off_deg"),
         },
         {
             "name": "end of a push that is steered by sight, as travel does: median",
@@ -259,7 +262,7 @@ def push_ends_table(rows: Rows) -> list[Row]:
             "unit": "deg",
             "floor": 3,
             "aim": 1.5,
-            "note": f"p90 {quantile((r['steered_deg'] for r in done), 0.9) or np.nan:.1f}",
+            "note": _turns(done, "steered_deg", "steered_off_deg"),
         },
         {
             "name": "end of a push inside the declared 90 % ellipse",
@@ -279,6 +282,14 @@ def push_ends_table(rows: Rows) -> list[Row]:
             "floor": 0,
         },
     ]
+
+
+def _turns(rows: list[Row], turn: str, off: str) -> str:
+    """Quantile of the turns, and median and quantile of their differences from the rotations that the plans declare."""
+    values = [
+        quantile((row[name] for row in rows), part) for name, part in ((turn, 0.9), (off, 0.5), (off, 0.9))
+    ]
+    return "p90 {:.1f}; off the declared rotation: {:.1f}, p90 {:.1f}".format(*(v or np.nan for v in values))
 
 
 # -- oracle --------------------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from .drive_tasks import drive_tasks
 from .search._travel_kernels import clearances_at
 from .search.drives import pull_string
 from .search.push_ends import turn_probability
-from .search.push_lengths import end_covariance
+from .search.push_lengths import end_of_push
 from .search.push_search import load_kernels, search_pushes
 from .search.push_states import Deadline, PushStep, SearchLimits, SearchResult
 from .search.search_domain import SearchDomain, grid_from_world, world_from_grid
@@ -192,7 +192,7 @@ def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[
             body.centre + after,
             body.centre + before,
             step.approach,
-            step.approach + after - before + (step.touch - step.approach),
+            step.touch + after - before,
             step.retreat,
         ]
     )
@@ -204,8 +204,7 @@ def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[
     path_m = tuple((float(x), float(y)) for x, y in (stand_m, pushed_m, retreat_m))
     driven_m = float(np.hypot(*(pushed_m - stand_m)) + np.hypot(*(retreat_m - pushed_m)))
     tasks: list[Task] = []
-    first = not np.any(before)
-    if body.allowed.unknown and first:
+    if body.allowed.unknown and not np.any(before):
         tasks.append(
             Task(
                 "explore",
@@ -219,21 +218,12 @@ def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[
     known = push.failure_probability
     if body.allowed.unknown:  # once it has been explored, only the risk of a first push remains
         known = costs.prior_failures / (1.0 + costs.prior_failures + costs.prior_successes)
-    tasks.append(
-        Task(
-            "push",
-            cost_s,
-            driven_m,
-            path_m,
-            body.obj.id,
-            _pair(contact_m),
-            _pair(goal_m),
-            _pair(moved_m),
-            failure_probability=known,
-            end_covariance=tuple(map(tuple, end_covariance(domain, step).tolist())),
-        )
-    )
-    return tasks
+    turn_rad, covariance = end_of_push(domain, step)
+    pushed = Task(
+        "push", cost_s, driven_m, path_m, body.obj.id, _pair(contact_m), _pair(goal_m), _pair(moved_m), turn_rad,
+        failure_probability=known, end_covariance=tuple(map(tuple, covariance.tolist())),
+    )  # fmt: skip
+    return [*tasks, pushed]
 
 
 def _pair(point: Float[np.ndarray, "2"]) -> tuple[float, float]:

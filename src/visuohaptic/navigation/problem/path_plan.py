@@ -35,7 +35,8 @@ class Task:
     contact_m: Point | None = None  #: contact of the robot on the outline
     goal_m: Point | None = None  #: final position of the object's centre
     displacement_m: Point | None = None  #: motion of the object
-    turn_rad: float = 0.0  #: rotation of the object about its centre
+    #: rotation of the object about its centre; the drives after an oblique push are planned without it
+    turn_rad: float = 0.0
     failure_probability: float = 0.0
     #: of a push, x, y [m] and rotation [rad] of the object about its planned pose: its 90 % ellipsoid holds 90 % of the samples
     end_covariance: tuple[tuple[float, ...], ...] = ()

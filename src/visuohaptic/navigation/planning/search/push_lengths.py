@@ -27,7 +27,7 @@ from .search_domain import SearchDomain
 
 __all__ = [
     "SWEEP_STEP",
-    "end_covariance",
+    "end_of_push",
     "free_length",
     "opening_at",
     "push_step",
@@ -241,8 +241,10 @@ def opening_at(
     return found
 
 
-def end_covariance(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "3 3"]:
-    """Covariance of x, y [m] and rotation [rad] about the planned pose, map frame; its 90 % ellipsoid holds 90 % of the samples.
+def end_of_push(domain: SearchDomain, step: PushStep) -> tuple[float, Float[np.ndarray, "3 3"]]:
+    """Predicted rotation [rad], and covariance of x, y [m] and rotation about the planned position, so rotated, map frame.
+
+    The 90 % ellipsoid holds 90 % of the simulated pushes.
 
     Parameters
     ----------
@@ -252,9 +254,13 @@ def end_covariance(domain: SearchDomain, step: PushStep) -> Float[np.ndarray, "3
         The push.
     """
     errors = end_errors(domain, step.body, step.contact, step.length)
+    # A push perpendicular to a face rotates its object to either side alike.
+    oblique = domain.bodies[step.body].push(step.contact).oblique
+    turn_rad = float(errors[:, 2].mean()) if oblique else 0.0
+    errors[:, 2] -= turn_rad
     errors[:, :2] = errors[:, :2] @ rotation_2d(domain.map.origin[2]).T
     errors[:, :2] += TRACKING_M * np.random.default_rng(0).standard_normal((SAMPLES, 2))
-    return covariance_of_ends(errors)
+    return turn_rad, covariance_of_ends(errors)
 
 
 def replanning_units(
