@@ -65,13 +65,17 @@ class FeatureIndex:
         rows = max(1, min(_BLOCK, m))
         blocks = -(-m // rows)
         self._codes = np.zeros((blocks, n + 1, rows), np.uint8)  # plus a padding feature that is 0 everywhere
-        self._error = np.zeros(m, np.float32)  # in steps, like the sums
-        for block in range(blocks):
-            part = slice(block * rows, (block + 1) * rows)
-            code, error = _rounded(self._vectors[part] - self._centre, self._step)
+        error = np.zeros(m, np.float32)  # in steps, like the sums
+        parts = [slice(start, start + rows) for start in range(0, m, rows)]
+        for part in parts:
+            error[part] = _rounded(self._vectors[part] - self._centre, self._step)[1] / self._step
+        # In the order of their errors: the largest error of a segment is then hardly more than the others.
+        self._order = np.argsort(error, kind="stable")
+        self._error = error[self._order]
+        self._largest_error = self._error[np.minimum(np.arange(SEGMENT - 1, m + SEGMENT - 1, SEGMENT), m - 1)]
+        for block, part in enumerate(parts):
+            code, _ = _rounded(self._vectors[self._order[part]] - self._centre, self._step)
             self._codes[block, :n, : len(code)] = code.T
-            self._error[part] = error / self._step
-        self._largest_error = np.maximum.reduceat(self._error, np.arange(0, m, SEGMENT)) if m else self._error
         self._squared = np.empty((blocks, rows), np.int32)
         self._lowest = np.empty(-(-self._squared.size // SEGMENT), np.int32)
 
@@ -106,19 +110,19 @@ class FeatureIndex:
 
         known = np.flatnonzero(~np.isnan(q))
         code, error = _rounded(q[None, known] - self._centre[known], self._step)
-        eights = -len(known) % 8
-        padded = np.pad(known, (0, eights), constant_values=len(q))
-        coarse_distances(
-            self._codes, padded, np.pad(code[0].astype(np.int16), (0, eights)), self._squared, self._lowest
-        )
+        eights = len(known) + -len(known) % 8
+        features, levels = np.full(eights, len(q)), np.zeros(eights, np.int16)
+        features[: len(known)], levels[: len(known)] = known, code[0]
+        coarse_distances(self._codes, features, levels, self._squared, self._lowest)
         squared = self._squared.ravel()[:m]
         first = np.empty(min(count, m), np.int64)
         smallest(squared, self._lowest, first)
-        reach = (self._distances(first, known, q).max() + float(error[0])) / self._step
+        reach = (self._distances(self._order[first], known, q).max() + float(error[0])) / self._step
         near = np.empty(m, np.int64)
         # A small allowance for rounding of these sums and of the 32-bit errors.
         reach = reach * (1 + 1e-6) + 1e-5
         near = near[: within(squared, self._lowest, self._error, self._largest_error, reach, near)]
+        near = self._order[near]
         distance = self._distances(near, known, q)
         order = np.lexsort((near, distance))[:count]
         return [Match(self._ids[near[i]], float(distance[i])) for i in order]
