@@ -385,7 +385,7 @@ def _folded(text: str) -> str:
     for line in text.split("\n"):
         first = re.match(r" *(\S.*? {2,}(?=\S))?", line)
         indent = " " * (first.end() if first else 0)
-        command = re.search(r"(^ *|: )visuohaptic [a-z]", line)
+        command = re.search(r"(^ *|[Ee]xamples?:? +|: )visuohaptic [a-z]", line)
         lines += [line] if command else textwrap.wrap(line, columns, subsequent_indent=indent) or [""]
     return "\n".join(lines)
 
