@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import subprocess
@@ -54,12 +55,26 @@ def one_line(text: str) -> str:
     return text.removeprefix("visuohaptic: error: ").rstrip("\n")
 
 
-def test_overview_lists_every_verb_without_importing_one(capsys):
+def test_overview_lists_every_verb_without_importing_one(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")  # not folded
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
     for verb, (_, text) in VERBS.items():
         assert verb in out
         assert text in out
+
+
+@pytest.mark.parametrize("words", [["--help"], ["plan", "--help"], ["sense", "foam", "--help"]])
+def test_help_is_folded_to_the_terminal_and_commands_are_not(words, capsys, monkeypatch):
+    texts = []
+    for columns in ("80", "200"):
+        monkeypatch.setenv("COLUMNS", columns)
+        with contextlib.suppress(SystemExit):
+            main(words)
+        texts.append(capsys.readouterr().out)
+    narrow, wide = texts
+    assert [line for line in narrow.splitlines() if len(line) > 80 and "visuohaptic " not in line] == []
+    assert narrow.split() == wide.split()  # no word is lost
 
 
 def test_no_words_print_the_overview(capsys):

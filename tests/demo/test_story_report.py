@@ -17,6 +17,8 @@ from visuohaptic.demo.story import Chapter, Measure, _left_s, counted
         (Measure("mass felt [kg]", 0.0218, 0.0203), ("mass felt [g]", "21.8", "20.3")),
         (Measure("declared standard deviation [N]", 0.0123, None), ("declared standard deviation [mN]", "12.3", "\u2013")),
         (Measure("force [N]", 0.05, 3.2), ("force [N]", "0.05", "3.2")),
+        (Measure("rms error of the force [N]", 0.118, None), ("rms error of the force [mN]", "118", "\u2013")),
+        (Measure("lifted [m]", 0.1, 0.0995), ("lifted [mm]", "100", "99.5")),
         (Measure("light bin: fixed", False, False), ("light bin: fixed", "no", "no")),
         (Measure("mass felt [kg]", None, 0.0203), ("mass felt [g]", "\u2013", "20.3")),
     ],

@@ -22,7 +22,9 @@ import argparse
 import importlib
 import os
 import re
+import shutil
 import sys
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from types import ModuleType
 from typing import NoReturn
@@ -286,7 +288,7 @@ def verb_parser(
     parser = _Parser(
         prog=f"visuohaptic {verb}",
         description=f"{text[:1].upper()}{text[1:]}.",
-        epilog=(module.__doc__ or "").partition("\n\n")[2] or None,
+        epilog=_folded((module.__doc__ or "").partition("\n\n")[2]) or None,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
         conflict_handler="resolve",  # an option of the verb's own wins
@@ -374,7 +376,18 @@ def _overview(verbs: Mapping[str, tuple[str, str]]) -> str:
         "\n".join([f"{heading}:", *(f"  {verb:<{width}}{verbs[verb][1]}" for verb in names)])
         for heading, names in blocks.items()
     )
-    return _OVERVIEW.format(version=__version__, verbs=lines)
+    return _folded(_OVERVIEW.format(version=__version__, verbs=lines))
+
+
+def _folded(text: str) -> str:
+    """Lines folded to the width of the terminal, below the start of their second column; commands can still be copied."""
+    columns, lines = shutil.get_terminal_size().columns, []
+    for line in text.split("\n"):
+        first = re.match(r" *(\S.*? {2,}(?=\S))?", line)
+        indent = " " * (first.end() if first else 0)
+        command = re.search(r"(^ *|[Ee]xamples?:? +|: )visuohaptic [a-z]", line)
+        lines += [line] if command else textwrap.wrap(line, columns, subsequent_indent=indent) or [""]
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":

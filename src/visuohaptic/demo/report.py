@@ -31,7 +31,7 @@ _CLAIMS = {
     "grip": ("is held by the grasp", "", 1.0, 0),
 }
 
-#: Unit of a small value -> display unit, and the limit below which it is used.
+#: Unit of a small value -> display unit, and the limit up to which it is used; for errors it always is.
 _SMALL = {"m": ("mm", 1e3, 0.1), "N": ("mN", 1e3, 0.1), "kg": ("g", 1e3, 1.0)}
 
 
@@ -120,8 +120,8 @@ def measure_texts(measure: Measure) -> tuple[str, str, str]:
     name, values = measure.what, [measure.estimate, measure.truth]
     what, _, unit = name.removesuffix("]").rpartition(" [")
     numbers = [abs(v) for v in values if isinstance(v, (int, float)) and not isinstance(v, bool)]
-    if unit in _SMALL and numbers and max(numbers) < _SMALL[unit][2]:
-        smaller, factor, _ = _SMALL[unit]
+    smaller, factor, limit = _SMALL.get(unit, ("", 1.0, 0.0))
+    if numbers and smaller and ("error" in what or max(numbers) <= limit):
         name = f"{what} [{smaller}]"
         values = [factor * v if isinstance(v, (int, float)) else v for v in values]
     return name, _shown(values[0]), _shown(values[1])
