@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import InputError, ranges
-from visuohaptic.core.ranges import NON_NEGATIVE, POSITIVE, check_ranges, within
+from visuohaptic.core.ranges import FINITE, NON_NEGATIVE, POSITIVE, check_ranges, within
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,3 +61,19 @@ def test_what_is_outside_is_refused_in_one_line(bad, said):
 
 def test_the_example_runs():
     assert doctest.testmod(ranges).failed == 0
+
+
+def test_a_range_for_the_fields_without_their_own() -> None:
+    @dataclass(frozen=True)
+    class Settings:
+        speed_m_s: float = 0.1
+        tilts_rad: tuple[float, ...] = field(default=(), metadata=FINITE)
+
+        def __post_init__(self) -> None:
+            check_ranges(self, POSITIVE)
+
+    Settings(tilts_rad=(-0.1, 0.0))
+    with pytest.raises(InputError, match=r"speed_m_s: found 0\.0, expected more than 0"):
+        Settings(speed_m_s=0.0)
+    with pytest.raises(InputError, match=r"tilts_rad: found .*, expected a finite number"):
+        Settings(tilts_rad=(float("nan"),))

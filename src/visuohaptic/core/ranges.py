@@ -90,7 +90,7 @@ POSITIVE = above(0.0)
 NON_NEGATIVE = at_least(0.0)
 
 
-def check_ranges(instance: Any) -> None:
+def check_ranges(instance: Any, others: Mapping[str, Any] | None = None) -> None:
     """Check every dataclass field that declares a range; used as ``__post_init__``.
 
     A field whose value and default are ``None`` is not given and passes. Arrays are checked elementwise.
@@ -99,6 +99,8 @@ def check_ranges(instance: Any) -> None:
     ----------
     instance
         The dataclass instance.
+    others
+        Range of the fields that declare none, such as ``POSITIVE``; by default they are not checked.
 
     Raises
     ------
@@ -106,7 +108,7 @@ def check_ranges(instance: Any) -> None:
         A value is not a finite number in its range; the message names class and field, what was found and expected.
     """
     for one in fields(instance):
-        limits = one.metadata.get(_KEY)
+        limits = (one.metadata or others or {}).get(_KEY)
         value = getattr(instance, one.name)
         if limits is None or (value is None and one.default is None):
             continue

@@ -30,8 +30,6 @@ _log = logging.getLogger(__name__)
 
 #: Iterations after which a step is rejected and halved.
 MAX_ITERATIONS = 16
-#: Newton iterations of a whole path, which ends when they are used up.
-MAX_PATH_ITERATIONS = 5000
 #: Maximum number of arc-length steps through a snap-back.
 MAX_ARCS = 60
 #: Maximum number of arc-length points; a longer path ends there.
@@ -46,6 +44,7 @@ def follow_displacement(
     targets_m: Sequence[float],
     *,
     control: Float[np.ndarray, "v 6"] | None = None,
+    max_iterations: int = 5000,
 ) -> EquilibriumPath:
     """Increase the control displacement to each of ``targets_m`` and compute the required load.
 
@@ -63,8 +62,10 @@ def follow_displacement(
     control
         Weights c of the control ``c . u``, displacements only. By default the load divided by the
         sum of its forces: the mean displacement of the loaded vertices, along the load.
+    max_iterations
+        Maximum Newton iterations of the whole path, which ends when they are used up.
     """
-    return _Walk(shell, load, control).run(list(targets_m), "displacement")
+    return _Walk(shell, load, control, max_iterations).run(list(targets_m), "displacement")
 
 
 def reach_loads(
@@ -74,6 +75,7 @@ def reach_loads(
     *,
     control: Float[np.ndarray, "v 6"] | None = None,
     past_limits: bool = True,
+    max_iterations: int = 5000,
 ) -> EquilibriumPath:
     """Increase the load to each of ``factors``.
 
@@ -90,8 +92,11 @@ def reach_loads(
         As of :func:`follow_displacement`.
     past_limits
         Whether to continue beyond a limit load; otherwise the path ends there.
+    max_iterations
+        Newton iterations of the whole path, which ends when they are used up.
     """
-    return _Walk(shell, load, control).run(list(factors), "load", past_limits=past_limits)
+    walk = _Walk(shell, load, control, max_iterations)
+    return walk.run(list(factors), "load", past_limits=past_limits)
 
 
 def follow_arc(
@@ -139,8 +144,9 @@ class _Walk:
         shell: CorotationalShell,
         load: Float[np.ndarray, "v 6"],
         control: Float[np.ndarray, "v 6"] | None = None,
+        max_iterations: int = 5000,
     ) -> None:
-        self.left, self.shell = MAX_PATH_ITERATIONS, shell
+        self.left, self.shell = max_iterations, shell
         self.fixed = shell.model.fixed
         self.load = np.where(self.fixed, 0.0, np.asarray(load, dtype=float))
         if control is None:

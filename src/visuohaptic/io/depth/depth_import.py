@@ -36,11 +36,12 @@ from ...core.files import (
     load_json,
     load_yaml_model,
     read_bytes,
-    save_yaml,
+    read_text,
 )
-from .depth_images import DEPTH_SUFFIXES, DepthEncoding, read_depth, write_depth
-from .depth_sequence import _image_files, _matched
-from .poses import StampedPose, read_poses, stamped_matrix, write_poses
+from .depth_images import DEPTH_SUFFIXES, DepthEncoding, read_depth
+from .depth_sequence import DepthFrame, _image_files, _matched
+from .depth_sequence_out import write_sequence
+from .poses import StampedPose, read_poses, stamped_matrix
 
 __all__ = ["LAYOUTS", "ImportedSequence", "import_sequence"]
 
@@ -50,6 +51,8 @@ LAYOUTS = ("arm", "apc", "cleargrasp", "plain")
 #: Assumed period of images without timestamps [s].
 _PERIOD_S = 1.0 / 30.0
 _NUMBER = re.compile(r"(\d+)")
+#: Larger files of matrices are rejected [bytes].
+_MAX_TEXT_BYTES = 16 * 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,8 +144,6 @@ def import_sequence(
     source, target = Path(source), Path(target)
     if not source.is_dir():
         raise InputError(source, "is not a folder")
-    if target.exists() and any(target.iterdir() if target.is_dir() else [target]):
-        raise InputError(target, "is not empty", remedy="choose a new folder")
     chosen = _layout_of(source, camera) if layout == "auto" else layout
     if chosen == "arm":
         found = _arm(source)
@@ -197,10 +198,7 @@ def _beside(folder: Path, stem: str) -> Path | None:
 
 def _labelled_matrices(path: Path) -> dict[str, Float[np.ndarray, "rows columns"]]:
     """Matrices of a text file, each labelled by the comment line above it."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(path, f"cannot be read ({type(error).__name__})") from error
+    lines = read_text(path, _MAX_TEXT_BYTES).splitlines()
     found: dict[str, list[list[float]]] = {}
     label = ""
     for number, line in enumerate(lines, start=1):
@@ -288,24 +286,24 @@ def _write(found: _Layout, target: Path, layout: str) -> ImportedSequence:
     # Units of 0.1 mm reach 6.5 m in 16 bits; coarser units are kept.
     scale_m = 1e-4 if found.encoding.scale_m == 1.0 else found.encoding.scale_m
     skipped: list[str] = []
-    poses: list[tuple[float, Pose]] = []
-    for index, (depth_m, color, stamped) in enumerate(_readable(found, skipped)):
-        if not poses:
-            (target / "depth").mkdir(parents=True, exist_ok=True)
-        assert stamped.pose is not None
-        write_depth(target / "depth" / f"{index:06d}.png", depth_m, scale_m)
+    count = write_sequence(
+        target, _frames(found, target, skipped), sensor=found.sensor, depth_scale_m=scale_m
+    )
+    return ImportedSequence(target, layout, count, skipped)
+
+
+def _frames(found: _Layout, target: Path, skipped: list[str]) -> Iterator[DepthFrame]:
+    """Frames with depth; colour images are copied to the target as they are."""
+    index = 0
+    for index, (depth_m, color, stamped) in enumerate(_readable(found, skipped), start=1):
         if color is not None:
-            (target / "color").mkdir(exist_ok=True)
-            shutil.copyfile(color, target / "color" / f"{index:06d}{color.suffix}")
-        time_s = stamped.t_s if np.isfinite(stamped.t_s) else index * _PERIOD_S
-        poses.append((time_s, stamped.pose))
-    if not poses:
+            (target / "color").mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(color, target / "color" / f"{index - 1:06d}{color.suffix}")
+        assert stamped.pose is not None
+        time_s = stamped.t_s if np.isfinite(stamped.t_s) else (index - 1) * _PERIOD_S
+        yield DepthFrame(time_s, depth_m, None, stamped.pose, found.camera, index - 1)
+    if not index:
         raise InputError(target, f"no image of the source can be used; the first: {skipped[0]}")
-    found.camera.save(target / "camera.yaml")
-    write_poses(target / "poses.txt", poses)
-    description = {"sensor": found.sensor, "depth_scale_m": scale_m, "camera": "camera.yaml"}
-    save_yaml(target / "sequence.yaml", description)
-    return ImportedSequence(target, layout, len(poses), skipped)
 
 
 def _readable(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
@@ -12,8 +12,8 @@ import numpy as np
 
 from ...core.camera.frame import Frame
 from ...core.camera.pose import Pose
-from ...core.errors import InputError
 from ...core.measurement import Wrench
+from ...core.ranges import FINITE, POSITIVE, check_ranges
 from ...core.robots import FrameSource, ProbeArm, require_members
 from ...reconstruction.completion.touch import Touch
 from ..framework.machine import Machine, Rule
@@ -75,14 +75,11 @@ class CompleteSettings:
     travel_m_s: float = 0.15
     probe_m_s: float = 0.03
     sigma_m: float = 0.0005  #: standard deviation of a contact: arm, tip and sensor [m]
-    compliance_m_per_N: float = 0.0  #: compliance of the tip [m/N]
+    compliance_m_per_N: float = field(default=0.0, metadata=FINITE)  #: compliance of the tip [m/N]
     max_invalid_frames: int = 15
 
     def __post_init__(self) -> None:
-        for name in self.__slots__:
-            value = getattr(self, name)
-            if not (math.isfinite(value) and (value > 0 or name == "compliance_m_per_N")):
-                raise InputError("CompleteSettings", f"found {value}, expected more than 0", field=name)
+        check_ranges(self, POSITIVE)
 
 
 @dataclass(frozen=True, slots=True)

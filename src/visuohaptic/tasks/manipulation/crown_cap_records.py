@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
+from ...core.ranges import FINITE, POSITIVE, check_ranges
 from ..framework.trace import Ending, Trace
 
 __all__ = [
@@ -74,7 +73,8 @@ class CapSighting(Protocol):
 class CapSettings:
     """Settings of the opening."""
 
-    scan_m: tuple[Vector, ...] = ()  #: positions of the tip in the base frame for the scanning motion
+    #: positions of the tip in the base frame for the scanning motion
+    scan_m: tuple[Vector, ...] = field(default=(), metadata=FINITE)
     look_above_m: float = 0.18  #: height from which the cap is tracked
     look_frames: int = 10  #: number of sightings that are averaged
     hover_m: float = 0.035  #: first height above the detected position: larger than the error of detection
@@ -97,7 +97,8 @@ class CapSettings:
     broken: float = 0.3  #: the cap is off when M_x falls below this fraction of its peak
     max_Nm: float = 6.0
     attempts: int = 5
-    tilts_rad: tuple[float, ...] = (0.0, -0.05, 0.05, -0.1, 0.1)  #: raise of the hook in each attempt
+    #: raise of the hook in each attempt
+    tilts_rad: tuple[float, ...] = field(default=(0.0, -0.05, 0.05, -0.1, 0.1), metadata=FINITE)
     back_m: float = 0.006  #: backward step if the hook is on the cap
     ahead_m: float = 0.007  #: forward step if the bridge misses the cap
     fast_m_s: float = 0.1
@@ -107,10 +108,7 @@ class CapSettings:
     state_timeout_s: float = 40.0
 
     def __post_init__(self) -> None:
-        for name in self.__slots__:
-            value = getattr(self, name)
-            if name not in ("scan_m", "tilts_rad") and not (math.isfinite(value) and value > 0):
-                raise InputError("CapSettings", f"found {value}, expected more than 0", field=name)
+        check_ranges(self, POSITIVE)
 
 
 @dataclass(frozen=True, slots=True)

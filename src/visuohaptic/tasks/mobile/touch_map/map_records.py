@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from ....core.errors import InputError
+from ....core.ranges import POSITIVE, check_ranges
 
 __all__ = ["MapCommand", "MapObservation", "MapOutcome", "MapSettings", "MapState"]
 
@@ -57,11 +57,7 @@ class MapSettings:
     timeout_s: float = 1800.0
 
     def __post_init__(self) -> None:
-        for name in self.__slots__:
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise InputError(
-                    "MapSettings", f"found {getattr(self, name)}, expected more than 0", field=name
-                )
+        check_ranges(self, POSITIVE)
 
 
 @dataclass(frozen=True, slots=True)
