@@ -7,7 +7,7 @@ import pytest
 
 from visuohaptic.core import FrameSource, Gripper, InputError
 from visuohaptic.simulation.foam import FoamStrip, Outline, SensorRig
-from visuohaptic.simulation.rendering import CameraEffects
+from visuohaptic.simulation.rendering import CameraEffects, _finger_tag
 from visuohaptic.simulation.rendering._finger_tag import FingerTag
 from visuohaptic.simulation.tabletop import (
     GRIPPER_RIG,
@@ -127,6 +127,21 @@ def test_tag_is_where_the_finger_is(row_delay_s: float) -> None:
         place = tag.T_foam_tag.apply(corner[None])[0] + [device.truth(t_s).position_m, 0.0, 0.0]
         # The detector without refinement is good to a pixel.
         assert rig.camera.project(rig.T_camera_foam.apply(place[None]))[0] == pytest.approx(found, abs=1.0)
+
+
+@pytest.mark.parametrize("moved_m", [0.0, 0.0037])
+def test_the_tag_does_not_depend_on_the_window_it_is_drawn_in(moved_m: float, monkeypatch) -> None:
+    camera, pose = GRIPPER_RIG.camera, GRIPPER_RIG.T_camera_foam
+    drawn = []
+    for block_px in (1, 32, 100):
+        monkeypatch.setattr(_finger_tag, "BLOCK_PX", block_px)
+        image = np.full((camera.height, camera.width, 1), 100, np.float32)
+        rows_m = moved_m + np.linspace(0.0, 3e-4, camera.height)
+        _finger_tag.paint_tag(image, camera, pose, FingerTag(), rows_m, 1.0)
+        drawn.append(image)
+    assert np.ptp(drawn[0]) > 150  # black and white
+    np.testing.assert_array_equal(drawn[1], drawn[0])
+    np.testing.assert_array_equal(drawn[2], drawn[0])
 
 
 def test_same_seed_same_picture_and_colours_where_they_belong() -> None:

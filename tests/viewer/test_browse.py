@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import re
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from tests.viewer import browser
 
-from visuohaptic.core import InputError
+from visuohaptic.core import InputError, StiffnessMap
 from visuohaptic.deformation.maps import load_map, save_map
 from visuohaptic.deformation.shapes import load_object
 from visuohaptic.grasping import GraspTask
@@ -27,6 +28,7 @@ from visuohaptic.viewer import (
     open_views,
     scale_colours,
 )
+from visuohaptic.viewer.object_view import Picked, _told
 
 pytest.importorskip("viser", reason="the browser page is an extra")
 pytest.importorskip("trimesh", reason="coloured meshes are an extra")
@@ -206,6 +208,58 @@ def test_the_verb_serves_for_a_while(tmp_path, capsys):
     assert found["views"] == ["walk"]
     assert found["url"].startswith("http://127.0.0.1:")
     assert main(["view", "nothing.xyz"]) == 2
+
+
+def picked(stiffness: float, **change) -> str:
+    line = np.array([0.0, 1e-3, 2e-3])
+    found = Picked(0, np.array([0.01, 0.0, 0.02]), stiffness, 50.0, 0.5, line, 1e3 * line, None, False)
+    return _told(replace(found, **change), 1.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (lambda: picked(1000.0), r"Point \(10, 0, 20\) mm, grasp score 0.50  \nStiffness \*\*1.00 ± 0.05 N/mm\*\*: 1.50 mm"),
+        (lambda: picked(1000.0, sigma_N_per_m=np.inf), r"\*\*1.00 N/mm\*\*"),
+        (lambda: picked(np.nan), "There is no opposite point: it cannot be pinched.$"),
+        (lambda: picked(np.inf), "The wall is clamped here and does not deform.$"),
+        (lambda: picked(1000.0, nonlinear=True), "Nonlinear: 1.50 mm.$"),
+        (lambda: picked(1000.0, nonlinear=True, note="it snaps"), "Nonlinear: it snaps.$"),
+        (lambda: MapView("m")._text(), r"^\*\*m\*\*$"),
+        (lambda: MapView("m", grid())._text(), "3.0 x 2.0 m, cells of 5 cm$"),
+        (lambda: MapView("m", None, Plan(False, (), "a wall"))._text(), "No plan: a wall.$"),
+        (lambda: MapView("m", None, PLAN)._text(), "10.0 s, 2.00 m, 1 pushes, failure probability"),
+    ],
+)  # fmt: skip
+def test_what_a_view_says(text, said):
+    assert re.search(said, text()), text()
+
+
+def test_a_plan_without_a_map_and_a_map_without_an_object_are_drawn():
+    still = replace(
+        PLAN, tasks=(*PLAN.tasks, Task("push", 1.0, 0.0, ((0.0, 0.0),), "box", goal_m=(1.0, 1.0)))
+    )
+    ring = np.array([[0.03 * np.cos(a), 0.03 * np.sin(a), z] for z in (0.0, 0.1) for a in (0.0, 2.1, 4.2)])
+    faces = np.array([[0, 1, 3], [1, 4, 3], [1, 2, 4], [2, 5, 4], [2, 0, 5], [0, 3, 5]])
+    stiffness = np.array([np.inf, np.inf, np.inf, 100.0, 200.0, np.nan])
+    bare = ObjectView("bare", StiffnessMap(ring, faces, stiffness, np.full(6, 10.0)), task=GraspTask())
+    assert bare.force_N == 10.0
+    for vertex, depth_m in ((0, 0.0), (3, 0.1), (5, 0.0)):
+        found = bare.pick(vertex, nonlinear=True)  # there is no object to simulate
+        assert found.shape_m is None
+        assert not found.nonlinear
+        assert found.curve_m[-1] == pytest.approx(depth_m)
+    with BrowsePage([MapView("plan", None, still), MapView("nothing"), bare], port=0) as page:
+        assert page.stage.get("push1") is not None
+        for name in ("nothing", "bare"):
+            page.open(name)
+        bare.show_point(5)  # nothing rises: no curve is drawn
+        assert "cannot be pinched" in page.stage.get("picked").content
+        bare.show_grasps()
+        assert page.stage.get("grasps").content.startswith("No grasp: ")
+        for shade in ("grasp score", "height", "stiffness"):
+            bare.paint(shade)
+            assert f"**bare**: {shade} from" in page.stage.get("legend").content
 
 
 @pytest.mark.slow

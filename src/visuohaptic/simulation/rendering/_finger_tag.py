@@ -17,7 +17,8 @@ __all__ = ["FingerTag", "paint_tag"]
 CELLS = 8
 #: Samples per pixel along each axis.
 FINE = 4
-#: The window of the image in which the tag is drawn has corners at multiples of it.
+#: Corners of the window in which the tag is drawn are multiples of it, so that consecutive frames share one: the image does
+#: not depend on it.
 BLOCK_PX = 32
 
 
