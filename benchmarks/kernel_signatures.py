@@ -300,7 +300,7 @@ def run_worlds() -> None:
 def run_foam() -> None:
     """Edges of a few lines, and the force of a contact in the middle of a strip; as the sensor calls them."""
     from visuohaptic.sensing.foam._bridge_kernels import bridge, drop_bridged
-    from visuohaptic.sensing.foam._chain_kernels import edge_crossing, join, place_odds
+    from visuohaptic.sensing.foam._chain_kernels import edge_crossing, filter_runs, join, place_odds
     from visuohaptic.sensing.foam._light_kernels import local_medians, mean_between
     from visuohaptic.sensing.foam._posterior_kernels import shadow_odds
     from visuohaptic.sensing.foam._profile_kernels import integrate_regions, shared_variance
@@ -323,36 +323,13 @@ def run_foam() -> None:
     shadow_odds(now, rest, np.ones((6, 6)), *edges, 1.0, 1.0, 1.0, seen, found)
     level_odds(np.full((6, 7), np.nan), one_px, one_px, one_px, one_px, 1.0, against)
     place_odds(
-        1.0,
-        0.03,
-        one_px,
-        one_px,
-        one_px,
-        0.0 * one_px,
-        one_px,
-        1.0,
-        one_px,
-        1.0,
-        1.0,
-        0.0,
-        against,
-        states,
-    )
+        1.0, 0.03, one_px, one_px, one_px, 0.0 * one_px, one_px, 1.0, one_px, 1.0, 1.0, 0.0, against, states, one_px
+    )  # fmt: skip
     crossing = edge_crossing(one_px, 0.01 * one_px, s_m, 1.0)
     rules, pairs = (1.0, 0.0, 0.0), np.zeros((6, 6))
-    join(
-        states,
-        crossing,
-        one_px,
-        one_px,
-        one_px,
-        s_m,
-        np.zeros(4),
-        *rules,
-        states.copy(),
-        pairs,
-        against[:, 3],
-    )
+    places = one_px, one_px, one_px, s_m
+    join(states, states, crossing, *places, np.zeros(4), *rules, states.copy(), pairs, against[:, 3])
+    filter_runs(pairs, one_px, one_px, s_m, one_px, seen, one_px, 0.9, np.zeros((6, 6)), np.zeros((6, 6)))
     bridge(s_m, one_px, one_px, seen, np.int64(2), np.int64(3), front, one_px.copy())
     drop_bridged(s_m, one_px, one_px, seen, front, one_px.copy(), seen.copy())
     shared_variance(one_px, one_px, 0, 5)
