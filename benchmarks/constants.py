@@ -247,7 +247,8 @@ class Project:
         for test in self.tests:
             path = self.root / test
             text = path.read_text(encoding="utf-8")
-            own = Module(test.removesuffix(".py").replace("/", "."), path, text, ast.parse(text))
+            tree = ast.parse(text)
+            own = Module(test.removesuffix(".py").replace("/", "."), path, text, tree, tuple(ast.walk(tree)))
             found[test] = set(imported_modules(own, self.modules))
         return found
 

@@ -137,7 +137,7 @@ class Console:
         logger.setLevel(level)
         logger.propagate = False
         # Its only message of that level: why the first run takes longer.
-        logging.getLogger("visuohaptic.core.kernels").setLevel(
+        logging.getLogger("visuohaptic.core.kernels.compiler").setLevel(
             level if self.quiet else min(level, logging.INFO)
         )
 

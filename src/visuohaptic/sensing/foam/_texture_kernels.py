@@ -128,7 +128,7 @@ def texture_odds(bands, unary, against, gain):
     if count < 6:
         return 0.0, 0.0
     transfer = min(max(median(cov, count, work) / max(median(var, count, work), 1e-6), 0.0), 1.0)
-    moved, fixed, count, coarsest = np.empty(n), np.empty(n), 0, 0.0
+    moved, fixed, instead, count, coarsest = np.empty(n), np.empty(n), np.empty(n), 0, 0.0
     for k in range(n):
         b = bands[k]
         moved[k] = max(b[OWN] - 2.0 * transfer * b[COV_PRESSED] + transfer**2 * b[VAR_PRESSED], 0.05)
@@ -147,9 +147,10 @@ def texture_odds(bands, unary, against, gain):
             fixed[k] = min(max(half * (own - fixed[k] / variance), -MAX_ODDS), MAX_ODDS)
         else:
             moved[k], fixed[k] = math.nan, math.nan
+        instead[k] = fixed[k] - moved[k]
     # Whether a texture moves with the foam, stays in place or differs is the same for neighbours and counts once for them.
     stayed, still = np.empty((3, n)), np.empty((3, n))
-    local_medians(fixed - moved, stayed)
+    local_medians(instead, stayed)
     local_medians(fixed, still)
     both = math.exp(_MOVED) + math.exp(_FIXED)
     for k in range(n):
