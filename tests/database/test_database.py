@@ -403,13 +403,13 @@ def test_others_write_between_preparation_and_lock(
         db.add(make_object(1))
         write_early, seen = db._arrays.write_early, []
 
-        def meanwhile(blobs: list) -> str | None:
-            name = write_early(blobs)
+        def meanwhile(blobs: list) -> dict | None:
+            early = write_early(blobs)
             if not seen:
-                seen.append(name)
+                seen.append(early["name"])
                 other._arrays._tidy_due = tidied
                 other.add(add_evidence(VisuoHapticObject("cup"), Evidence(place, Estimate(10.0, 1.0))))
-            return name
+            return early
 
         monkeypatch.setattr(db._arrays, "write_early", meanwhile)
         cup = add_evidence(VisuoHapticObject("cup"), Evidence(place, Estimate(12.0, 1.0)))
@@ -429,7 +429,7 @@ def test_an_early_shard_that_is_not_needed_is_removed(
         other.add(make_object(1))
         write_early = db._arrays.write_early
 
-        def meanwhile(blobs: list) -> str | None:
+        def meanwhile(blobs: list) -> dict | None:
             name = write_early(blobs)
             monkeypatch.setattr(db._arrays, "write_early", write_early)
             other.add(make_object(2))
@@ -437,5 +437,20 @@ def test_an_early_shard_that_is_not_needed_is_removed(
 
         monkeypatch.setattr(db._arrays, "write_early", meanwhile)
         db.add(make_object(2))
+        assert len(list((tmp_path / "shards").iterdir())) == 2
+        assert db.check() == type(db.check())(2, 2, ())
+
+
+def test_an_early_shard_of_a_transaction_that_fails_is_removed_by_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with open_database(tmp_path) as db:
+        db.add(make_object(1))
+        with monkeypatch.context() as patch:
+            patch.setattr("visuohaptic.database.database.store_rows", lambda *_: 1 / 0)
+            with pytest.raises(ZeroDivisionError):
+                db.add(make_object(2))
+        assert len(list((tmp_path / "shards").iterdir())) == 2
+        db.add(make_object(3))
         assert len(list((tmp_path / "shards").iterdir())) == 2
         assert db.check() == type(db.check())(2, 2, ())

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import logging
 import uuid
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from sqlalchemy import Connection, select
@@ -37,14 +38,13 @@ class ArrayStore:
         self.folder = folder
         self._tidy_due = folder is not None
         self._ahead: dict[tuple[str, int], cards.Arrays] = {}
-        self._early: dict[str, dict[str, Any]] = {}
 
     def close(self) -> None:
         """Close all files."""
         if self.folder is not None:
             self.folder.close()
 
-    def write_early(self, blobs: Sequence[Blob]) -> str | None:
+    def write_early(self, blobs: Sequence[Blob]) -> dict[str, Any] | None:
         """Write arrays into a shard of the folder before the transaction, so that other writers need not wait for the disk.
 
         Parameters
@@ -54,18 +54,17 @@ class ArrayStore:
 
         Returns
         -------
-        str or None
-            Name of the shard for :meth:`write`; ``None`` if nothing was written.
+        dict or None
+            Row of the shard for :meth:`write`; ``None`` if nothing was written.
         """
         if self.folder is None or not blobs:
             return None
         name, sha256, size = self.folder.write([arrays for _, arrays in blobs])
-        self._early[name] = {"name": name, "sha256": sha256, "bytes": size, "data": None}
         for number, (row, _) in enumerate(blobs):
             row["shard"], row["row_group"] = name, number
-        return name
+        return {"name": name, "sha256": sha256, "bytes": size, "data": None}
 
-    def write(self, connection: Connection, early: str | None, blobs: Sequence[Blob]) -> list[str]:
+    def write(self, connection: Connection, early: dict[str, Any] | None, blobs: Sequence[Blob]) -> list[str]:
         """Write those arrays that are not yet in a shard, before the rows that refer to them.
 
         Parameters
@@ -82,17 +81,16 @@ class ArrayStore:
         list
             The early shard if it is not needed.
         """
-        shards = [] if early is None else [self._early.pop(early)]
-        mine = [row for row, _ in blobs if early is not None and row["shard"] == early]
-        if mine and self.folder is not None and not self.folder.path(str(early)).is_file():
+        mine = [row for row, _ in blobs if early is not None and row["shard"] == early["name"]]
+        if early is not None and self.folder is not None and not self.folder.path(early["name"]).is_file():
             for row in mine:  # another process has tidied up meanwhile
                 row["shard"] = None
             mine = []
-        unneeded = [] if mine else [one["name"] for one in shards]
-        shards = shards if mine else []
+        shards = [early] if early is not None and mine else []
+        unneeded = [early["name"]] if early is not None and not mine else []
         missing = [blob for blob in blobs if blob[1] and blob[0]["shard"] is None]
         if (late := self.write_early(missing)) is not None:
-            shards.append(self._early.pop(late))
+            shards.append(late)
         elif missing:  # on a server, each object has its own shard: reading it should not transfer others over the network
             for row, arrays in missing:
                 buffer = io.BytesIO()
@@ -103,6 +101,15 @@ class ArrayStore:
         if shards:
             connection.execute(shard.insert(), shards)
         return unneeded
+
+    @contextlib.contextmanager
+    def tidied_after_failure(self) -> Iterator[None]:
+        """A shard that was written early for a transaction that fails is removed by the next one."""
+        try:
+            yield
+        except BaseException:
+            self._tidy_due = self.folder is not None
+            raise
 
     def read(self, connection: Connection, row: Any, where: str) -> cards.Arrays:
         """Arrays of an object, verified against their hash.

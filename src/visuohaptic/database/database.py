@@ -365,7 +365,7 @@ class ObjectDatabase(Closing):
         early = None  # where another process tidies up meanwhile
         with contextlib.suppress(FileNotFoundError), self.connections.storing():
             early = self._arrays.write_early(blobs)
-        with self._turn, self.connections.writing() as connection:
+        with self._arrays.tidied_after_failure(), self._turn, self.connections.writing() as connection:
             change = next_change(connection)
             self._arrays.tidy(connection, self.where)
             current = changes_of(connection, list(latest))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -226,11 +226,7 @@ def changes_of(connection: Connection, ids: Sequence[str]) -> dict[str, int]:
     ids
         Ids of the objects.
     """
-    return {
-        row.id: row.change
-        for start in range(0, len(ids), 500)
-        for row in connection.execute(CHANGES, {"requested": list(ids[start : start + 500])})
-    }
+    return {row.id: row.change for rows in _requested(connection, CHANGES, ids) for row in rows}
 
 
 def is_current(prepared: Prepared | None, change: int | None) -> bool:
@@ -266,12 +262,17 @@ def fetch(
         Called with the rows to be decoded next.
     """
     found = {}
-    for start in range(0, len(ids), 500):
-        rows = connection.execute(MANY, {"requested": list(ids[start : start + 500])}).all()
+    for rows in _requested(connection, MANY, ids):
         read_ahead(rows)
         for row in rows:
             found[row.id] = Stored(decode(row, connection), row.deleted_s, row)
     return found
+
+
+def _requested(connection: Connection, query: Any, ids: Sequence[str]) -> Iterator[Sequence[Any]]:
+    """Rows of many ids, in parts that fit into one statement."""
+    for start in range(0, len(ids), 500):
+        yield connection.execute(query, {"requested": list(ids[start : start + 500])}).all()
 
 
 def merged_versions(
