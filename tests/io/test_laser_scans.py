@@ -164,3 +164,12 @@ def test_the_verb_builds_a_map(recording: Path, tmp_path: Path, capsys: pytest.C
     assert grid.value_at(np.array([[3.01, 0.1], [2.99, 0.1]])).max() == 100
     walls = grid.world_from_cell(np.argwhere(grid.occupied))
     np.testing.assert_allclose([walls.min(axis=0), walls.max(axis=0)], [[-3, -2], [3, 2]], atol=0.06)
+
+
+@pytest.mark.parametrize("ranges", ["r1,r0", "r0,intensity", "r0,r2"])
+def test_columns_that_are_not_ranges_in_their_order_are_refused(tmp_path, ranges):
+    path = tmp_path / "scans.csv"
+    head = "t_s,x_m,y_m,yaw_rad,angle_min_rad,angle_step_rad,range_min_m,range_max_m"
+    path.write_text(f"{head},{ranges}\n0,0,0,0,0,0.1,0.05,30,1,2\n")
+    with pytest.raises(InputError, match=r"header: expected the ranges as columns r0, r1"):
+        read_scans(path)

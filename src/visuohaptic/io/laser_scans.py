@@ -95,6 +95,8 @@ def write_scans(path: Path | str, scans: Iterable[OdometryScan]) -> None:
 def _from_csv(path: Path) -> list[OdometryScan]:
     names, rows = read_csv(path, (*_COLUMNS, "r0"))
     beams = [name for name in names if name not in _COLUMNS]
+    if beams != [f"r{k}" for k in range(len(beams))]:
+        raise InputError(path, "expected the ranges as columns r0, r1, ... in this order", field="header")
     if len(beams) > MAX_BEAMS:
         raise InputError(path, f"found {len(beams)} beams, expected at most {MAX_BEAMS}", field="header")
     return sorted((_csv_row(row, beams) for row in rows), key=lambda pair: pair[0].t_s)
