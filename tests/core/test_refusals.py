@@ -340,9 +340,12 @@ def test_a_part_of_a_robot_is_checked_before_it_moves() -> None:
         else:
             with pytest.raises(InputError, match=rf"explore: found base of type Base {problem}"):
                 require_members(Base(), MobileBase, "explore", "base", members=(members,))
-    Base.stop = 3  # type: ignore[assignment]
+
+    class Stopped:
+        stop = 3
+
     with pytest.raises(InputError, match="whose stop is int, expected the method stop"):
-        require_members(Base(), MobileBase, "explore", "base", members=("stop",))
+        require_members(Stopped(), MobileBase, "explore", "base", members=("stop",))
 
 
 def test_resources_are_closed_and_a_missing_library_is_named() -> None:
