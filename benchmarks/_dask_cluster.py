@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
-import socket
 import subprocess
 import sys
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Any, Self
 
@@ -36,17 +37,22 @@ class DaskCluster:
     """
 
     def __init__(self, workers: int, scratch: Path, environment: dict[str, str] | None = None) -> None:
-        with socket.socket() as server:
-            server.bind(("127.0.0.1", 0))
-            self._port = int(server.getsockname()[1])
-        self.address = f"tcp://127.0.0.1:{self._port}"
+        self.address = "tcp://127.0.0.1:0"
         self._scratch, self._environment = scratch, environment or {}
+        self._own = TemporaryDirectory()
         self.workers: list[subprocess.Popen[bytes]] = []
         self._processes: list[subprocess.Popen[bytes]] = []
         self._first = workers
 
     def __enter__(self) -> Self:
-        self.scheduler = self._started("scheduler", "--host", "127.0.0.1", "--port", str(self._port))
+        # The scheduler chooses its port. A port that was free before could be taken by the first worker,
+        # which then listens where it looks for its scheduler: both wait for each other.
+        port = self.address.rpartition(":")[2]
+        told = Path(self._own.name) / "scheduler.json"
+        told.unlink(missing_ok=True)
+        words = ("--host", "127.0.0.1", "--port", port, "--scheduler-file", str(told))
+        self.scheduler = self._started("scheduler", *words)
+        self.address = self._address(told)
         for _ in range(self._first):
             self.add_worker()
         return self
@@ -57,6 +63,7 @@ class DaskCluster:
         for process in self._processes:
             process.kill()
             process.wait()
+        self._own.cleanup()
 
     def add_worker(self) -> None:
         """Start one more."""
@@ -83,9 +90,15 @@ class DaskCluster:
         """Wait until the scheduler answers and all workers are connected."""
         import distributed
 
-        with distributed.Client(self.address, timeout="60s", set_as_default=False) as client:
-            if self.workers:
-                client.wait_for_workers(len(self.workers), timeout=120)
+        try:
+            with distributed.Client(self.address, timeout="60s", set_as_default=False) as client:
+                if self.workers:
+                    client.wait_for_workers(len(self.workers), timeout=120)
+        except TimeoutError as error:
+            state = f"scheduler {self.scheduler.poll()}, workers {[one.poll() for one in self.workers]}"
+            raise TimeoutError(
+                f"cluster: no answer ({state}); its last words: {self.last_words()}"
+            ) from error
 
     @staticmethod
     def ports(worker: subprocess.Popen[bytes]) -> list[str]:
@@ -95,14 +108,33 @@ class DaskCluster:
         found = psutil.Process(worker.pid).net_connections("tcp")
         return [str(one.laddr.port) for one in found if one.status == psutil.CONN_LISTEN]
 
+    def _address(self, told: Path, timeout_s: float = 120) -> str:
+        """Address that the scheduler has written, whole or not yet."""
+        deadline_s = time.monotonic() + timeout_s
+        while time.monotonic() < deadline_s and self.scheduler.poll() is None:
+            try:
+                return str(json.loads(told.read_text())["address"])
+            except (FileNotFoundError, json.JSONDecodeError):
+                time.sleep(0.05)
+        raise RuntimeError(f"scheduler: no address in {timeout_s:g} s; its last words: {self.last_words()}")
+
+    def last_words(self) -> str:
+        """End of what the processes have printed."""
+        return self._log.read_text(errors="replace")[-2000:]
+
+    @property
+    def _log(self) -> Path:
+        return Path(self._own.name) / "log.txt"
+
     def _started(self, kind: str, *words: str) -> subprocess.Popen[bytes]:
-        process: Any = subprocess.Popen(
-            [sys.executable, "-m", f"distributed.cli.dask_{kind}", *words, "--no-dashboard"],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            cwd=self._scratch,
-            env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-                 **self._environment},
-        )  # fmt: skip
+        with self._log.open("a") as log:
+            process: Any = subprocess.Popen(
+                [sys.executable, "-m", f"distributed.cli.dask_{kind}", *words, "--no-dashboard"],
+                stdout=log,
+                stderr=log,
+                cwd=self._scratch,
+                env={**os.environ, "OMP_NUM_THREADS": "1",
+                     "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **self._environment},
+            )  # fmt: skip
         self._processes.append(process)
         return process
