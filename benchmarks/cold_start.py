@@ -6,8 +6,9 @@ peer is a fresh process that only imports NumPy, which is the least that the com
 Two campaigns are run by name, each with its own empty cache:
 
 - ``python -m benchmarks.cold_start compile``: prints the CPU time of all kernels, of all imports, and of the first verbs;
-- ``python -m benchmarks.cold_start saves --seeds open --count 1000``: several processes save signatures of one kernel at
-  the same time while another one loads them; prints how many loaded signatures were wrong and how many were lost.
+- ``python -m benchmarks.cold_start saves --seeds open --count 1000``: two processes save all signatures of two versions of
+  one kernel at the same time while another one loads them; prints how many loads were right, wrong, of another signature
+  (mixed) or of the other version (stale), and how many entries were lost.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -38,6 +40,10 @@ REPEATS = 15
 
 #: Argument types whose code is saved concurrently; the value identifies the signature.
 ARGUMENTS = (1.0, 3, np.float32(2.0), np.int32(5), True, np.uint8(7))
+#: Constants of the two versions of the kernel; exact in single precision, too.
+VERSIONS = (7.0, 11.0)
+#: What must not be loaded, see :func:`saves`.
+FAULTS = ("wrong", "mixed", "stale", "lost")
 
 #: Imports every module.
 _IMPORT_ALL = """
@@ -122,37 +128,42 @@ def _cpu_s(words: Sequence[str], cache: Path) -> float:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def _halved() -> Any:
-    """A dispatcher of one function, as a new process has it."""
+def _scaled(offset: float) -> Any:
+    """A dispatcher of one version of a function, as a new process has it; ``offset`` is what an update changed."""
 
     @kernel
-    def halved(x):
-        return x / 2 + 7
+    def scaled(x):
+        return x / 2 + offset
 
-    KERNELS.remove(halved)
-    return halved
+    KERNELS.remove(scaled)
+    return scaled
 
 
 def _save(folder: str, seeds: Sequence[int], own: int, start: Any, end: Any) -> None:
-    """One writer: at each start it saves all signatures, in random order and with random pauses."""
+    """One writer: at each start it saves all versions and signatures, in random order and with random pauses."""
     os.environ["VISUOHAPTIC_CACHE_DIR"] = f"{folder}/writer{own}"  # of the compilation
-    function = _halved()
-    for value in ARGUMENTS:
-        function(value)
-    compiled = list(function.overloads.items())
+    entries = []
+    for offset in VERSIONS:
+        function = _scaled(offset)
+        for value in ARGUMENTS:
+            function(value)
+        entries += [(KernelCache(_scaled(offset)), *one) for one in function.overloads.items()]
     os.environ["VISUOHAPTIC_CACHE_DIR"] = folder
-    cache = KernelCache(_halved())
     for seed in seeds:
         rng = np.random.default_rng((seed, own))
         start.wait()
-        for which in rng.permutation(len(compiled)):
+        for which in rng.permutation(len(entries)):
             time.sleep(rng.exponential(2e-4))
-            cache.save_overload(*compiled[which])
+            cache, *entry = entries[which]
+            cache.save_overload(*entry)
         end.wait()
 
 
-def saves(seeds: Sequence[int], folder: Path, writers: int = 2) -> Iterator[tuple[int, int, int]]:
-    """Save from several processes concurrently while loading; (seed, loaded, wrong or lost) of each."""
+def saves(seeds: Sequence[int], folder: Path, writers: int = 2) -> Iterator[tuple[int, Counter[str]]]:
+    """Save from several processes at once, and load meanwhile and afterwards; (seed, what was loaded) of each round.
+
+    The counts are those of :func:`_loads`; ``lost`` are entries that are absent when all writers have finished.
+    """
     context = multiprocessing.get_context("spawn")
     start, end = context.Barrier(writers + 1), context.Barrier(writers + 1)
     others = [
@@ -170,13 +181,11 @@ def saves(seeds: Sequence[int], folder: Path, writers: int = 2) -> Iterator[tupl
             for path in (cache_folder() or folder).glob("*"):
                 path.unlink()
             start.wait(timeout=600)
-            found, wrong = 0, 0
-            for _ in range(3):
-                loaded, bad = _loads()
-                found, wrong = found + loaded, wrong + bad
+            found = _loads()
             end.wait(timeout=600)
-            loaded, bad = _loads()
-            yield seed, found, wrong + bad + len(ARGUMENTS) - loaded
+            after = _loads()
+            after["lost"] = len(VERSIONS) * len(ARGUMENTS) - after.total()
+            yield seed, found + after
         for other in others:
             other.join(timeout=60)
 
@@ -187,20 +196,23 @@ def _restore(before: str | None) -> None:
         os.environ["VISUOHAPTIC_CACHE_DIR"] = before
 
 
-def _loads() -> tuple[int, int]:
-    """How many signatures are in the cache, and how many of them give a wrong value."""
+def _loads() -> Counter[str]:
+    """How many entries in the cache are ``right``, ``mixed`` (another signature), ``stale`` (another version) or ``wrong``."""
     import numba
 
-    loaded, wrong = 0, 0
-    for value in ARGUMENTS:
-        function = _halved()
-        arguments = (numba.typeof(value),)
-        found = function._cache.load_overload(arguments, function.targetctx)
-        if found is not None:
-            loaded += 1
-            right = tuple(found.signature.args) == arguments and found.entry_point(value) == value / 2 + 7
-            wrong += 0 if right else 1
-    return loaded, wrong
+    found: Counter[str] = Counter()
+    for offset in VERSIONS:
+        for value in ARGUMENTS:
+            function, arguments = _scaled(offset), (numba.typeof(value),)
+            entry = function._cache.load_overload(arguments, function.targetctx)
+            if entry is None:
+                continue
+            if tuple(entry.signature.args) != arguments:
+                found["mixed"] += 1
+                continue
+            given = entry.entry_point(value) - value / 2
+            found["right" if given == offset else "stale" if given in VERSIONS else "wrong"] += 1
+    return found
 
 
 def main() -> int:
@@ -221,12 +233,12 @@ def main() -> int:
     # By its name as a module: the kernel's entries carry it, and the writers do not know it as ``__main__``.
     module = importlib.import_module("benchmarks.cold_start")
     with tempfile.TemporaryDirectory() as folder:
-        for seed, loaded, wrong in module.saves(seeds, Path(folder)):
-            journal.put(str(seed), [loaded, wrong])
-    rows = list(journal.rows.values())
-    print(f"{len(rows)} rounds of {len(ARGUMENTS)} signatures from two processes: ", end="")
-    print(f"{sum(row[0] for row in rows)} loaded meanwhile, {sum(row[1] for row in rows)} wrong or lost")
-    return 0
+        for seed, found in module.saves(seeds, Path(folder)):
+            journal.put(str(seed), found)
+    total = sum(map(Counter, journal.rows.values()), Counter())
+    print(f"{len(journal.rows)} rounds, two processes, {len(VERSIONS)} versions of {len(ARGUMENTS)} signatures: ", end="")
+    print(f"{total['right']} loads right, " + ", ".join(f"{total[what]} {what}" for what in FAULTS))
+    return 1 if any(total[what] for what in FAULTS) else 0
 
 
 if __name__ == "__main__":

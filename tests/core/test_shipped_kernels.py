@@ -82,9 +82,32 @@ def test_shipped_code_is_passed_over_on_another_processor(
 
 def test_processes_that_save_at_once_never_mix(tmp_path):
     """A slice of the campaign of ``benchmarks.cold_start``: nothing wrong is ever loaded, and nothing is lost."""
-    from benchmarks.cold_start import saves
+    from benchmarks.cold_start import ARGUMENTS, FAULTS, VERSIONS, saves
 
     rows = list(saves(range(0, 40, 2), tmp_path / "cache"))
-    assert [seed for seed, _, _ in rows] == list(range(0, 40, 2))
-    assert [wrong for _, _, wrong in rows] == [0] * 20
-    assert sum(loaded for _, loaded, _ in rows) > 0  # the reader did read while they wrote
+    assert [seed for seed, _ in rows] == list(range(0, 40, 2))
+    assert [found[what] for _, found in rows for what in FAULTS] == [0] * 20 * len(FAULTS)
+    afterwards = len(VERSIONS) * len(ARGUMENTS) * len(rows)
+    assert sum(found["right"] for _, found in rows) > afterwards  # the reader did read while they wrote
+
+
+def test_the_campaign_of_saves_finds_what_is_stale_or_mixed(tmp_path, monkeypatch):
+    """Entries under each other's names, as a cache that forgets the version or the signature would have them."""
+    from benchmarks import cold_start
+
+    monkeypatch.setenv("VISUOHAPTIC_CACHE_DIR", str(tmp_path))
+    for offset in cold_start.VERSIONS:
+        function = cold_start._scaled(offset)
+        for value in cold_start.ARGUMENTS:
+            function(value)
+    assert cold_start._loads() == {"right": len(cold_start.VERSIONS) * len(cold_start.ARGUMENTS)}
+    folder = kernels.cache_folder()
+    one, other = (cold_start._scaled(offset)._cache for offset in cold_start.VERSIONS)
+
+    def replace(name: str, source: str) -> None:
+        kernels.cache._write(folder / name, kernels.cache._read(folder / source, owned=True))
+
+    replace(one._entry((numba.float64,)), other._entry((numba.float64,)))
+    replace(one._entry((numba.int32,)), one._entry((numba.int64,)))
+    found = cold_start._loads()
+    assert (found["stale"], found["mixed"], found["wrong"]) == (1, 1, 0)
