@@ -32,7 +32,7 @@ from visuohaptic.recognition.touch import (
     with_outline,
 )
 from visuohaptic.recognition.touch.belief import WIDTH_VARIANCE, sequential_likelihood
-from visuohaptic.recognition.touch.calibration import EXPLORATIONS, rate_of_each
+from visuohaptic.recognition.touch.calibration import EXPLORATIONS, best_or_first, rate_of_each
 from visuohaptic.recognition.trees import mean_touches, train_tree
 
 from .worlds import as_explored, synthetic, touch_of
@@ -343,6 +343,31 @@ def test_calibration_lowers_what_is_wrong_with_confidence() -> None:
             hit.append(warm.answers[int(np.argmax(fraction))] == unseen.label[row])
     # 300 explorations in seven bins: chance alone gives about 0.05.
     assert calibration_error(np.array(confidence), np.array(hit)) < 0.12
+
+
+def test_the_simplest_candidate_is_kept_within_one_standard_error() -> None:
+    """Gains of g standard errors over the first of three candidates: below 1 it is kept, above 1 the best one is taken."""
+    noise = np.random.default_rng(3).standard_normal(50)
+    noise = (noise - noise.mean()) / noise.std(ddof=1)
+    hard = 5.0 * np.arange(50.0)  # what all candidates have in common is no error of their difference
+    for gain, chosen in ((0.9, 0), (1.1, 2)):
+        losses = np.stack([hard, hard + 1.0, hard - gain / np.sqrt(50) - noise])
+        assert best_or_first(losses) == chosen
+    assert best_or_first(np.stack([hard, hard + noise**2])) == 0
+
+
+def test_calibration_keeps_the_temperature_that_few_objects_do_not_refute() -> None:
+    """Ten cups that are soft at the top and ten bottles that are not: the least loss is at .7, .97 or 1, by 1e-4."""
+    rng, place = np.random.default_rng(0), np.linspace(0, 1, 16)
+    top = np.repeat([500.0, 2e4], 10)
+    profile = 8e3 * (top[:, None] / 8e3) ** place * rng.lognormal(0, 0.1, (20, 1))
+    width_m = np.full((20, 16, 2), 0.06) * rng.lognormal(0, 0.02, (20, 1, 1))
+    data = FeatureSet.of_stiffness(
+        np.repeat(profile[:, :, None], 4, axis=2), width_m, ["cup"] * 10 + ["bottle"] * 10
+    )
+    for seed in range(3):
+        found = calibrate(fit_model(data), data, np.random.default_rng(seed), explorations=600)
+        assert found.temperature == 1.0
 
 
 def test_two_limits_together_have_the_stated_rate() -> None:

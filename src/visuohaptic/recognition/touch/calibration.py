@@ -2,7 +2,7 @@
 
 Whole objects are left out in turn, half of them moved outside the range of the others, and touched with the nuisances of the
 model. The temperature that divides the evidence (Guo et al. 2017) minimises their mean log loss among the known
-classes. Two limits decide for "unknown": its log odds are raised, and the limit of chi-square is, since residuals of objects
+classes, if it is better than 1 by more than the standard error of that difference. Two limits decide for "unknown": its log odds are raised, and the limit of chi-square is, since residuals of objects
 outside the training set are larger than those of a Gaussian. Both have the same rate of false alarms, with which
 :data:`.FALSE_ALARM` of the explorations exceed one of them or both.
 
@@ -50,21 +50,21 @@ class _Judged:
     model: HapticModel
     likelihood: Float[np.ndarray, "n t 2 c"]  #: and chi-square, after each touch
     truth: Int[np.ndarray, "n"]  #: answers, of this model
+    obj: Int[np.ndarray, "n"]  #: object of each exploration
     freedom: int  #: number of values after the last touch
 
-    def loss(self, temperature: float) -> float:
-        """Mean log loss among the known classes, of which :data:`IGNORED_FRACTION` may be wrong at any confidence."""
+    def losses(self, temperature: float) -> Float[np.ndarray, "o"]:
+        """Mean log loss of each object among the known classes, :data:`IGNORED_FRACTION` of which may be wrong at any confidence."""
         used = self.likelihood[: TEMPERED // FOLDS, :, 0]
         score = self.model.log_prior + used / temperature
         known = np.where(self.model.answer_of < len(self.model.answers) - 1, score, -np.inf)
         right = self.model.answer_of == self.truth[: len(used), None, None]
         own = np.logaddexp.reduce(np.where(right, score, -np.inf), axis=2)
         probability = np.exp(own - np.logaddexp.reduce(known, axis=2))
-        return float(
-            -np.log(
-                (1 - IGNORED_FRACTION) * probability + IGNORED_FRACTION / (len(self.model.answers) - 1)
-            ).mean()
-        )
+        mixed = (1 - IGNORED_FRACTION) * probability + IGNORED_FRACTION / (len(self.model.answers) - 1)
+        _, number = np.unique(self.obj[: len(used)], return_inverse=True)
+        out: np.ndarray = np.bincount(number, -np.log(mixed).mean(axis=1)) / np.bincount(number)
+        return out
 
     def margin(self, temperature: float) -> Float[np.ndarray, "n"]:
         """Log odds of the most probable class against "unknown" at the end."""
@@ -120,9 +120,8 @@ def calibrate(
         _explored(model, data, answer, turn == fold, explorations // FOLDS, max_touches, rng)
         for fold in range(FOLDS)
     ]
-    temperature = float(
-        min(TEMPERATURES, key=lambda value: float(np.mean([one.loss(float(value)) for one in judged])))
-    )
+    losses = [np.concatenate([one.losses(value) for one in judged]) for value in (1.0, *TEMPERATURES)]
+    temperature = float((1.0, *TEMPERATURES)[best_or_first(np.array(losses))])
     margins = np.concatenate([one.margin(temperature) for one in judged])
     tails = np.concatenate([one.tail() for one in judged])
     rate = rate_of_each(margins, tails)
@@ -132,6 +131,23 @@ def calibrate(
     )
     tail = max(float(np.quantile(tails, 1.0 - rate)), 1.0)
     return replace(model, temperature=temperature, unknown_log_odds=log_odds, tail=tail)
+
+
+def best_or_first(losses: Float[np.ndarray, "t o"]) -> int:
+    """Candidate with the lowest mean loss, or the first one if its loss is higher by at most one standard error.
+
+    The rule of one standard error (Breiman et al. 1984): the simplest candidate is kept unless the data refute it. All
+    candidates are evaluated on the same objects, so that the standard error is that of the mean difference; explorations of
+    one object are not independent, objects are.
+
+    Parameters
+    ----------
+    losses
+        Cross-validated loss of each of t candidates on each of o objects, the simplest candidate first.
+    """
+    best = int(np.argmin(losses.mean(axis=1)))
+    gain = losses[0] - losses[best]
+    return best if gain.mean() > gain.std(ddof=1) / math.sqrt(len(gain)) else 0
 
 
 def rate_of_each(margins: Float[np.ndarray, "n"], tails: Float[np.ndarray, "n"]) -> float:
@@ -179,7 +195,7 @@ def _explored(
         for k, here in enumerate(place)
     ])  # fmt: skip
     truth = np.array([without.answers.index(str(name)) for name in answer[rows]])
-    return _Judged(without, found, truth, int(ends[-1]))
+    return _Judged(without, found, truth, rows, int(ends[-1]))
 
 
 def _features_as_touched(
