@@ -30,9 +30,10 @@ demo: $(VENV)/.installed-demo ## Run the end-to-end demo
 	$(if $(PART)$(MAP),,$(BIN)/visuohaptic warmup --workers $(JOBS))
 	$(BIN)/visuohaptic demo $(PART) $(if $(MAP),--map $(MAP)) $(if $(VIEW),--view)
 
-# Each worker has one core: the threads of its libraries would compete for the others.
+# Each worker has one core: the threads of its libraries would compete for the others. Bytecode is kept: otherwise each worker
+# and each process that a test starts compiles the library again.
 test: $(VENV)/.installed-all ## Run all tests
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist worksteal
+	PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 
 bench: $(VENV)/.installed-all ## Run every benchmark, each as a ratio to a named peer
 	$(BIN)/python -m benchmarks

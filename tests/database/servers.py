@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import pwd
 import shutil
-import socket
 import subprocess
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from tests.ports import free_port
 
 
 def certificate(path: Path, key: Path) -> bool:
@@ -55,9 +56,7 @@ def postgres_url(factory: pytest.TempPathFactory) -> Iterator[str]:
         if certificate(folder / "server.pem", folder / "server.key"):
             if user is not None:
                 os.chown(folder / "server.key", entry.pw_uid, entry.pw_gid)
-            with socket.socket() as probe:
-                probe.bind(("127.0.0.1", 0))
-                port = probe.getsockname()[1]
+            port = free_port()
             files = f"-c ssl_cert_file={folder}/server.pem -c ssl_key_file={folder}/server.key"
             options = f"-k {folder} -p {port} -c listen_addresses=localhost -c ssl=on {files}"
         control = (str(tools / "pg_ctl"), "-D", str(folder / "data"), "-w")

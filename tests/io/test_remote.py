@@ -155,12 +155,12 @@ def served(parts: dict[str, Any]) -> Iterator[RemoteRobot]:
     key, found = b"k" * 32, queue.Queue[tuple[str, int]]()
     serving = threading.Thread(target=serve_robot, args=(parts,), kwargs={"key": key, "ready": found.put})
     serving.start()
-    robot = RemoteRobot(found.get(timeout=10.0), key)
+    robot = RemoteRobot(found.get(timeout=60.0), key)
     try:
         yield robot
     finally:
         robot.close()
-        serving.join(10.0)
+        serving.join(60.0)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import time
 from collections.abc import Callable, Iterator
 
@@ -10,14 +9,13 @@ import pytest
 
 pytest.importorskip("zenoh")
 
+from tests.ports import free_port
 from visuohaptic.ros import RosNode, RosOptions
 
 
 def free_endpoint() -> str:
     """A port of this machine that nobody uses."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return f"tcp/127.0.0.1:{free_port()}"
 
 
 @pytest.fixture
@@ -40,8 +38,8 @@ def ours(robot: RosNode, endpoint: str) -> Iterator[RosNode]:
         yield node
 
 
-def until(condition: Callable[[], object], timeout_s: float = 5.0) -> bool:
-    """Wait for something that another thread does."""
+def until(condition: Callable[[], object], timeout_s: float = 60.0) -> bool:
+    """Wait for something that another thread does: a busy machine may take long."""
     end = time.monotonic() + timeout_s
     while time.monotonic() < end:
         if condition():

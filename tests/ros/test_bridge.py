@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
+import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +41,7 @@ def sensor(tmp_path_factory):
 
 def write(folder: Path, endpoint: str, **more) -> Path:
     section = {"name": "foam", "config": "sensor.yaml", "image": IMAGE, "queue": 20} | more.pop("sensor", {})
-    node = {"connect": [endpoint], "listen": [], "patience_s": 1.0}
+    node = {"connect": [endpoint], "listen": [], "patience_s": 60.0}
     path = folder / "bridge.yaml"
     save_yaml(path, {"node": node, "sensors": [section], "stale_s": 0.3} | more)
     return path
@@ -70,8 +69,8 @@ def test_pictures_become_forces(sensor, robot: RosNode, endpoint: str) -> None:
         assert np.isnan(wrenches[0].wrench.force.x)
         for number, picture in enumerate(pictures):
             camera.publish(messages.compressed_image(10.0 + number / 30, picture, "bumper", 95))
-        assert until(lambda: bridge.frames == len(pictures), 20.0), bridge.frames
-        assert until(lambda: sum(w.header.stamp.sec < 1000 for w in wrenches) == len(pictures), 5.0)
+        assert until(lambda: bridge.frames == len(pictures)), bridge.frames
+        assert until(lambda: sum(w.header.stamp.sec < 1000 for w in wrenches) == len(pictures))
         topics = {e.topic for e in robot.graph() if e.node == "visuohaptic"}
     assert {"/foam/wrench", "/foam/diagnostics", IMAGE} <= topics
     measured = [w for w in wrenches if w.header.stamp.sec < 1000]
@@ -111,7 +110,7 @@ def test_it_can_zero_by_itself(sensor, robot: RosNode, endpoint: str, tmp_path: 
         camera.wait_until_heard()
         for number, picture in enumerate([*rest, *pictures[-1:]]):
             camera.publish(messages.compressed_image(10.0 + number, picture, "bumper", 95))
-        assert until(lambda: bridge.frames == 1, 20.0)
+        assert until(lambda: bridge.frames == 1)
     assert not (tmp_path / "zero.yaml").exists()
 
 
@@ -122,7 +121,7 @@ def test_a_picture_of_another_size_ends_it(sensor, robot: RosNode, endpoint: str
         camera.wait_until_heard()
         camera.publish(messages.compressed_image(10.0, pictures[0][:100], "bumper", 95))
         with pytest.raises(InputError, match="found images of 1600 x 100"):
-            bridge.wait(10.0)
+            bridge.wait(60.0)
 
 
 GOOD = {"name": "foam", "config": "sensor.yaml", "image": IMAGE}
@@ -154,23 +153,29 @@ def test_a_bad_file_is_one_line_and_exit_code_2(sensor, capsys, fields: dict, wo
 
 
 def test_the_verb_ends_by_itself(sensor, robot: RosNode, endpoint: str, capsys) -> None:
-    words = ["ros", "bridge", str(write(sensor[0], endpoint)), "--duration", "0.8", "--json"]
+    words = ["ros", "bridge", str(write(sensor[0], endpoint)), "--duration", "2.0", "--json"]
     assert main(words) == 0
     (found,) = json.loads(capsys.readouterr().out)["sensors"]
     assert (found["name"], found["frames"]) == ("foam", 0)
     assert found["stale"] >= 1
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def catches(pid: int, number: int) -> bool:
+    """Whether a process has a handler of a signal."""
+    (mask,) = re.findall(r"SigCgt:\s*(\w+)", Path(f"/proc/{pid}/status").read_text())
+    return bool(int(mask, 16) >> (number - 1) & 1)
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="handlers of signals are read from /proc")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_it_cleanly(sensor, robot: RosNode, endpoint: str, number: int) -> None:
     path = write(sensor[0], endpoint)
     command = [sys.executable, "-m", "visuohaptic.cli.main", "ros", "bridge", str(path), "--json"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert until(lambda: any(e.node == "visuohaptic" for e in robot.graph(0.2)), 20.0)
-    time.sleep(0.3)
+    assert until(lambda: any(e.node == "visuohaptic" for e in robot.graph(0.2)))
+    assert until(lambda: catches(process.pid, signal.SIGTERM))
     process.send_signal(number)
-    out, err = process.communicate(timeout=20)
+    out, err = process.communicate(timeout=60)
     assert process.returncode == 0, err
     assert json.loads(out)["sensors"][0]["frames"] == 0
     assert until(lambda: not any(e.node == "visuohaptic" for e in robot.graph(0.2)))

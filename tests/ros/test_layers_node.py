@@ -96,9 +96,9 @@ def test_a_map_is_served_to_who_comes_late(tmp_path: Path, robot: RosNode, endpo
     maps = robot.advertise("map", "nav_msgs/msg/OccupancyGrid", LATCHED)
     maps.publish(grid.to_message(5.0, "map"))
     with running("layers", endpoint, write(tmp_path)) as node:
-        assert until(lambda: node.component.status().reason == "ok", 30.0), node.component.status()
+        assert until(lambda: node.component.status().reason == "ok"), node.component.status()
         got = hear(robot)
-        assert until(lambda: all(got.values()), 10.0), {topic: len(found) for topic, found in got.items()}
+        assert until(lambda: all(got.values())), {topic: len(found) for topic, found in got.items()}
         felt, mask = layer(got["felt_obstacles"][-1]), layer(got["keepout_mask"][-1])
         assert got["felt_obstacles"][-1].header.frame_id == "map"
         assert inside(felt, 1.15, 1.15) == 100  # the crate
@@ -125,8 +125,8 @@ def test_a_map_is_served_to_who_comes_late(tmp_path: Path, robot: RosNode, endpo
         # The box turns out to stand fast: by what was touched since, not by the file.
         told = robot.advertise("objects", "std_msgs/msg/String", LATCHED)
         told.publish({"data": json.dumps({"objects": [OBJECTS[1] | {"haptic_tag": {"fixed": True}}]})})
-        assert until(lambda: inside(layer(got["felt_obstacles"][-1]), 3.15, 1.15) == 100, 30.0)
-        assert until(lambda: inside(layer(got["keepout_mask"][-1]), 1.15, 1.15) == 0, 30.0)
+        assert until(lambda: inside(layer(got["felt_obstacles"][-1]), 3.15, 1.15) == 100)
+        assert until(lambda: inside(layer(got["keepout_mask"][-1]), 1.15, 1.15) == 0)
 
 
 def test_felt_obstacles_cover_what_they_stand_on() -> None:
@@ -181,7 +181,7 @@ def test_a_search_that_does_not_end_is_not_waited_for(
     with running("plan", endpoint, {"robot": write(tmp_path)["robot"]}) as node:
         maps.publish(room().to_message(5.0, "map"))
         poses.publish({"header": header, "pose": {"pose": here, "covariance": [0.0] * 36}})
-        assert until(lambda: node.component._map is not None and "pose" in node.component._newest, 10.0)
+        assert until(lambda: node.component._map is not None and "pose" in node.component._newest)
         goals.wait_until_heard(10.0)
         goals.publish({"header": header, "pose": there})
         assert stuck.wait(10.0)
@@ -199,7 +199,7 @@ def test_a_search_that_does_not_end_is_not_waited_for(
 
         asking = threading.Thread(target=ask)
         asking.start()
-        assert until(lambda: len(node.component._asked) == 2, 10.0)
+        assert until(lambda: len(node.component._asked) == 2)
         node.deactivate()  # while the search is held: one that is waited for fails, and says so instead of the below
         asking.join(10.0)
         assert told == ["the node plan was deactivated in the meantime"]
