@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from ...core.geometry import wrap_angle
 from ._outline_kernels import disc_touches_at
 
 __all__ = ["PushContact", "push_contacts"]
@@ -83,7 +83,7 @@ def push_contacts(
     taken: list[float] = []
     for angle, spacing in candidates:
         of_face = spacing == FACE_SPACING_RAD
-        if any(abs(wrap_angle(angle - other)) < spacing for other in taken):
+        if any(abs(math.remainder(angle - other, 2.0 * math.pi)) < spacing for other in taken):
             continue
         direction = np.array([np.cos(angle), np.sin(angle)])
         distance = disc_touches_at(shape, direction[0], direction[1], radius, reach)
@@ -94,11 +94,12 @@ def push_contacts(
         contact_point = exterior.interpolate(exterior.project(Point(*robot)))
         contact = np.array([contact_point.x, contact_point.y])
         tilt = _tilt(hull, contact, direction)
-        bridged = of_face and _touches_both_sides(body, robot, radius, direction)
+        steep = bool(tilt > STABLE_RAD)
+        bridged = steep and of_face and _touches_both_sides(body, robot, radius, direction)
         if tilt <= steepest or bridged:
-            if bridged and tilt > STABLE_RAD:
+            if bridged:
                 contact = robot + radius * direction
-            found.append(PushContact(direction, contact, robot, bool(tilt > STABLE_RAD and not bridged)))
+            found.append(PushContact(direction, contact, robot, steep and not bridged))
             taken.append(angle)
     return tuple(sorted(found, key=lambda push: float(np.arctan2(push.direction[1], push.direction[0]))))
 

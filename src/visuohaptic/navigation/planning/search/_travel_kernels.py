@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from ....core.kernels import kernel
-from ...graph.tracing._path_kernels import longer
+from ...graph.tracing._path_kernels import longer_rows
 from ...pushing._outline_kernels import extent, polygon_distance
 
 #: Integer units of travel cost per straight cell at full speed: rounding errors stay below 0.2 %.
@@ -130,7 +130,11 @@ def travel_field(
     rows, columns = clearance.shape
     n = rows * columns
     flat = clearance.ravel()
-    cost = np.full(n, FAR, np.int32)
+    # Cost of reaching a cell, and of the cell itself, -1 where the robot does not fit [units].
+    cost = np.empty((n, 2), np.int32)
+    for i in range(n):
+        cost[i, 0] = FAR
+        cost[i, 1] = _cell_cost(flat[i], radius, slow)
     charged = region.size > 0
     labels = region.ravel()
     limited = cost_to_go.size > 0
@@ -139,65 +143,63 @@ def travel_field(
         top = max(top, charge[i])
     for i in range(len(seed_cost)):
         top = max(top, seed_cost[i])
-    count = (int(slow * UNITS * 1.5) + top) // UNITS + 4
-    cell_cost = np.zeros(n, np.int32)  # of a visited cell [units], -1 where the robot does not fit
+    count = 4  # buckets: a power of two, whose remainder is a mask
+    while count < (int(slow * UNITS * 1.5) + top) // UNITS + 4:
+        count *= 2
+    last = count - 1
     heads = np.full(count, -1, np.int32)
     capacity = max(1024, n // 4)
-    pool_cell = np.empty(capacity, np.int32)
-    pool_next = np.empty(capacity, np.int32)
-    pool_cost = np.empty(capacity, np.int32)
+    pool = np.empty((capacity, 3), np.int32)  # queued cells: cell, next entry of the bucket, cost
     used = 0
     free = -1
     waiting = 0
     for i in range(len(seeds)):
         s = seeds[i]
-        cell_cost[s] = _cell_cost(flat[s], radius, slow)
-        if cell_cost[s] > 0 and seed_cost[i] < cost[s]:
-            cost[s] = seed_cost[i]
-            slot = (cost[s] // UNITS) % count
-            pool_cell[used] = s
-            pool_cost[used] = cost[s]
-            pool_next[used] = heads[slot]
+        if cost[s, 1] > 0 and seed_cost[i] < cost[s, 0]:
+            cost[s, 0] = seed_cost[i]
+            slot = (cost[s, 0] // UNITS) & last
+            pool[used, 0] = s
+            pool[used, 2] = cost[s, 0]
+            pool[used, 1] = heads[slot]
             heads[slot] = used
             used += 1
             waiting += 1
     level = 0
     while waiting > 0:
-        slot = level % count
+        slot = level & last
         while heads[slot] >= 0:
             entry = heads[slot]
-            heads[slot] = pool_next[entry]
-            pool_next[entry] = free
+            heads[slot] = pool[entry, 1]
+            pool[entry, 1] = free
             free = entry
             waiting -= 1
-            u = pool_cell[entry]
-            reached = cost[u]
-            if pool_cost[entry] != reached:
+            u = pool[entry, 0]
+            reached = cost[u, 0]
+            if pool[entry, 2] != reached:
                 continue
             if limited and reached + cost_to_go[u] > bound:
                 continue
-            r, c = u // columns, u % columns
+            r = u // columns
+            c = u - r * columns
             own = labels[u] if charged else 0
             # Cost difference to the lower of the cells above and below, and of those left and right: 0 where neither is lower.
             upright, level_by = 0, 0
             if r > 0 and (not charged or labels[u - columns] == own):
-                upright = max(upright, reached - cost[u - columns])
+                upright = max(upright, reached - cost[u - columns, 0])
             if r + 1 < rows and (not charged or labels[u + columns] == own):
-                upright = max(upright, reached - cost[u + columns])
+                upright = max(upright, reached - cost[u + columns, 0])
             if c > 0 and (not charged or labels[u - 1] == own):
-                level_by = max(level_by, reached - cost[u - 1])
+                level_by = max(level_by, reached - cost[u - 1, 0])
             if c + 1 < columns and (not charged or labels[u + 1] == own):
-                level_by = max(level_by, reached - cost[u + 1])
-            for rr in range(max(r - 1, 0), min(r + 2, rows)):
-                for cc in range(max(c - 1, 0), min(c + 2, columns)):
-                    v, dr, dc = rr * columns + cc, rr - r, cc - c
-                    if cost[v] <= reached + MIN_STEP or cell_cost[v] < 0:
+                level_by = max(level_by, reached - cost[u + 1, 0])
+            for dr in range(-1, 2):
+                for dc in range(-1, 2):
+                    if not (0 <= r + dr < rows and 0 <= c + dc < columns):
                         continue
-                    if cell_cost[v] == 0:
-                        cell_cost[v] = _cell_cost(flat[v], radius, slow)
-                        if cell_cost[v] < 0:
-                            continue
-                    both = cell_cost[u] + cell_cost[v]
+                    v = u + dr * columns + dc
+                    if cost[v, 0] <= reached + MIN_STEP or cost[v, 1] < 0:
+                        continue
+                    both = cost[u, 1] + cost[v, 1]
                     if dr != 0 and dc != 0:
                         total = reached + ((both * 724) >> 10)  # sqrt(1/2) of it
                     else:
@@ -208,32 +210,31 @@ def travel_field(
                             total = reached + int(math.sqrt(mean * mean - float(lower) * lower) + 0.5)
                     if charged and own > 0 and labels[v] == 0:
                         total += charge[own]
-                    if total < cost[v]:
-                        cost[v] = total
+                    if total < cost[v, 0]:
+                        cost[v, 0] = total
                         if free >= 0:
                             entry = free
-                            free = pool_next[entry]
+                            free = pool[entry, 1]
                         else:
                             if used == capacity:
-                                pool_cell, pool_next = longer(pool_cell), longer(pool_next)
-                                pool_cost = longer(pool_cost)
-                                capacity = len(pool_cell)
+                                pool = longer_rows(pool)
+                                capacity = len(pool)
                             entry = used
                             used += 1
-                        pool_cell[entry] = v
-                        pool_cost[entry] = total
-                        slot_v = (total // UNITS) % count
-                        pool_next[entry] = heads[slot_v]
+                        pool[entry, 0] = v
+                        pool[entry, 2] = total
+                        slot_v = (total // UNITS) & last
+                        pool[entry, 1] = heads[slot_v]
                         heads[slot_v] = entry
                         waiting += 1
         level += 1
         if len(targets) > 0:
             open_targets = False
             for i in range(len(targets)):
-                open_targets = open_targets or cost[targets[i]] >= level * UNITS
+                open_targets = open_targets or cost[targets[i], 0] >= level * UNITS
             if not open_targets:
                 break
-    return cost
+    return cost[:, 0].copy()
 
 
 @kernel

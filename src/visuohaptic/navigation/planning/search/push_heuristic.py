@@ -147,7 +147,7 @@ class PushHeuristic:
             Index of its contact, for the simulated risk of an oblique push; omitted by default, for a lower bound.
         """
         domain = self.domain
-        oblique = contact >= len(domain.bodies[body].contacts)
+        oblique = contact >= 0 and contact >= len(domain.bodies[body].contacts)
         key = (body, round(length, 6), contact if oblique else -1)
         if key not in self._costs:
             tag, length_m = domain.bodies[body].obj.tag, length * domain.map.resolution_m

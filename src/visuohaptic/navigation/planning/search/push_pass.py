@@ -174,15 +174,17 @@ class PushPass:
         cells, costs = domain.seeds(clearance, state.robot, reach=1 if state.depth or domain.block > 1 else 2)
         if not cells.size or self.seen.dominated(state, cells):
             return
-        cost = state.travel
-        if cost is None:
-            bounded, none = bool(np.isfinite(queue.best)), np.zeros(0, np.int32)
+        most = int(min(queue.best - state.spent, heuristic.far))
+        if state.travel is None or state.travel[0] < most:
+            none = np.zeros(0, np.int32)
             cost = _travel_kernels.travel_field(
                 clearance, domain.radius, domain.slow, cells, costs, heuristic.labels, heuristic.passing,
-                heuristic.free_field if bounded else none, int(queue.best - state.spent) if bounded else 0, none,
+                heuristic.free_field if most < heuristic.far else none, most, none,
             )  # fmt: skip
-            if not bounded and not state.depth:
-                state.travel = cost  # every pass starts here
+            if not state.depth:
+                state.travel = most, cost  # every pass starts here
+        else:
+            cost = state.travel[1]
         self.seen.add(state, cost)
         goal_cells, goal_costs = heuristic.goal_seeds(clearance)
         reached = False

@@ -130,8 +130,8 @@ class SearchState:
     parent: SearchState | None = None
     step: PushStep | None = None
     depth: int = 0
-    #: costs of driving from its robot position to each node, where several passes need them [units]
-    travel: Int32[np.ndarray, "n"] | None = None
+    #: costs of driving from its robot position to each node, and the cost of a plan up to which they are known [units]
+    travel: tuple[int, Int32[np.ndarray, "n"]] | None = None
 
 
 @dataclass(slots=True, eq=False)
