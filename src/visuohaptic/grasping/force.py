@@ -50,8 +50,7 @@ class GripperModel:
     #: across the closing direction, and in depth
     palm_thickness_m: float = field(default=0.06, metadata=POSITIVE)
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +63,7 @@ class Handling:
     tilt_rad: float = field(default=0.17, metadata=within(0, np.pi / 2))
     safety: float = field(default=1.5, metadata=within(1, 100))  #: safety factor of the force
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +75,7 @@ class Load:
     centre_m: tuple[float, float, float] = field(metadata=at_least(-np.inf))
     mass_spread: float = field(default=0.0, metadata=within(0, 1))  #: relative standard deviation of the mass
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
 
 def object_load(

@@ -42,8 +42,7 @@ class GraspTask:
     #: Pairs of contacts: along the wall's normal, or through the height axis (Alt 2016).
     pairs: Literal["antipodal", "axis"] = "antipodal"
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -49,8 +49,7 @@ class ScoreParameters:
     neighbourhood_m: float = field(default=0.01, metadata=POSITIVE)
     curvature_unit_m: float = field(default=0.001, metadata=POSITIVE)  #: w_c multiplies 1 / this
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -49,8 +49,7 @@ class Contents:
     fill: float = field(default=0.0, metadata=within(0, 1))
     ambient_Pa: float = field(default=AMBIENT_PRESSURE_Pa, metadata=POSITIVE)  #: absolute pressure outside
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
     def bulk_stiffness(self, volume_m3: float) -> float:
         """kappa = -dp/dV in the undeformed state [Pa/m^3]; infinite without gas, zero when open.

@@ -47,8 +47,7 @@ class WallProperties:
     youngs_modulus_Pa: float | None = field(default=None, metadata=POSITIVE)  #: overrides the material's
     poisson_ratio: float | None = None  #: overrides the material's
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
     @property
     def whole_m(self) -> float | None:

@@ -38,8 +38,7 @@ class EgoMotionSettings:
     gyroscope_rad_s: float = field(default=0.005, metadata=POSITIVE)
     gate: float = 5.0  #: a source that deviates by more than this many standard deviations is ignored
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
 
 class EgoMotionFilter:

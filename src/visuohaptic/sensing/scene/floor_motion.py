@@ -43,8 +43,7 @@ class FloorMotionSettings:
     key_frames: int = 12  #: a new key frame after this number of frames
     key_fraction: float = 0.5  #: or when less than this fraction of its points is left
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
 
 @dataclass(frozen=True, slots=True, eq=False)

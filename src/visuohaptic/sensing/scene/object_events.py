@@ -36,8 +36,7 @@ class ObjectMotionSettings:
     slip_m: float = 0.006  #: displacement of the contact along the foam that counts as slip
     shape_turn_rad: float = 0.03  #: rotation from which on the motion also determines the surface
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -81,8 +81,7 @@ class ObstacleSettings:
     correlated_bins: float = 4.0  #: bins per independent sample: blur of the lens, and interpolation
     stale_s: float = 1.0  #: after this time without a comparison the state is unknown
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
 
 @dataclass(frozen=True, slots=True, eq=False)

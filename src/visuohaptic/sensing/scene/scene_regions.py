@@ -51,8 +51,7 @@ class SceneSettings:
     )
     widening: float = 1.6  #: a contact whose width has grown by this factor determines its face better
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
 
 class SceneRegions:

@@ -45,8 +45,7 @@ class CameraEffects:
     #: 1..100; ``None`` = not compressed
     jpeg_quality: int | None = field(default=None, metadata=within(1, 100))
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
     def light_field(self, rows: int, columns: int) -> Float32[np.ndarray, "rows columns"]:
         """Relative light at each pixel by vignetting and gradient; empty when it is 1 everywhere.

@@ -70,8 +70,7 @@ class GripperDrive:
     acceleration_m_s2: float = field(default=0.5, metadata=POSITIVE)  #: of each finger
     max_force_N: float = field(default=120.0, metadata=POSITIVE)  #: the drive stops by itself at this force
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,8 +84,7 @@ class FingerView:
     occluders: tuple[Occluder, ...] = ()  #: objects in front of the scene
     frame_rate_Hz: float = field(default=30.0, metadata=POSITIVE)
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -60,8 +60,7 @@ class SafetyLimits:
     max_hold_s: float = field(default=5.0, metadata=POSITIVE)  #: a longer hold is permanent [s]
     brake_s: float = 0.1  #: braking time from full speed [s]; the force meanwhile is predicted from its rate
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,8 +55,7 @@ class LiftPlan:
     put_back: bool = False  #: whether to put it back, as after weighing
     max_invalid_frames: int = 15
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
 
 @dataclass(frozen=True, slots=True, eq=False)

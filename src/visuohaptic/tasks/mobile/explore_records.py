@@ -74,8 +74,7 @@ class ExploreSettings:
     max_invalid_frames: int = 15  #: number of consecutive frames without a valid contour that ends the push
     timeout_s: float = 60.0
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
     def max_deflection_m(self, material: FoamMaterial) -> float:
         """Deflection at which to stop: beyond it the foam is densified [m].

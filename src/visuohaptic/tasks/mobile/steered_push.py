@@ -86,8 +86,7 @@ class PushSettings:
     stall_s: float = field(default=3.0, metadata=POSITIVE)
     timeout_s: float = 120.0
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
 
 class SteeredPush:

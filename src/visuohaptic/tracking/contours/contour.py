@@ -73,8 +73,7 @@ class ContourSettings:
     #: distance from both neighbours, in point spacings
     max_jump: float = field(default=1.75, metadata=POSITIVE)
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    __post_init__ = check_ranges
 
 
 @dataclass(frozen=True, slots=True, eq=False)
