@@ -18,7 +18,7 @@ from jaxtyping import Int8
 from ..core.camera.frame import Frame
 from ..core.camera.model import Camera
 from ..core.errors import InputError
-from ..core.ranges import POSITIVE, at_least, check_ranges, within
+from ..core.ranges import POSITIVE, Ranged, at_least, within
 from ..core.resources import Closing
 from ..core.robots import FrameSource
 
@@ -46,7 +46,7 @@ class FaultKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class FrameFaults:
+class FrameFaults(Ranged):
     """Faults of camera frames; all off by default."""
 
     drop: float = field(default=0.0, metadata=within(0, 1))  #: fraction that is lost
@@ -61,8 +61,6 @@ class FrameFaults:
     light_gain: float = 0.45
     light_offset: float = 5.0
     end_at_s: float = math.inf  #: time at which the cable is disconnected
-
-    __post_init__ = check_ranges
 
 
 def frame_faults(kind: FaultKind, at_s: float = 2.0) -> FrameFaults:
