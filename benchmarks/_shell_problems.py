@@ -13,11 +13,28 @@ from dataclasses import dataclass
 import numpy as np
 
 from visuohaptic.deformation.nonlinear import EquilibriumPath, follow_arc, follow_displacement, reach_loads
-from visuohaptic.deformation.shapes import grid_mesh
+from visuohaptic.deformation.shapes import grid_faces
 from visuohaptic.deformation.shells import CorotationalShell, IsotropicMaterial, ShellMesh, ShellModel
 from visuohaptic.reproduce.worlds import mitc4_factor, mitc4_stiffness
 
 X, Y, Z, RX, RY, RZ = range(6)
+
+
+def grid_mesh(
+    surface: Callable[
+        [np.ndarray, np.ndarray], tuple[np.ndarray | float, np.ndarray | float, np.ndarray | float]
+    ],
+    columns: int,
+    rows: int,
+    thickness_m: float | np.ndarray,
+    *,
+    crossed: bool = False,
+) -> ShellMesh:
+    """A patch ``(x, y, z) = surface(u, v)`` over the unit square, u along columns; ``crossed`` as in ``grid_faces``."""
+    v, u = (part.ravel() for part in np.mgrid[: rows + 1, : columns + 1])
+    vertices = np.stack(np.broadcast_arrays(*surface(u / columns, v / rows)), axis=1)
+    faces = grid_faces(columns, rows, crossed=crossed)
+    return ShellMesh(vertices, faces, thickness_m, 0.5 if crossed else 1.0)
 
 
 def held(mesh: ShellMesh, *rules: tuple[np.ndarray, tuple[int, ...]]) -> np.ndarray:

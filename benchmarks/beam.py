@@ -16,7 +16,6 @@ from visuohaptic.sensing.beam import (
     LoadRecord,
     TemplateMeasurement,
     calibrate_beam,
-    plane_inverse,
     relative_poses,
     section_motion,
 )
@@ -31,6 +30,13 @@ TOP_N = 2.8
 OTHER_ROD = ElasticRod(
     length_m=0.1205, diameter_m=0.00149, youngs_Pa=203e9, spring_N_per_m=530, spring_Nm_per_rad=0.19
 )
+
+
+def plane_inverse(beam: Beam, xi: float) -> np.ndarray:
+    """The published method, W^-1 of Eq. (3.5): (F, M) of one plane from (w, dw/dxi) at one template, xi = x / L."""
+    length = beam.length_m
+    scale = 2 * beam.bending_Nm2 / (length**2 * xi**2)
+    return scale * np.array([[6 / (length * xi), -3 / length], [3 * (xi - 2) / xi, -(xi - 3)]])
 
 
 class _Bench:

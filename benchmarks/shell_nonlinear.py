@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from visuohaptic.deformation.nonlinear import follow_displacement
-from visuohaptic.deformation.shapes import grid_mesh
 from visuohaptic.deformation.shells import CorotationalShell, ShellModel
 
-from ._shell_problems import NONLINEAR, RX, RY, RZ, X, Y, held, near
+from ._shell_problems import NONLINEAR, RX, RY, RZ, X, Y, grid_mesh, held, near
 from .harness import cpu_seconds
 from .shell_course import PET
 

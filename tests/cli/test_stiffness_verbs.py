@@ -119,7 +119,7 @@ def test_a_face_that_names_no_vertex_is_named(tmp_path: Path, capsys: pytest.Cap
         (["cup", "--around", "7"], "multiple of 4"),
         (["cup", "--variant", "-1"], "expected 0 to"),
         (["cup", "--thickness", "0.5"], "intersect itself"),
-        (["cup", "--base-stiffness", "0"], "expected > 0"),
+        (["cup", "--base-stiffness", "0"], "expected more than 0"),
         (["cup", "--thickness", "thin"], "expected a number, LOW:HIGH"),
         (["cup", "--thickness", "2e-4:1e-4"], "expected 0 < low < high"),
         (["cup", "--thickness", "none.csv"], "No such file"),

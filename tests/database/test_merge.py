@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,11 +18,10 @@ from visuohaptic.core import (
     ObjectPart,
     Provenance,
     Sighting,
-    StiffnessMap,
     VisuoHapticObject,
     cards,
 )
-from visuohaptic.database import add_evidence, combine, merge_objects, merge_stiffness
+from visuohaptic.database import add_evidence, combine, merge_objects
 
 
 def _text(obj: VisuoHapticObject) -> str:
@@ -141,29 +139,6 @@ def test_evidence_counts_once_and_makes_its_place() -> None:
     for place in ("tag", "tag.fixed", "colour", "material.name", "parts.lid", "tag.drift.value"):
         with pytest.raises(InputError):
             add_evidence(cup, Evidence(place, Estimate(1.0, 1.0)))
-
-
-def test_maps_merge_by_point() -> None:
-    v, f = np.zeros((3, 3)), np.array([[0, 1, 2]])
-    known = StiffnessMap(v, f, np.array([100.0, 100.0, np.nan]), np.array([10.0, 10.0, np.nan]))
-    felt = replace(
-        known, stiffness_N_per_m=np.array([110.0, np.nan, 7.0]), stiffness_sigma_N_per_m=np.full(3, 10.0)
-    )
-    both = merge_stiffness(known, felt)
-    np.testing.assert_allclose(both.stiffness_N_per_m, [105, 100, 7])
-    np.testing.assert_allclose(both.stiffness_sigma_N_per_m, [10 / np.sqrt(2), 10, 10])
-    with pytest.raises(InputError, match="different meshes"):
-        merge_stiffness(known, replace(felt, vertices_m=v + 1))
-
-
-def test_maps_of_unequal_errors_merge_as_by_least_squares() -> None:
-    rng = np.random.default_rng(1)
-    k, sigmas = rng.uniform(100.0, 900.0, (2, 6)), rng.uniform(5.0, 400.0, (2, 6))
-    maps = [StiffnessMap(np.zeros((6, 3)), np.array([[0, 1, 2]]), k[i], sigmas[i]) for i in (0, 1)]
-    both = merge_stiffness(*maps)
-    truth = np.array([_constant_fit(k[:, i], sigmas[:, i]) for i in range(6)])
-    np.testing.assert_allclose(both.stiffness_N_per_m, truth[:, 0])
-    np.testing.assert_allclose(both.stiffness_sigma_N_per_m, truth[:, 1])
 
 
 @pytest.mark.parametrize("place", ["state", "state.fill", "name", "visual_class"])

@@ -25,7 +25,6 @@ from visuohaptic.core import (
     InputError,
     MissingExtraError,
     Provenance,
-    StiffnessMap,
     VisuoHapticObject,
 )
 from visuohaptic.database import (
@@ -37,7 +36,6 @@ from visuohaptic.database import (
     import_object,
     import_objects,
     merge_objects,
-    merge_stiffness,
     open_database,
 )
 from visuohaptic.database.array_store import ArrayStore
@@ -207,18 +205,6 @@ def test_what_a_merge_refuses() -> None:
         combine([])
     with pytest.raises(InputError, match="expected one id"):
         merge_objects(VisuoHapticObject("a"), VisuoHapticObject("b"))
-    exact = StiffnessMap(CUBE, FACES, np.full(8, 10.0), np.zeros(8))
-    with pytest.raises(InputError, match="standard deviations of 0"):
-        merge_stiffness(exact, exact)
-
-
-def test_maps_that_contradict_each_other_are_less_certain() -> None:
-    """Two values d apart with one sigma: by chi squared of one degree of freedom, at least that of the weights."""
-    for d, sigma in ((0.0, 10 / np.sqrt(2)), (10.0, 10 / np.sqrt(2)), (100.0, 100 / 2), (300.0, 300 / 2)):
-        maps = [StiffnessMap(CUBE, FACES, np.full(8, k), np.full(8, 10.0)) for k in (500.0, 500.0 + d)]
-        both = merge_stiffness(*maps)
-        np.testing.assert_allclose(both.stiffness_N_per_m, 500 + d / 2)
-        np.testing.assert_allclose(both.stiffness_sigma_N_per_m, sigma)
 
 
 def test_folders_that_cannot_be_exported_or_imported(tmp_path: Path) -> None:

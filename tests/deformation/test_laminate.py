@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks._shell_problems import grid_mesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
@@ -15,7 +16,6 @@ from visuohaptic.core import InputError
 from visuohaptic.deformation.maps import object_map, squeeze
 from visuohaptic.deformation.shapes import (
     WallProperties,
-    grid_mesh,
     load_object,
     mesh_rings,
     symmetric_part,

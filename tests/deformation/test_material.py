@@ -45,7 +45,7 @@ def test_what_is_missing_or_impossible_is_told():
         IsotropicMaterial.of(Material("mystery"))
     with pytest.raises(InputError, match=r"less than 0\.5"):
         IsotropicMaterial(1e9, 0.5)
-    with pytest.raises(InputError, match="expected > 0"):
+    with pytest.raises(InputError, match="expected more than 0"):
         IsotropicMaterial(-1.0, 0.3)
 
 

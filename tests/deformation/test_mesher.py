@@ -168,5 +168,5 @@ def test_an_elastic_base_keeps_the_symmetry() -> None:
 
 @pytest.mark.parametrize("stiffness", [0.0, -1.0, float("inf"), float("nan")])
 def test_a_base_without_stiffness_is_refused(stiffness: float) -> None:
-    with pytest.raises(InputError, match="expected > 0"):
+    with pytest.raises(InputError, match="expected more than 0"):
         with_elastic_base(mesh_container(load_container("cup").middle(), around=16), stiffness)

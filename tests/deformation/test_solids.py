@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from benchmarks._shell_problems import mitc4_tube_stiffness
+from benchmarks._shell_problems import grid_mesh, mitc4_tube_stiffness
 from benchmarks.peers.solids import quadratic_compliance, solid_stiffness
 from benchmarks.peers.tetrahedra import linear_tetrahedra, wall_tetrahedra
 
 from visuohaptic.core import InputError
 from visuohaptic.deformation.maps import side_vertex
-from visuohaptic.deformation.shapes import ContainerDescription, grid_mesh, mesh_container, tube_mesh
+from visuohaptic.deformation.shapes import ContainerDescription, mesh_container, tube_mesh
 from visuohaptic.deformation.shells import IsotropicMaterial, ShellMesh, dual_tip_map, opposing_points
 
 PLASTIC = IsotropicMaterial(2.5e9, 0.38)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks._shell_problems import grid_mesh
 
 from visuohaptic.core import InputError
 from visuohaptic.deformation.maps import (
@@ -15,7 +16,7 @@ from visuohaptic.deformation.maps import (
     squeeze,
     with_thickness_map,
 )
-from visuohaptic.deformation.shapes import ShellObject, WallProperties, grid_mesh, load_object, tube_mesh
+from visuohaptic.deformation.shapes import ShellObject, WallProperties, load_object, tube_mesh
 from visuohaptic.deformation.shells import IsotropicMaterial, surface_stress
 
 MATERIAL = IsotropicMaterial(2.5e9, 0.38, "PET")

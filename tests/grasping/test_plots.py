@@ -45,5 +45,5 @@ def test_what_cannot_be_confirmed_is_refused() -> None:
         with pytest.raises(InputError, match=f"vertex: found {vertex}, expected 0 to {count - 1}"):
             pinch_at(cup, vertex)
     for force_N in (0.0, -1.0, np.inf, np.nan):
-        with pytest.raises(InputError, match=f"force_N: found {force_N} N, expected > 0"):
+        with pytest.raises(InputError, match=f"force_N: found {force_N}, expected more than 0"):
             confirm_grasp(cup, 0, force_N)

@@ -11,18 +11,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from visuohaptic.core import FrameSource, InputError, MobileBase
+from visuohaptic.core import FrameSource, InputError
 from visuohaptic.core.camera import Frame
 from visuohaptic.simulation import (
     FaultKind,
-    FaultyBase,
     FaultyFrames,
     FrameFaults,
-    PoseFaults,
     frame_faults,
     wrong_map,
 )
-from visuohaptic.simulation.mobile import QuickWorld
 
 
 class Frames:
@@ -102,40 +99,6 @@ def test_light_bump_and_cable() -> None:
     assert np.argwhere(moved[1].image == 255).tolist() == [[20, 35]]
 
 
-def drive(faults: PoseFaults, seconds: float = 3.0) -> tuple[QuickWorld, FaultyBase]:
-    world = QuickWorld([])
-    base = FaultyBase(world, faults)
-    assert isinstance(base, MobileBase)
-    base.drive(0.2, 0.0)
-    for _ in range(round(30 * seconds)):
-        world.step(1 / 30)
-        base.state()
-    return world, base
-
-
-def test_a_lost_pose_jumps_and_the_world_goes_on() -> None:
-    world, base = drive(PoseFaults(jump_at_s=1.0, jump=(0.5, -0.25, 1.0)))
-    told, true = base.state(), world.state()
-    assert told.x_m - true.x_m == pytest.approx(0.5)
-    assert told.y_m - true.y_m == pytest.approx(-0.25)
-    assert told.heading_rad - true.heading_rad == pytest.approx(1.0)
-
-
-def test_a_frozen_pose_keeps_its_time() -> None:
-    world, base = drive(PoseFaults(freeze_at_s=1.0, freeze_s=5.0))
-    assert base.state().t_s == world.t_s
-    assert base.state().x_m < world.state().x_m - 0.3
-    _, base = drive(PoseFaults(freeze_at_s=1.0, freeze_s=0.5))
-    assert base.state().x_m == pytest.approx(drive(PoseFaults())[1].state().x_m, abs=1e-9)
-
-
-def test_slipping_wheels_count_on() -> None:
-    """One second at 0.2 m/s with half of it lost: odometry is 10 cm ahead."""
-    world, base = drive(PoseFaults(slip_at_s=1.0, slip_s=1.0, slip_fraction=0.5))
-    assert base.state().x_m - world.state().x_m == pytest.approx(0.1, rel=0.15)
-    assert world.state().x_m < drive(PoseFaults())[0].state().x_m - 0.06
-
-
 def test_wrong_maps() -> None:
     cells = np.zeros((60, 80), np.int8)
     cells[20:40, 30:50] = 100
@@ -152,7 +115,5 @@ def test_wrong_maps() -> None:
 def test_bad_shares_are_refused() -> None:
     with pytest.raises(InputError, match=r"drop: found 1.5, expected 0 to 1"):
         FrameFaults(drop=1.5)
-    with pytest.raises(InputError, match="slip_fraction: found -1"):
-        FaultyBase(QuickWorld([]), PoseFaults(slip_fraction=-1.0))
     assert frame_faults(FaultKind.SLIP) == FrameFaults()
     assert math.isinf(frame_faults(FaultKind.WRONG_MAP).end_at_s)

@@ -49,7 +49,7 @@ def test_drive_reaches_its_opening_within_its_limits() -> None:
     assert rise.max() <= 0.5 + 1e-6
     # Positions are the integral of the speeds.
     assert truths[-1].position_m == pytest.approx(float(speed[1:] @ np.diff(time)), abs=5e-5)
-    with pytest.raises(InputError, match=r"found 0.2 m at 0.1 m/s, expected 0 to 0.1 m"):
+    with pytest.raises(InputError, match=r"opening_m: found 0.2, expected 0 to 0.1"):
         device.move(0.2, 0.1)
 
 

@@ -89,7 +89,8 @@ def test_sections_are_rotations_and_balance_the_load():
     product = state.frames @ state.frames.transpose(0, 2, 1)
     assert np.abs(product - np.eye(3)).max() < 1e-12
     # The clamp is turned about X by what its spring carries.
-    carried = state.base_moment_Nm[0] / ROD.spring_Nm_per_rad
+    moment_Nm = state.moment_Nm + np.cross(state.points_m[-1] - state.points_m[0], state.force_N)
+    carried = moment_Nm[0] / ROD.spring_Nm_per_rad
     assert np.arctan2(state.frames[0, 2, 1], state.frames[0, 1, 1]) == pytest.approx(carried, abs=1e-9)
     assert state.points_m[0, 0] == pytest.approx(-1.0 / ROD.spring_N_per_m)
 

@@ -73,7 +73,7 @@ def test_what_the_gripper_holds_is_kept_while_the_base_drives(robot: LeKiwi, par
     parts.wait(0.5)
     assert robot.actions[-1]["arm_gripper.pos"] == pytest.approx(40.0)
     assert parts.gripper.state().opening_m == pytest.approx(0.02)
-    with pytest.raises(InputError, match=r"found 0.1 m, expected 0 to 0.09 m"):
+    with pytest.raises(InputError, match=r"opening_m: found 0.1, expected 0 to 0.09"):
         parts.gripper.move(0.1, 0.05)
     with pytest.raises(InputError, match="openings_m"):
         LeRobotGripper(LeRobotLink(robot), {0.0: 0.0, 1.0: 0.1, 2.0: 0.05})

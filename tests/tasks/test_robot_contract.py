@@ -357,3 +357,133 @@ def test_the_doctor_reaches_a_robot_in_a_process_of_its_own(capsys):
     kept = capsys.readouterr().out
     assert "feel     kept    it feels no force there, in newtons" in kept
     assert "gripper  kept    it is measured again within 0.2 s" in kept
+
+
+def test_the_motions_are_those_of_the_guide():
+    """docs/howto/your_robot.md: 10 cm and half a radian, the tip by 2 cm, the fingers by 1 cm."""
+    base, arm, gripper = right.Base(), right.Arm(), right.Fingers()
+    goals_m, openings_m, told = [], [], {"move": gripper.move, "line": arm.move_linear}
+    turned_and_driven = np.zeros(2)
+
+    def wait(duration_s):
+        turned_and_driven[:] += duration_s * np.abs(base.velocity[::-1])
+        for part in (base, arm, gripper):
+            part.wait(duration_s)
+
+    def move(opening_m, speed_m_s):
+        told["move"](opening_m, speed_m_s)
+        openings_m.append(opening_m)
+
+    def line(T_base_tip, speed_m_s):
+        told["line"](T_base_tip, speed_m_s)
+        goals_m.append(T_base_tip.translation_m[2])
+
+    gripper.move, arm.move_linear = move, line
+    assert not broken(check_robot({"base": base, "arm": arm, "gripper": gripper, "wait": wait}))
+    assert turned_and_driven == pytest.approx([0.5, 0.1])
+    assert max(goals_m) - min(goals_m) == pytest.approx(0.02)
+    assert max(openings_m) - min(openings_m) == pytest.approx(0.01)
+
+
+class Drifting(right.Base):
+    """It creeps on after a stop."""
+
+    def __init__(self, speed_m_s, turn_rad_s):
+        super().__init__()
+        self.creep = speed_m_s, turn_rad_s
+
+    def stop(self):
+        self.drive(*self.creep)
+
+
+class Inexact(right.Fingers):
+    def __init__(self, error_m):
+        super().__init__()
+        self.error_m = error_m
+
+    def wait(self, duration_s):
+        super().wait(duration_s)
+        if duration_s > 1.0:  # at the end of a motion
+            self.opening_m = self.target_m + self.error_m
+
+
+class InexactArm(right.Arm):
+    error_m = 0.0
+
+    def pose(self):
+        t_s, pose = super().pose()
+        there = self.goal is not None and np.allclose(self.at, self.goal)
+        return t_s, replace(
+            pose, translation_m=pose.translation_m + np.array([self.error_m * there, 0.0, 0.0])
+        )
+
+
+def far(depth_m):
+    depth = right.Depth()
+    depth.read = lambda: replaced(right.Depth.read(depth), depth_m)
+    return depth
+
+
+def replaced(image, depth_m):
+    image.depth_m[0, 0] = depth_m
+    return image
+
+
+def inexact_arm(error_m):
+    arm = InexactArm()
+    arm.error_m = error_m
+    return arm
+
+
+#: A fault in units of the limit of its rule: kept at 0.9, broken at 1.1.
+LIMITS = {
+    "slow clock": lambda f: {"base": told(t_s=lambda s: 0.5 / f * s.t_s)},
+    "fast clock": lambda f: {"base": told(t_s=lambda s: 1.5 * f * s.t_s)},
+    "creeps": lambda f: {"base": Drifting(0.004 * f, 0.0)},
+    "turns": lambda f: {"base": Drifting(0.0, 0.02 * f)},
+    "opening": lambda f: {"gripper": Inexact(0.002 * f)},
+    "tip": lambda f: {"arm": inexact_arm(0.002 * f)},
+    "depth": lambda f: {"depth": far(50.0 * f)},
+    "force": lambda f: {"feel": felt(force_N=2.0 * f)},
+    "surface": lambda f: {"feel": felt(surface_m=0.5 * f)},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_the_limits_of_the_rules(name):
+    assert not broken(check_robot(right.connect(**LIMITS[name](0.9))))
+    assert len(broken(check_robot(right.connect(**LIMITS[name](1.1))))) == 1
+
+
+@pytest.mark.parametrize(("period_s", "kept"), [(0.19, True), (0.23, False)])
+def test_a_measurement_is_at_most_a_fifth_of_a_second_old(period_s, kept):
+    base = right.Base()
+
+    class Map(right.MapFrame):
+        def locate(self):
+            true = super().locate()
+            return replace(true, t_s=period_s * math.floor(true.t_s / period_s + 1e-9))
+
+    parts = {"base": base, "localizer": Map(base), "wait": base.wait}
+    assert (not broken(check_robot(parts, motion=False))) == kept
+
+
+def test_five_images_are_read():
+    class Counting(right.Pictures):
+        read = 0
+
+        def __iter__(self):
+            for frame in super().__iter__():
+                self.read += 1
+                yield frame
+
+    camera, felt_in = Counting(), []
+
+    def feel(frame):
+        felt_in.append(frame.index)
+        return right.feel(frame)
+
+    assert not broken(check_robot({"camera": camera}))
+    assert camera.read == 5
+    assert not broken(check_robot({"camera": camera, "feel": feel}))
+    assert felt_in == [0, 1, 2, 3, 4]

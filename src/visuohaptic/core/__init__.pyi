@@ -26,6 +26,7 @@ from .files.arrays import read_npz as read_npz
 from .files.atomic import atomic_path as atomic_path
 from .files.atomic import write_text as write_text
 from .files.image_header import MAX_PIXELS as MAX_PIXELS
+from .files.image_header import check_size as check_size
 from .files.image_header import image_size as image_size
 from .files.images import MAX_IMAGE_BYTES as MAX_IMAGE_BYTES
 from .files.images import ImageMode as ImageMode
@@ -89,8 +90,10 @@ from .objects import VisuoHapticObject as VisuoHapticObject
 from .ranges import FINITE as FINITE
 from .ranges import NON_NEGATIVE as NON_NEGATIVE
 from .ranges import POSITIVE as POSITIVE
+from .ranges import Ranged as Ranged
 from .ranges import above as above
 from .ranges import at_least as at_least
+from .ranges import check_numbers as check_numbers
 from .ranges import check_ranges as check_ranges
 from .ranges import within as within
 from .resources import Closing as Closing

@@ -4,10 +4,9 @@ Examples
 --------
 >>> from dataclasses import dataclass, field
 >>> @dataclass(frozen=True)
-... class Grip:
+... class Grip(Ranged):
 ...     force_N: float = field(default=2.0, metadata=POSITIVE)
 ...     friction: float = field(default=0.5, metadata=within(0, 2))
-...     __post_init__ = check_ranges
 >>> Grip(friction=3.0)
 Traceback (most recent call last):
 visuohaptic.core.errors.InputError: Grip: friction: found 3.0, expected 0 to 2
@@ -24,7 +23,18 @@ import numpy as np
 
 from .errors import InputError, brief
 
-__all__ = ["FINITE", "NON_NEGATIVE", "POSITIVE", "above", "at_least", "check_order", "check_ranges", "within"]
+__all__ = [
+    "FINITE",
+    "NON_NEGATIVE",
+    "POSITIVE",
+    "Ranged",
+    "above",
+    "at_least",
+    "check_numbers",
+    "check_order",
+    "check_ranges",
+    "within",
+]
 
 _KEY = "visuohaptic range"
 
@@ -38,7 +48,7 @@ class _Range:
     @property
     def text(self) -> str:
         if math.isfinite(self.high):
-            return f"{self.low:g} to {self.high:g}"
+            return f"{'more than ' * self.strict}{self.low:g} to {self.high:g}"
         if math.isfinite(self.low):
             return f"more than {self.low:g}" if self.strict else f"at least {self.low:g}"
         return "a finite number"
@@ -52,15 +62,15 @@ class _Range:
         return bool((inside & np.isfinite(number)).all())
 
 
-def above(low: float) -> Mapping[str, Any]:
-    """Metadata of a field that must be finite and greater than ``low``.
+def above(low: float, high: float = math.inf) -> Mapping[str, Any]:
+    """Metadata of a field that must be finite, greater than ``low`` and at most ``high``.
 
     Parameters
     ----------
-    low
-        Exclusive lower bound, in the field's unit.
+    low, high
+        Exclusive lower and inclusive upper bound, in the field's unit.
     """
-    return {_KEY: _Range(low, math.inf, True)}
+    return {_KEY: _Range(low, high, True)}
 
 
 def at_least(low: float) -> Mapping[str, Any]:
@@ -91,7 +101,7 @@ NON_NEGATIVE = at_least(0.0)
 
 
 def check_ranges(instance: Any, others: Mapping[str, Any] | None = None) -> None:
-    """Check every dataclass field that declares a range; used as ``__post_init__``.
+    """Check every dataclass field that declares a range, in a ``__post_init__`` that checks more than these.
 
     A field whose value and default are ``None`` is not given and passes. Arrays are checked elementwise.
 
@@ -116,6 +126,38 @@ def check_ranges(instance: Any, others: Mapping[str, Any] | None = None) -> None
             raise InputError(
                 type(instance).__name__, f"found {brief(value)}, expected {limits.text}", field=one.name
             )
+
+
+class Ranged:
+    """Base of the dataclasses whose fields declare ranges; they are checked when an instance is created."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+def check_numbers(where: object, limits: Mapping[str, Any], **values: Any) -> None:
+    """Check arguments of a function against one range; ``None`` is not given and passes.
+
+    Parameters
+    ----------
+    where
+        Name of the function or file, for the message.
+    limits
+        Range, such as ``POSITIVE`` or ``within(0, 1)``.
+    **values
+        Numbers or arrays by their names; arrays are checked elementwise.
+
+    Raises
+    ------
+    InputError
+        A value is not a finite number in the range; the message names it, what was found and expected.
+    """
+    for name, value in values.items():
+        if value is not None and not limits[_KEY].holds(value):
+            found = value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+            raise InputError(where, f"found {brief(found)}, expected {limits[_KEY].text}", field=name)
 
 
 def check_order(instance: Any, low: str, high: str) -> None:

@@ -17,7 +17,6 @@ from .merge import add_evidence as add_evidence
 from .merge import combine as combine
 from .merge import estimates_of as estimates_of
 from .merge import merge_objects as merge_objects
-from .merge import merge_stiffness as merge_stiffness
 from .rows import ALIVE as ALIVE
 from .rows import MANY as MANY
 from .rows import Stored as Stored

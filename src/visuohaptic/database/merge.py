@@ -31,11 +31,10 @@ from ..core.objects import (
     ObjectState,
     Provenance,
     Sighting,
-    StiffnessMap,
     VisuoHapticObject,
 )
 
-__all__ = ["add_evidence", "combine", "estimates_of", "merge_objects", "merge_stiffness"]
+__all__ = ["add_evidence", "combine", "estimates_of", "merge_objects"]
 
 #: Fields with mappings whose entries are merged individually.
 _MAPPINGS = ("state", "features", "parts", "states")
@@ -184,40 +183,6 @@ def merge_objects(one: VisuoHapticObject, other: VisuoHapticObject) -> VisuoHapt
         }
     changes["provenance"] = origins
     return _with(replace(one, **changes), everything)
-
-
-def merge_stiffness(known: StiffnessMap, measured: StiffnessMap) -> StiffnessMap:
-    """Combine two maps of one mesh by inverse variances, pointwise; unknown (NaN) points take the known value.
-
-    Parameters
-    ----------
-    known, measured
-        Maps on the same mesh [N/m].
-
-    Raises
-    ------
-    InputError
-        The maps are on different meshes.
-    """
-    if not (
-        np.array_equal(known.vertices_m, measured.vertices_m) and np.array_equal(known.faces, measured.faces)
-    ):
-        raise InputError(
-            "merge_stiffness",
-            f"found maps of {len(known.vertices_m)} and {len(measured.vertices_m)} vertices on different meshes",
-            remedy="interpolate one to the mesh of the other first",
-        )
-    k = np.stack([known.stiffness_N_per_m, measured.stiffness_N_per_m])
-    s = np.stack([known.stiffness_sigma_N_per_m, measured.stiffness_sigma_N_per_m])
-    if not (s[np.isfinite(s)] > 0).all():
-        raise InputError("merge_stiffness", "found standard deviations of 0, expected more than 0")
-    w = np.where(np.isfinite(k) & np.isfinite(s), s**-2.0, 0.0)
-    total = w.sum(axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        value = np.where(total > 0, (w * np.where(w > 0, k, 0.0)).sum(axis=0) / total, k[0])
-        chi2 = (w * np.where(w > 0, k - value, 0.0) ** 2).sum(axis=0)
-        sigma = np.where(total > 0, np.sqrt(np.maximum(1.0, chi2) / total), s[0])
-    return replace(known, stiffness_N_per_m=value, stiffness_sigma_N_per_m=sigma)
 
 
 def _all_evidence(obj: VisuoHapticObject) -> dict[tuple[str, ...], Evidence]:

@@ -47,7 +47,6 @@ from .shapes.mesher import ShellObject as ShellObject
 from .shapes.mesher import mesh_container as mesh_container
 from .shapes.mesher import with_elastic_base as with_elastic_base
 from .shapes.patches import grid_faces as grid_faces
-from .shapes.patches import grid_mesh as grid_mesh
 from .shapes.patches import tube_mesh as tube_mesh
 from .shapes.symmetry_reduction import SymmetricPart as SymmetricPart
 from .shapes.symmetry_reduction import Symmetry as Symmetry

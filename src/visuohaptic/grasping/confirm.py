@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 
 from ..core.errors import InputError
 from ..core.geometry import vertex_normals
+from ..core.ranges import POSITIVE, check_numbers
 from ..deformation.nonlinear.contents import Contents, contained_curve
 from ..deformation.shapes.mesher import ShellObject
 from ..deformation.shells.shell import ShellModel, enclosed_volume
@@ -97,8 +98,7 @@ def confirm_grasp(
     model
         The container's shell model, if already available.
     """
-    if not 0 < force_N < float("inf"):
-        raise InputError("confirm_grasp", f"found {force_N} N, expected > 0", field="force_N")
+    check_numbers("confirm_grasp", POSITIVE, force_N=force_N)
     model = model or container.model()
     tips = pinched if isinstance(pinched, DualTips) else pinch_at(container, pinched)
     stiffness = 2.0 / max(float(dual_tip_compliance(model, tips)[0]), 1e-12)

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from ..core.errors import InputError
 from ..core.measurement import GRAVITY_M_S2
-from ..core.ranges import NON_NEGATIVE, POSITIVE, at_least, check_ranges, within
+from ..core.ranges import NON_NEGATIVE, POSITIVE, Ranged, at_least, check_numbers, within
 from ..deformation.nonlinear.contents import liquid_level_m
 from ..deformation.shapes.mesher import ShellObject
 from ..deformation.shells.shell import enclosed_volume
@@ -35,7 +35,7 @@ NO_MOMENT = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class GripperModel:
+class GripperModel(Ranged):
     """A gripper with two parallel fingers."""
 
     opening_m: float = field(default=0.11, metadata=POSITIVE)  #: maximum
@@ -50,12 +50,9 @@ class GripperModel:
     #: across the closing direction, and in depth
     palm_thickness_m: float = field(default=0.06, metadata=POSITIVE)
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
 
 @dataclass(frozen=True, slots=True)
-class Handling:
+class Handling(Ranged):
     """Handling of the object after it is grasped."""
 
     #: of the arm, worst case upwards
@@ -64,21 +61,15 @@ class Handling:
     tilt_rad: float = field(default=0.17, metadata=within(0, np.pi / 2))
     safety: float = field(default=1.5, metadata=within(1, 100))  #: safety factor of the force
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
 
 @dataclass(frozen=True, slots=True)
-class Load:
+class Load(Ranged):
     """The load to lift."""
 
     mass_kg: float = field(metadata=POSITIVE)
     #: centre of mass in the object's frame
     centre_m: tuple[float, float, float] = field(metadata=at_least(-np.inf))
     mass_spread: float = field(default=0.0, metadata=within(0, 1))  #: relative standard deviation of the mass
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 def object_load(
@@ -107,11 +98,8 @@ def object_load(
     InputError
         A number out of range, an unknown density, or no enclosed volume.
     """
-    if not 0 <= fill <= 1:
-        raise InputError("object_load", f"found {fill}, expected 0 to 1", field="fill")
-    for name, density in (("liquid_kg_per_m3", liquid_kg_per_m3), ("wall_kg_per_m3", wall_kg_per_m3)):
-        if density is not None and not 0 < density < float("inf"):
-            raise InputError("object_load", f"found {density}, expected > 0", field=name)
+    check_numbers("object_load", within(0, 1), fill=fill)
+    check_numbers("object_load", POSITIVE, liquid_kg_per_m3=liquid_kg_per_m3, wall_kg_per_m3=wall_kg_per_m3)
     mesh = container.mesh
     if wall_kg_per_m3 is None:
         wall_kg_per_m3 = container.material.density_kg_per_m3

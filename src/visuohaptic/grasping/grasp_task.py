@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from ..core.ranges import POSITIVE, check_ranges, within
+from ..core.ranges import POSITIVE, Ranged, within
 from .approach import GripperApproach
 from .confirm import Confirmation
 from .force import GripperModel, Handling, Load
@@ -18,7 +18,7 @@ __all__ = ["Grasp", "GraspTask"]
 
 
 @dataclass(frozen=True, slots=True)
-class GraspTask:
+class GraspTask(Ranged):
     """Task and gripper.
 
     Examples
@@ -41,9 +41,6 @@ class GraspTask:
     load: Load | None = None  #: overrides the one from wall and fill
     #: Pairs of contacts: along the wall's normal, or through the height axis (Alt 2016).
     pairs: Literal["antipodal", "axis"] = "antipodal"
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

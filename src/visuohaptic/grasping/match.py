@@ -18,6 +18,7 @@ from ..core.camera.pose import Pose
 from ..core.errors import InputError
 from ..core.geometry import so3_exp, vertex_normals
 from ..core.objects import Estimate
+from ..core.ranges import POSITIVE, check_numbers
 from ..deformation.maps.confidence_band import barycentric
 from ..deformation.nonlinear.contents import Contents, enclosed_gradient, pinch_load
 from ..deformation.shapes.mesher import ShellObject
@@ -73,8 +74,7 @@ def predicted_shape(
     contents
         Contents; open by default.
     """
-    if not 0 < force_N < float("inf"):
-        raise InputError("predicted_shape", f"found {force_N} N, expected > 0", field="force_N")
+    check_numbers("predicted_shape", POSITIVE, force_N=force_N)
     model = container.model()
     load = pinch_load(model, pinch_at(container, vertex), 0)
     moved = model.solve(force_N * load)
@@ -125,15 +125,10 @@ def match_shape(
     amplitude s: ``n . (p + s u - q + t + r x p) = 0``. The standard deviation of s assumes independent noise
     of the points and the given prior of the pose.
     """
-    for name, value in (
-        ("sigma_m", sigma_m),
-        ("max_deformation_m", max_deformation_m),
-        ("pose_sigma_m", pose_sigma_m),
-        ("pose_sigma_rad", pose_sigma_rad),
-        ("gate_m", gate_m),
-    ):
-        if not 0 < value < float("inf"):
-            raise InputError("match_shape", f"found {value}, expected > 0", field=name)
+    check_numbers(
+        "match_shape", POSITIVE, sigma_m=sigma_m, max_deformation_m=max_deformation_m, gate_m=gate_m
+    )
+    check_numbers("match_shape", POSITIVE, pose_sigma_m=pose_sigma_m, pose_sigma_rad=pose_sigma_rad)
     points, finite = _checked(observed_m)
     start = T_observed_object or Pose(np.eye(3), np.zeros(3))
     rotation, shift = np.array(start.rotation), np.array(start.translation_m)

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from ..core.errors import InputError
 from ..core.objects import StiffnessMap
+from ..core.ranges import at_least, check_numbers
 from ..deformation.maps.confidence_band import object_map, object_stiffness
 from ..deformation.maps.grasp_patterns import GraspCoupling, couple
 from ..deformation.nonlinear.contents import Contents, enclosed_gradient, tip_approach
@@ -228,8 +229,7 @@ def _plan(
     check: Callable[[Grasp], Confirmation | None],
     space: ApproachSpace,
 ) -> GraspPlan:
-    if count < 1:
-        raise InputError("plan_grasps", f"found {count}, expected at least 1", field="count")
+    check_numbers("plan_grasps", at_least(1), count=count)
     force: float | np.ndarray = 1.0 if task.force_N is None else task.force_N
     scores, spill, rims = rate(force)
     found = feasibility_map(surface, scores, force, task, load=load, spill=spill)

@@ -26,7 +26,7 @@ from jaxtyping import Bool, Float, Int
 from ..core.errors import InputError
 from ..core.geometry import vertex_normals
 from ..core.objects import StiffnessMap
-from ..core.ranges import NON_NEGATIVE, POSITIVE, check_ranges, within
+from ..core.ranges import NON_NEGATIVE, POSITIVE, Ranged, within
 from ..deformation.shells.shell import ShellMesh
 from ..deformation.shells.stiffness_map import DualTips, opposing_points
 
@@ -37,7 +37,7 @@ MIN_NEIGHBOURS = 10
 
 
 @dataclass(frozen=True, slots=True)
-class ScoreParameters:
+class ScoreParameters(Ranged):
     """Coefficients of the scores; defaults are those of the dissertation."""
 
     contact_weight: float = field(default=1.0, metadata=NON_NEGATIVE)  #: w_n
@@ -48,9 +48,6 @@ class ScoreParameters:
     #: d: radius of the contact area of a finger, depending on the alignment accuracy of the arm
     neighbourhood_m: float = field(default=0.01, metadata=POSITIVE)
     curvature_unit_m: float = field(default=0.001, metadata=POSITIVE)  #: w_c multiplies 1 / this
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,7 +1,5 @@
 from .faults import FaultKind as FaultKind
-from .faults import FaultyBase as FaultyBase
 from .faults import FaultyFrames as FaultyFrames
 from .faults import FrameFaults as FrameFaults
-from .faults import PoseFaults as PoseFaults
 from .faults import frame_faults as frame_faults
 from .faults import wrong_map as wrong_map

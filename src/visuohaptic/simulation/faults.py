@@ -18,16 +18,14 @@ from jaxtyping import Int8
 from ..core.camera.frame import Frame
 from ..core.camera.model import Camera
 from ..core.errors import InputError
-from ..core.ranges import POSITIVE, at_least, check_ranges, within
+from ..core.ranges import POSITIVE, Ranged, at_least, within
 from ..core.resources import Closing
-from ..core.robots import BaseState, FrameSource, MobileBase
+from ..core.robots import FrameSource
 
 __all__ = [
     "FaultKind",
-    "FaultyBase",
     "FaultyFrames",
     "FrameFaults",
-    "PoseFaults",
     "frame_faults",
     "wrong_map",
 ]
@@ -48,7 +46,7 @@ class FaultKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class FrameFaults:
+class FrameFaults(Ranged):
     """Faults of camera frames; all off by default."""
 
     drop: float = field(default=0.0, metadata=within(0, 1))  #: fraction that is lost
@@ -63,9 +61,6 @@ class FrameFaults:
     light_gain: float = 0.45
     light_offset: float = 5.0
     end_at_s: float = math.inf  #: time at which the cable is disconnected
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 def frame_faults(kind: FaultKind, at_s: float = 2.0) -> FrameFaults:
@@ -160,83 +155,6 @@ class FaultyFrames(Closing):
             gain, offset = 1.0 + fraction * (f.light_gain - 1.0), fraction * f.light_offset
             image = np.clip(np.rint(gain * image.astype(np.float32) + offset), 0, 255).astype(image.dtype)
         return frame if image is frame.image else replace(frame, image=image)
-
-
-@dataclass(frozen=True, slots=True)
-class PoseFaults:
-    """Faults of the pose that a platform reports; all off by default. Times since the first state."""
-
-    jump_at_s: float = math.inf  #: localisation is lost and resumes at another pose
-    jump: tuple[float, float, float] = (0.6, -0.4, 0.5)  #: (x [m], y [m], heading [rad])
-    freeze_at_s: float = math.inf  #: from then on the pose is frozen, while time advances
-    freeze_s: float = math.inf
-    slip_at_s: float = math.inf  #: the wheels slip: odometry continues, the platform lags behind
-    slip_s: float = 1.0
-    slip_fraction: float = field(default=0.5, metadata=within(0, 1))  #: lost fraction of the commanded speed
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
-
-class FaultyBase(MobileBase):
-    """A ``robots.MobileBase`` whose pose is wrong and whose wheels slip.
-
-    Parameters
-    ----------
-    base
-        Platform without faults.
-    faults
-        Faults and their times.
-    """
-
-    def __init__(self, base: MobileBase, faults: PoseFaults) -> None:
-        self._base, self.faults = base, faults
-        self._start_s = base.state().t_s
-        self._frozen: BaseState | None = None
-        self._lead_m = 0.0  #: distance counted by odometry but not travelled
-        self._told = (0.0, 0.0)
-        self._last_s = self._start_s
-
-    def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities; during slip the speed is reduced."""
-        self._told = (speed_m_s, turn_rate_rad_s)
-        self._base.drive(speed_m_s * (1.0 - self._slip()), turn_rate_rad_s)
-
-    def stop(self) -> None:
-        """Stop."""
-        self._told = (0.0, 0.0)
-        self._base.stop()
-
-    def state(self) -> BaseState:
-        """Reported state."""
-        true, f = self._base.state(), self.faults
-        age, dt = true.t_s - self._start_s, true.t_s - self._last_s
-        if dt > 0:
-            slip = self._slip()
-            if slip > 0 and true.speed_m_s != 0.0:
-                self._lead_m += true.speed_m_s / max(1.0 - slip, 0.05) * slip * dt
-            # The slip starts and ends without a new command to the wheels.
-            self._base.drive(self._told[0] * (1.0 - slip), self._told[1])
-            self._last_s = true.t_s
-        c, s = math.cos(true.heading_rad), math.sin(true.heading_rad)
-        told = replace(true, x_m=true.x_m + self._lead_m * c, y_m=true.y_m + self._lead_m * s)
-        if age >= f.jump_at_s:
-            told = replace(
-                told,
-                x_m=told.x_m + f.jump[0],
-                y_m=told.y_m + f.jump[1],
-                heading_rad=told.heading_rad + f.jump[2],
-            )
-        if f.freeze_at_s <= age < f.freeze_at_s + f.freeze_s:
-            self._frozen = self._frozen or told
-            return replace(self._frozen, t_s=true.t_s)
-        self._frozen = None
-        return told
-
-    def _slip(self) -> float:
-        age = self._base.state().t_s - self._start_s
-        f = self.faults
-        return f.slip_fraction if f.slip_at_s <= age < f.slip_at_s + f.slip_s else 0.0
 
 
 def wrong_map(

@@ -14,7 +14,6 @@ from .points.flow import PointTracker as PointTracker
 from .points.homography import PlaneMotion as PlaneMotion
 from .points.homography import RobustHomography as RobustHomography
 from .points.homography import apply_homography as apply_homography
-from .points.homography import compose_homography as compose_homography
 from .points.homography import decompose_homography as decompose_homography
 from .points.homography import estimate_homography as estimate_homography
 from .points.homography import estimate_homography_robust as estimate_homography_robust

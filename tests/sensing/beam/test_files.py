@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 
 import numpy as np
@@ -12,6 +13,7 @@ from visuohaptic.core import CalibrationError, InputError, Reason
 from visuohaptic.core.files import save_yaml
 from visuohaptic.io.sinks import read_wrench_table
 from visuohaptic.sensing.beam import (
+    POSE_COLUMNS,
     Beam,
     BeamSensorConfig,
     TemplateMeasurement,
@@ -20,11 +22,27 @@ from visuohaptic.sensing.beam import (
     read_loads,
     read_template_poses,
     save_beam,
-    write_template_poses,
 )
 from visuohaptic.simulation.beam import noisy_pose
 
 AXES = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+
+
+def write_template_poses(path, frames):
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(POSE_COLUMNS)
+        for t_s, templates in frames:
+            for template in templates:
+                pose = template.T_camera_template
+                numbers = (
+                    np.full(7, np.nan)
+                    if pose is None
+                    else np.hstack([pose.translation_m, pose.quaternion_xyzw])
+                )
+                upper = template.covariance[np.triu_indices(6)]
+                head = [repr(float(t_s)), template.name, str(template.valid).lower(), template.reason.value]
+                writer.writerow([*head, *(repr(float(value)) for value in (*numbers, *upper))])
 
 
 @pytest.fixture

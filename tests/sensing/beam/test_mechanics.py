@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks.beam import plane_inverse
 
 from visuohaptic.core import InputError
-from visuohaptic.sensing.beam import Beam, compliance, plane_inverse, shortening, stress_ratio
+from visuohaptic.sensing.beam import Beam, compliance, shortening, stress_ratio
 from visuohaptic.simulation.beam import ElasticRod
 
 BEAM = Beam()

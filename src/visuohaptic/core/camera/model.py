@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from ..files import MAX_PIXELS, load_yaml_model, save_yaml
+from ..files import check_size, load_yaml_model, save_yaml
 from .pose import Pose
 
 __all__ = ["Camera", "TransferFunction"]
@@ -53,12 +53,7 @@ class Camera:
     def __post_init__(self) -> None:
         matrix = np.asarray(self.matrix, dtype=np.float64)
         distortion = np.atleast_1d(np.asarray(self.distortion, dtype=np.float64))
-        if not (self.width > 0 and self.height > 0 and self.width * self.height <= MAX_PIXELS):
-            raise InputError(
-                "Camera",
-                f"found {self.width} x {self.height}, expected a positive size of at most {MAX_PIXELS} px",
-                field="width, height",
-            )
+        check_size("Camera", self.width, self.height, field="width, height")
         if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
             raise InputError("Camera", f"found {matrix.tolist()}, expected 3 x 3 numbers", field="matrix")
         if matrix[0, 0] <= 0 or matrix[1, 1] <= 0 or not np.allclose(matrix[2], [0, 0, 1]):

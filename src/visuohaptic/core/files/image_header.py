@@ -6,7 +6,7 @@ import struct
 
 from ..errors import InputError
 
-__all__ = ["MAX_PIXELS", "image_size"]
+__all__ = ["MAX_PIXELS", "check_size", "image_size"]
 
 #: Images with more pixels are rejected before memory is allocated.
 MAX_PIXELS = 100_000_000
@@ -35,12 +35,32 @@ def image_size(head: bytes, where: object) -> tuple[int, int]:
         if isinstance(error, InputError):
             raise
         raise InputError(where, "is a damaged image: its header contains no size") from error
-    if width <= 0 or height <= 0 or width * height > MAX_PIXELS:
-        raise InputError(
-            where,
-            f"its header declares {width} x {height}, expected a positive size of at most {MAX_PIXELS} px",
-        )
+    check_size(where, width, height, "its header declares")
     return width, height
+
+
+def check_size(where: object, width: int, height: int, found: str = "found", field: str = "") -> None:
+    """Reject an empty image, and one that is too large to take memory for.
+
+    Parameters
+    ----------
+    where
+        Source file or message, for error messages.
+    width, height
+        Size of the image [px].
+    found
+        Start of the message.
+    field
+        Field of the size in the source.
+
+    Raises
+    ------
+    InputError
+        The size is not positive or exceeds ``MAX_PIXELS``.
+    """
+    if width <= 0 or height <= 0 or width * height > MAX_PIXELS:
+        expected = f"expected a positive size of at most {MAX_PIXELS} px"
+        raise InputError(where, f"{found} {width} x {height}, {expected}", field=field)
 
 
 def _size(head: bytes, where: object) -> tuple[int, int]:

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
+from ...core.ranges import check_numbers, within
 from ..nonlinear.contents import Contents
 from ..nonlinear.equilibrium_path import EquilibriumPath
 from ..nonlinear.load_stepping import follow_displacement, reach_loads
@@ -308,10 +309,7 @@ def side_vertex(container: ShellObject, side: str = "x+", height_m: float | None
     if side not in SIDES:
         raise InputError("side_vertex", f"found {side!r}, expected one of {', '.join(SIDES)}", field="side")
     level = 0.5 * container.height_m if height_m is None else float(height_m)
-    if not 0 <= level <= container.height_m:
-        raise InputError(
-            "side_vertex", f"found {level} m, expected 0 to {container.height_m:.4g} m", field="height_m"
-        )
+    check_numbers("side_vertex", within(0, container.height_m), height_m=level)
     points = container.mesh.vertices_m - np.array(
         [*container.axis_point_m, container.mesh.vertices_m[:, 2].min()]
     )

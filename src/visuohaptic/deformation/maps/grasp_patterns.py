@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 from ...core.geometry import area_vectors
+from ...core.ranges import NON_NEGATIVE, check_numbers
 from ..shells.shell import ShellModel
 from ..shells.stiffness_map import DualTips, tip_loads
 
@@ -75,8 +76,7 @@ def contact_loads(
         Forces and moments at the vertices [N], [N m].
     """
     points = tip_loads(model.nodes, tips, model.mesh.vertices_m)
-    if not tip_radius_m >= 0:
-        raise InputError("contact_loads", f"found {tip_radius_m} m, expected >= 0", field="tip_radius_m")
+    check_numbers("contact_loads", NON_NEGATIVE, tip_radius_m=tip_radius_m)
     if tip_radius_m == 0:
         return points
     from scipy.sparse import csc_array, lil_array

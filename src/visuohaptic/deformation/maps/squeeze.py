@@ -10,6 +10,7 @@ import numpy as np
 
 from ...core.errors import InputError
 from ...core.files import atomic_path, write_text
+from ...core.ranges import POSITIVE, check_numbers, within
 from ..nonlinear.contents import Contents
 from ..shapes.mesher import ShellObject
 from ..shells.shell_material import YIELD_Pa
@@ -111,10 +112,8 @@ def squeeze(
     if force_N is not None and deformation_m is not None:
         raise InputError("squeeze", "found a force and a deformation, expected one of them")
     limit = force_N if force_N is not None else 0.005 if deformation_m is None else deformation_m
-    if not 0 < limit < float("inf"):
-        raise InputError("squeeze", f"found {limit}, expected more than 0", field="force or deformation")
-    if not 2 <= points <= 100:
-        raise InputError("squeeze", f"found {points}, expected 2 to 100", field="points")
+    check_numbers("squeeze", POSITIVE, force_N=force_N, deformation_m=deformation_m)
+    check_numbers("squeeze", within(2, 100), points=points)
     vertex = side_vertex(container, side, height_m) if point_m is None else nearest_vertex(container, point_m)
     place = container.mesh.vertices_m[vertex]
     away = place[:2] - np.array(container.axis_point_m)

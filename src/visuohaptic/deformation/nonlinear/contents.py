@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ...core.ranges import POSITIVE, check_ranges, within
+from ...core.ranges import POSITIVE, Ranged, within
 from ..shapes.mesher import ShellObject
 from ..shells.corotational import CorotationalShell, PressureLaw
 from ..shells.shell import ShellModel, enclosed_volume, volume_gradient
@@ -37,7 +37,7 @@ AMBIENT_PRESSURE_Pa = 1e5
 
 
 @dataclass(frozen=True, slots=True)
-class Contents:
+class Contents(Ranged):
     """Contents of a container.
 
     >>> Contents(fill=0.95).bulk_stiffness(1e-3)
@@ -48,9 +48,6 @@ class Contents:
     #: fraction of the volume that is liquid; 1 is incompressible
     fill: float = field(default=0.0, metadata=within(0, 1))
     ambient_Pa: float = field(default=AMBIENT_PRESSURE_Pa, metadata=POSITIVE)  #: absolute pressure outside
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def bulk_stiffness(self, volume_m3: float) -> float:
         """kappa = -dp/dV in the undeformed state [Pa/m^3]; infinite without gas, zero when open.

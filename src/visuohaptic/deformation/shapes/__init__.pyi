@@ -20,7 +20,6 @@ from .mesher import ring_counts as ring_counts
 from .mesher import ring_lid as ring_lid
 from .mesher import with_elastic_base as with_elastic_base
 from .patches import grid_faces as grid_faces
-from .patches import grid_mesh as grid_mesh
 from .patches import tube_mesh as tube_mesh
 from .quantities import Angle as Angle
 from .quantities import Fraction as Fraction

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
+from ...core.ranges import POSITIVE, check_numbers
 from ..shells.laminate import Laminate
 from ..shells.shell import ShellMesh, ShellModel, enclosed_volume
 from ..shells.shell_material import IsotropicMaterial, material_constants
@@ -148,8 +149,7 @@ def with_elastic_base(container: ShellObject, stiffness_N_per_m: float) -> Shell
         Stiffness of the whole foot in each direction, distributed evenly along it; the foot may rotate and become
         non-circular, as on a soft mat.
     """
-    if not 0 < stiffness_N_per_m < float("inf"):
-        raise InputError("with_elastic_base", f"found {stiffness_N_per_m} N/m, expected > 0")
+    check_numbers("with_elastic_base", POSITIVE, stiffness_N_per_m=stiffness_N_per_m)
     if not container.fixed.any():
         raise InputError("with_elastic_base", f"{container.name} has no clamped foot")
     used = np.zeros_like(container.fixed)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from ..shells.shell import ShellMesh
 
-__all__ = ["grid_faces", "grid_mesh", "tube_mesh"]
+__all__ = ["grid_faces", "tube_mesh"]
 
 
 def grid_faces(
@@ -39,33 +37,6 @@ def grid_faces(
     if crossed:
         return np.concatenate([one, other], axis=1).reshape(-1, 3)
     return np.where(even, one, other).reshape(-1, 3)
-
-
-def grid_mesh(
-    surface: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]],
-    columns: int,
-    rows: int,
-    thickness_m: float | Float[np.ndarray, "f"],
-    *,
-    crossed: bool = False,
-) -> ShellMesh:
-    """A patch ``(x, y, z) = surface(u, v)`` over the unit square, u along columns.
-
-    Parameters
-    ----------
-    surface
-        Takes u along columns and v along rows, both from 0 to 1, and returns x, y, z [m].
-    columns, rows
-        Cells.
-    thickness_m
-        Thickness of the wall [m]; one number, or one for each face.
-    crossed
-        Both diagonals in each cell, see :func:`grid_faces`.
-    """
-    v, u = (part.ravel() for part in np.mgrid[: rows + 1, : columns + 1])
-    vertices = np.stack(np.broadcast_arrays(*surface(u / columns, v / rows)), axis=1)
-    faces = grid_faces(columns, rows, crossed=crossed)
-    return ShellMesh(vertices, faces, thickness_m, 0.5 if crossed else 1.0)
 
 
 def tube_mesh(

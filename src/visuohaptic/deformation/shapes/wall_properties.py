@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ...core.errors import InputError
 from ...core.files import load_yaml_model
-from ...core.ranges import POSITIVE, check_ranges, within
+from ...core.ranges import POSITIVE, Ranged, within
 from ..shells.laminate import Laminate, Ply
 from ..shells.shell_material import IsotropicMaterial, material_constants
 from .quantities import Angle, Length, Pressure
@@ -35,7 +35,7 @@ HARMONICS, ROWS_TOGETHER = 4, 9
 
 
 @dataclass(frozen=True, slots=True)
-class WallProperties:
+class WallProperties(Ranged):
     """Wall properties given by the user; None keeps that of the description or the mesh."""
 
     material: str | None = (
@@ -46,9 +46,6 @@ class WallProperties:
     thickness_spread: float | None = field(default=None, metadata=within(0, 0.5))
     youngs_modulus_Pa: float | None = field(default=None, metadata=POSITIVE)  #: overrides the material's
     poisson_ratio: float | None = None  #: overrides the material's
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     @property
     def whole_m(self) -> float | None:

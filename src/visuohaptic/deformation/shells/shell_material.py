@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 from ...core.errors import InputError
 from ...core.objects import Estimate, Material
+from ...core.ranges import POSITIVE, check_numbers
 
 __all__ = ["MATERIALS", "IsotropicMaterial", "YIELD_Pa", "material", "material_constants"]
 
@@ -20,10 +21,7 @@ class IsotropicMaterial:
     name: str = "unknown"
 
     def __post_init__(self) -> None:
-        if not 0 < self.youngs_modulus_Pa < float("inf"):
-            raise InputError(
-                "material", f"found {self.youngs_modulus_Pa} Pa, expected > 0", field="youngs_modulus_Pa"
-            )
+        check_numbers("material", POSITIVE, youngs_modulus_Pa=self.youngs_modulus_Pa)
         if not -1 < self.poisson_ratio < 0.5:
             raise InputError(
                 "material",

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from ...core.errors import InputError
-from ...core.files import MAX_PIXELS
+from ...core.files import check_size
 
 __all__ = ["decode_exr"]
 
@@ -93,8 +93,7 @@ def _read_header(data: bytes, where: str) -> _Header:
         )
     left, top, right, bottom = struct.unpack("<4i", fields["dataWindow"])
     width, height = right - left + 1, bottom - top + 1
-    if width <= 0 or height <= 0 or width * height > MAX_PIXELS:
-        raise InputError(where, f"its header declares {width} x {height}, expected at most {MAX_PIXELS} px")
+    check_size(where, width, height, "its header declares")
     return _Header(width, height, top, compression, _channels(fields["channels"], where), place + 1)
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Int, UInt8
 
 from ...core.camera.model import Camera
 from ...core.errors import InputError, needs
-from ...core.files import MAX_PIXELS
+from ...core.files import MAX_PIXELS, check_size
 from ..source import RecordedSource
 
 __all__ = ["VideoSource"]
@@ -64,10 +64,7 @@ class VideoSource(RecordedSource):
         container, stream = self._open()
         with container:
             width, height = stream.codec_context.width, stream.codec_context.height
-            if not 0 < width * height <= MAX_PIXELS:
-                raise InputError(
-                    path, f"found {width} x {height}, expected a positive size of at most {MAX_PIXELS} px"
-                )
+            check_size(path, width, height)
             stamps = self._stamps(container, stream)
             if not stamps:
                 raise InputError(path, "found no frames, expected at least one")

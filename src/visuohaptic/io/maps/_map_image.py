@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Int8, UInt
 
 from ...core.errors import InputError
-from ...core.files import MAX_IMAGE_BYTES, MAX_PIXELS, decode_image, image_size, read_bytes
+from ...core.files import MAX_IMAGE_BYTES, check_size, decode_image, image_size, read_bytes
+from ...core.ranges import check_numbers, within
 
 __all__ = ["FREE", "OCCUPIED", "UNKNOWN", "MapImage", "cells_from_image", "read_map_image"]
 
@@ -143,12 +144,10 @@ def _netpbm_header(path: Path, data: bytes) -> tuple[tuple[int, int, int], int]:
             raise InputError(path, f"found {data[start : start + 10]!r}, expected a number in the PGM header")
         numbers.append(int(data[start:place]))
     width, height, top = numbers
-    if not 1 <= top <= 65535:
-        raise InputError(path, f"found {top}, expected 1 to 65535", field="maxval")
+    check_numbers(path, within(1, 65535), maxval=top)
     if place < len(data) and not data[place : place + 1].isspace():
         raise InputError(path, f"found {data[place : place + 1]!r} after the PGM header, expected a space")
-    if width <= 0 or height <= 0 or width * height > MAX_PIXELS:
-        raise InputError(path, f"found {width} x {height}, expected at most {MAX_PIXELS} px")
+    check_size(path, width, height)
     return (width, height, top), place
 
 

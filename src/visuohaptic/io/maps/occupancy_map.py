@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int, Int8
 from ...core.errors import InputError
 from ...core.files import MAX_PIXELS
 from ...core.geometry import rotation_2d
+from ...core.ranges import POSITIVE, check_numbers
 from ._map_image import FREE, OCCUPIED, UNKNOWN, cells_from_image, read_map_image
 
 __all__ = ["FREE", "OCCUPIED", "UNKNOWN", "OccupancyMap"]
@@ -52,8 +53,7 @@ class OccupancyMap:
             raise InputError(
                 "OccupancyMap", f"found {cells.dtype} {cells.min()} to {cells.max()}, expected -1 to 100"
             )
-        if not (np.isfinite(self.resolution_m) and self.resolution_m > 0):
-            raise InputError("OccupancyMap", f"found {self.resolution_m}, expected > 0", field="resolution_m")
+        check_numbers("OccupancyMap", POSITIVE, resolution_m=self.resolution_m)
         origin = tuple(float(value) for value in self.origin)
         if len(origin) != 3 or not np.isfinite(origin).all():
             raise InputError(

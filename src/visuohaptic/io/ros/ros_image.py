@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from ...core.errors import InputError
-from ...core.files import MAX_PIXELS
+from ...core.files import check_size
 
 __all__ = ["decode_depth", "decode_raw"]
 
@@ -57,10 +57,7 @@ def decode_raw(message: Any, where: str) -> UInt8[np.ndarray, "rows columns *col
             where, f"found {encoding!r}, expected one of {', '.join(_ENCODINGS)}", field="encoding"
         )
     channels, depth, conversion = _ENCODINGS[encoding]
-    if width <= 0 or height <= 0 or width * height > MAX_PIXELS:
-        raise InputError(
-            where, f"found {width} x {height}, expected a positive size of at most {MAX_PIXELS} px"
-        )
+    check_size(where, width, height)
     used = width * channels * depth
     if step < used:
         raise InputError(
@@ -107,7 +104,8 @@ def decode_depth(message: Any, where: str) -> Float32[np.ndarray, "rows columns"
     kind = np.dtype((">" if message.is_bigendian else "<") + kinds[encoding])
     width, height, step = int(message.width), int(message.height), int(message.step)
     data = np.frombuffer(memoryview(message.data), dtype=np.uint8)
-    if width <= 0 or not 0 < width * height <= MAX_PIXELS or step < width * kind.itemsize:
+    check_size(where, width, height)
+    if step < width * kind.itemsize:
         raise InputError(
             where, f"found {width} x {height} and {step} bytes per row, expected that of {encoding}"
         )

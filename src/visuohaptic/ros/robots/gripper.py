@@ -6,10 +6,10 @@ import math
 from typing import Any
 
 from ...core.errors import DeviceError, InputError
+from ...core.ranges import POSITIVE, check_numbers, within
 from ...core.resources import Closing
 from ...core.robots import Gripper, GripperState
 from ...io.ros.ros_messages import header, stamp
-from ...tasks.robots.repeater import finite
 from ..latest import LatestMessage
 from ..transports.topic_node import Received, TopicNode
 
@@ -71,15 +71,8 @@ class RosGripper(Closing, Gripper):
         DeviceError
             There is no subscriber.
         """
-        finite("RosGripper.move", opening_m=opening_m, speed_m_s=speed_m_s)
-        if not 0.0 <= opening_m <= self._largest_m:
-            raise InputError(
-                "RosGripper.move",
-                f"found {opening_m:g} m, expected 0 to {self._largest_m:g} m",
-                field="opening_m",
-            )
-        if speed_m_s <= 0:
-            raise InputError("RosGripper.move", f"found {speed_m_s:g} m/s, expected > 0", field="speed_m_s")
+        check_numbers("RosGripper.move", within(0.0, self._largest_m), opening_m=opening_m)
+        check_numbers("RosGripper.move", POSITIVE, speed_m_s=speed_m_s)
         self._send(opening_m, abs(opening_m - self.state().opening_m) / speed_m_s)
 
     def stop(self) -> None:

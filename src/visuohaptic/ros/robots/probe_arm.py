@@ -11,10 +11,11 @@ from jaxtyping import Float
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...core.geometry import so3_log
+from ...core.ranges import POSITIVE, check_numbers
 from ...core.resources import Closing
 from ...core.robots import ProbeArm
 from ...io.ros import ros_messages as ros
-from ...tasks.robots.repeater import Repeater, finite
+from ...tasks.robots.repeater import Repeater
 from ..frames import message_pose
 from ..latest import LatestMessage
 from ..transports.topic_node import TopicNode
@@ -76,11 +77,7 @@ class RosArm(Closing, ProbeArm):
         DeviceError
             There is no subscriber.
         """
-        finite("RosArm.move_linear", speed_m_s=speed_m_s)
-        if speed_m_s <= 0:
-            raise InputError(
-                "RosArm.move_linear", f"found {speed_m_s:g} m/s, expected > 0", field="speed_m_s"
-            )
+        check_numbers("RosArm.move_linear", POSITIVE, speed_m_s=speed_m_s)
         distance_m = float(np.linalg.norm(T_base_tip.translation_m))
         if not self._reach_m[0] <= distance_m <= self._reach_m[1]:
             raise InputError(

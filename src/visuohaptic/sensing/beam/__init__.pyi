@@ -13,7 +13,6 @@ from .estimate import estimate_wrench as estimate_wrench
 from .estimate import setup_variance as setup_variance
 from .mechanics import Beam as Beam
 from .mechanics import compliance as compliance
-from .mechanics import plane_inverse as plane_inverse
 from .mechanics import shortening as shortening
 from .mechanics import stress_ratio as stress_ratio
 from .observation import RelativePoses as RelativePoses
@@ -26,7 +25,6 @@ from .records import POSE_COLUMNS as POSE_COLUMNS
 from .records import LoadRecord as LoadRecord
 from .records import read_loads as read_loads
 from .records import read_template_poses as read_template_poses
-from .records import write_template_poses as write_template_poses
 from .reference import SteadyReference as SteadyReference
 from .rod import RodShape as RodShape
 from .rod import base_wrench as base_wrench

@@ -22,7 +22,7 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 
-__all__ = ["Beam", "compliance", "plane_inverse", "shortening", "stress_ratio"]
+__all__ = ["Beam", "compliance", "shortening", "stress_ratio"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,25 +137,6 @@ def compliance(beam: Beam, xi: float) -> Float[np.ndarray, "6 6"]:
     c[1, 1], c[1, 5], c[5, 1], c[5, 5] = by_force, by_moment, slope_by_force, slope_by_moment
     c[2, 2], c[2, 4], c[4, 2], c[4, 4] = by_force, -by_moment, -slope_by_force, slope_by_moment
     return c
-
-
-def plane_inverse(beam: Beam, xi: float) -> Float[np.ndarray, "2 2"]:
-    """W^-1 of Eq. (3.5): (F, M) of one plane from (w, dw/dxi) at one template.
-
-    The slope is with respect to xi = x / L; a slope measured as a rotation is
-    dw/dx and has to be multiplied by L. Kept as the published method; the
-    sensor itself weights all templates by their covariance.
-
-    Parameters
-    ----------
-    beam
-        Parts of the sensor and their tolerances.
-    xi
-        Position x / L of the template.
-    """
-    length = beam.length_m
-    scale = 2 * beam.bending_Nm2 / (length**2 * xi**2)
-    return scale * np.array([[6 / (length * xi), -3 / length], [3 * (xi - 2) / xi, -(xi - 3)]])
 
 
 def shortening(beam: Beam, xi: float, wrench: Float[np.ndarray, "6"]) -> float:

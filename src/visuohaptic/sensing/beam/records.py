@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +12,11 @@ from jaxtyping import Float, Int
 
 from ...core.camera.pose import Pose
 from ...core.errors import CalibrationError, InputError
-from ...core.files import CsvRow, atomic_path, read_csv
+from ...core.files import CsvRow, read_csv
 from ...core.measurement import Reason
 from .observation import TemplateMeasurement
 
-__all__ = ["POSE_COLUMNS", "LoadRecord", "read_loads", "read_template_poses", "write_template_poses"]
+__all__ = ["POSE_COLUMNS", "LoadRecord", "read_loads", "read_template_poses"]
 
 #: Larger files are rejected (bytes).
 MAX_BYTES = 256 * 1024 * 1024
@@ -118,41 +117,13 @@ def read_loads(path: Path | str, *, angles: Literal["deg", "rad"] | None = None)
     return LoadRecord(load, np.hstack([place, turn]), "motion", line, str(path))
 
 
-def write_template_poses(
-    path: Path | str, frames: Iterable[tuple[float, Iterable[TemplateMeasurement]]]
-) -> None:
-    """Write poses of templates, one row per frame and template.
-
-    Parameters
-    ----------
-    path
-        Output CSV file.
-    frames
-        Time [s] and templates of each frame.
-    """
-    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(POSE_COLUMNS)
-        for t_s, templates in frames:
-            for template in templates:
-                pose = template.T_camera_template
-                numbers = (
-                    np.full(7, np.nan)
-                    if pose is None
-                    else np.hstack([pose.translation_m, pose.quaternion_xyzw])
-                )
-                upper = template.covariance[np.triu_indices(6)]
-                head = [repr(float(t_s)), template.name, str(template.valid).lower(), template.reason.value]
-                writer.writerow([*head, *(repr(float(value)) for value in (*numbers, *upper))])
-
-
 def read_template_poses(path: Path | str) -> Iterator[tuple[float, list[TemplateMeasurement]]]:
-    """Frames (t_s, templates) of a file of :func:`write_template_poses`; rows of a frame are consecutive.
+    """Frames (t_s, templates) of a CSV file with :data:`POSE_COLUMNS`; rows of a frame are consecutive.
 
     Parameters
     ----------
     path
-        CSV file of :func:`write_template_poses`.
+        The file.
 
     Raises
     ------

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.measurement import Motion, Reason
-from ...core.ranges import POSITIVE, check_ranges
+from ...core.ranges import POSITIVE, Ranged
 from ...core.robots import BaseState
 from .floor_motion import chain, chain_covariance
 
@@ -23,7 +23,7 @@ __all__ = ["EgoMotionFilter", "EgoMotionSettings"]
 
 
 @dataclass(frozen=True, slots=True)
-class EgoMotionSettings:
+class EgoMotionSettings(Ranged):
     """Uncertainties of the sources."""
 
     foam_ahead_m: float = 0.17  #: origin of frame F in front of the platform's centre
@@ -37,9 +37,6 @@ class EgoMotionSettings:
     odometry_rad_s: float = 0.01
     gyroscope_rad_s: float = field(default=0.005, metadata=POSITIVE)
     gate: float = 5.0  #: a source that deviates by more than this many standard deviations is ignored
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 class EgoMotionFilter:

@@ -25,14 +25,14 @@ from ...core.camera.plane import PlaneView
 from ...core.errors import InputError
 from ...core.geometry import rotation_2d
 from ...core.measurement import Motion, Reason
-from ...core.ranges import at_least, check_ranges, within
+from ...core.ranges import Ranged, at_least, within
 from ...tracking.points.flow import FlowStep
 
 __all__ = ["FloorMotionSettings", "FloorTracker", "PlanarFit", "chain", "fit_planar_motion", "inverse"]
 
 
 @dataclass(frozen=True, slots=True)
-class FloorMotionSettings:
+class FloorMotionSettings(Ranged):
     """Settings of the motion estimation."""
 
     hypotheses: int = field(default=80, metadata=at_least(10))  #: number of point pairs in RANSAC
@@ -42,9 +42,6 @@ class FloorMotionSettings:
     min_fraction: float = field(default=0.3, metadata=within(0.0, 1.0))  #: minimum fraction of inliers
     key_frames: int = 12  #: a new key frame after this number of frames
     key_fraction: float = 0.5  #: or when less than this fraction of its points is left
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

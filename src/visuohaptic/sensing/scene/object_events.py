@@ -14,13 +14,13 @@ from jaxtyping import Float
 
 from ...core.camera.pose import Pose
 from ...core.measurement import Event, EventKind, Reason
-from ...core.ranges import POSITIVE, at_least, check_ranges, within
+from ...core.ranges import POSITIVE, Ranged, at_least, within
 
 __all__ = ["ObjectEvents", "ObjectMotion", "ObjectMotionSettings"]
 
 
 @dataclass(frozen=True, slots=True)
-class ObjectMotionSettings:
+class ObjectMotionSettings(Ranged):
     """Settings of the motion estimation, and thresholds of events."""
 
     min_sigma_px: float = 0.15  #: of a track: interpolation, and a surface that is not exactly plane
@@ -35,9 +35,6 @@ class ObjectMotionSettings:
     sudden_fraction: float = 0.4  #: remaining fraction of tracks, below which the loss is sudden
     slip_m: float = 0.006  #: displacement of the contact along the foam that counts as slip
     shape_turn_rad: float = 0.03  #: rotation from which on the motion also determines the surface
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

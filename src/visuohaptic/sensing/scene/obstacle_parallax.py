@@ -22,7 +22,7 @@ from jaxtyping import Float, Float32, Int, UInt8
 
 from ...core.camera.plane import PlaneView
 from ...core.errors import InputError
-from ...core.ranges import POSITIVE, above, at_least, check_ranges, within
+from ...core.ranges import POSITIVE, Ranged, above, at_least, within
 
 __all__ = ["FaceCells", "FramePair", "ObstacleSettings", "StripImage"]
 
@@ -60,7 +60,7 @@ _MAX_RANGES = 48
 
 
 @dataclass(frozen=True, slots=True)
-class ObstacleSettings:
+class ObstacleSettings(Ranged):
     """Settings of the separation of obstacles and floor."""
 
     #: height of the strip at the image's upper border [px]; it ends above the foam
@@ -80,9 +80,6 @@ class ObstacleSettings:
     weight: float = field(default=0.05, metadata=POSITIVE)
     correlated_bins: float = 4.0  #: bins per independent sample: blur of the lens, and interpolation
     stale_s: float = 1.0  #: after this time without a comparison the state is unknown
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, UInt8
 from ...core.camera.model import Camera
 from ...core.camera.plane import PlaneView
 from ...core.camera.pose import Pose
-from ...core.ranges import POSITIVE, at_least, check_ranges
+from ...core.ranges import POSITIVE, Ranged, at_least
 from ...tracking.points.flow import FlowSettings
 from .ego_motion import EgoMotionSettings
 from .floor_motion import FloorMotionSettings
@@ -27,7 +27,7 @@ _CELL_PX = 16
 
 
 @dataclass(frozen=True, slots=True)
-class SceneSettings:
+class SceneSettings(Ranged):
     """Regions and settings of point selection."""
 
     flow: FlowSettings = field(default_factory=FlowSettings)
@@ -50,9 +50,6 @@ class SceneSettings:
         1.0  #: flow of the floor above which a point can be classified as floor or not
     )
     widening: float = 1.6  #: a contact whose width has grown by this factor determines its face better
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 class SceneRegions:

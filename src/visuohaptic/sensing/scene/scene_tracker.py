@@ -20,6 +20,7 @@ from ...core.errors import InputError
 from ...core.geometry import rotation_2d
 from ...core.measurement import Contact, Event, ForceProfile, Motion, Reason
 from ...core.objects import Primitive, PrimitiveKind
+from ...core.ranges import POSITIVE, check_numbers
 from ...core.robots import BaseState
 from ...tracking.points.flow import FlowStep, PointTracker
 from .contact_surface import contact_face, face_curvature
@@ -107,8 +108,7 @@ class SceneTracker:
         settings: SceneSettings | None = None,
         rng: np.random.Generator | None = None,
     ) -> None:
-        if not floor_below_m > 0:
-            raise InputError("SceneTracker", f"found {floor_below_m} m, expected > 0", field="floor_below_m")
+        check_numbers("SceneTracker", POSITIVE, floor_below_m=floor_below_m)
         self.settings = s = settings or SceneSettings()
         self.camera, self.T_camera_foam = camera, T_camera_foam
         below = Pose(np.eye(3), np.array([0.0, 0.0, -floor_below_m]))

@@ -127,8 +127,3 @@ class RodState:
         vectors = so3_log(self.frames)
         both = CubicSpline(at, np.hstack([self.points_m, vectors]))(xi)
         return Pose.from_rotation_vector(both[3:], both[:3])
-
-    @property
-    def base_moment_Nm(self) -> Float[np.ndarray, "3"]:
-        """Moment in the clamp [Nm]."""
-        return self.moment_Nm + np.cross(self.points_m[-1] - self.points_m[0], self.force_N)

@@ -18,6 +18,7 @@ from jaxtyping import Float
 
 from ...core.errors import InputError, needs
 from ...core.geometry import polygon_centroid, rotation_2d
+from ...core.ranges import above, check_numbers
 from ...core.robots import BaseState
 from ...io.maps.occupancy_map import OccupancyMap
 from ..mobile.platform import CommandedBase, towards
@@ -138,10 +139,7 @@ class FloorWorld:
         duration_s
             Simulated time [s].
         """
-        if not 0 < duration_s <= 10:
-            raise InputError(
-                "FloorWorld.step", f"found {duration_s} s, expected more than 0 and at most 10 s"
-            )
+        check_numbers("FloorWorld.step", above(0, 10), duration_s=duration_s)
         step_s = float(self._model.opt.timestep)
         for _ in range(max(1, round(duration_s / step_s))):
             if self._gap() > NEAR_M:

@@ -13,6 +13,7 @@ from ...core.camera.pose import Pose
 from ...core.errors import InputError, needs
 from ...core.geometry import so3_exp
 from ...core.measurement import Event, EventKind
+from ...core.ranges import above, check_numbers
 from ..foam.outline import Outline
 from ..foam.strip import FoamStrip
 from ..foam.strip_law import SOFT_FOAM, StripLaw
@@ -155,8 +156,7 @@ class FoamPushWorld:
         InputError
             The time is out of range or the physics diverged.
         """
-        if not 0 < dt_s <= 10:
-            raise InputError("FoamPushWorld.step", f"found {dt_s} s, expected more than 0 and at most 10 s")
+        check_numbers("FoamPushWorld.step", above(0, 10), dt_s=dt_s)
         count = max(1, round(dt_s / FOAM_STEP_S))
         interval = dt_s / count
         self._model.opt.timestep = 0.5 * interval

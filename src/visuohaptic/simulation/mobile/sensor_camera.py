@@ -11,7 +11,7 @@ from jaxtyping import UInt8
 
 from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
-from ...core.errors import InputError
+from ...core.ranges import POSITIVE, check_numbers
 from ...core.resources import Closing
 from ..rendering.scene import FoamScene
 from .push_world import FoamPushWorld
@@ -69,8 +69,7 @@ class SimulatedSensorCamera(Closing):
         frame_rate_Hz: float = 30.0,
         seed: int = 0,
     ) -> None:
-        if not frame_rate_Hz > 0:
-            raise InputError("SimulatedSensorCamera", f"found {frame_rate_Hz} Hz, expected more than 0")
+        check_numbers("SimulatedSensorCamera", POSITIVE, frame_rate_Hz=frame_rate_Hz)
         self.world, self.renderer = world, renderer
         self._count = None if math.isinf(duration_s) else max(0, round(duration_s * frame_rate_Hz))
         self._period_s = 1.0 / frame_rate_Hz

@@ -13,14 +13,14 @@ from jaxtyping import Float, Float32, UInt8
 
 from ...core.files import decode_image, encode_image
 from ...core.map_tasks import available_cores
-from ...core.ranges import NON_NEGATIVE, at_least, check_ranges, within
+from ...core.ranges import NON_NEGATIVE, Ranged, at_least, within
 from ._render_kernels import develop
 
 __all__ = ["CameraEffects", "in_bands"]
 
 
 @dataclass(frozen=True, slots=True)
-class CameraEffects:
+class CameraEffects(Ranged):
     """Imperfections of a camera; the default is a good camera in uniform light.
 
     The lens blurs first (the renderer does it, edge by edge), then light and gain
@@ -44,9 +44,6 @@ class CameraEffects:
     exposure_samples: int = field(default=4, metadata=at_least(1))  #: images averaged over the exposure
     #: 1..100; ``None`` = not compressed
     jpeg_quality: int | None = field(default=None, metadata=within(1, 100))
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def light_field(self, rows: int, columns: int) -> Float32[np.ndarray, "rows columns"]:
         """Relative light at each pixel by vignetting and gradient; empty when it is 1 everywhere.

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from jaxtyping import Float
 
 from ...core.camera.pose import Pose
 from ...core.errors import DeviceError, InputError
 from ...core.geometry import so3_log
+from ...core.ranges import NON_NEGATIVE, POSITIVE, check_numbers
 from ...core.robots import ProbeArm
 
 __all__ = ["SimulatedArm"]
@@ -67,8 +66,7 @@ class SimulatedArm(ProbeArm):
         DeviceError
             The pose is out of reach.
         """
-        if not (math.isfinite(speed_m_s) and speed_m_s > 0):
-            raise InputError("move_linear", f"found {speed_m_s} m/s, expected more than 0")
+        check_numbers("move_linear", POSITIVE, speed_m_s=speed_m_s)
         far = float(np.linalg.norm(T_base_tip.translation_m))
         if not self._reach[0] <= far <= self._reach[1]:
             raise DeviceError(
@@ -112,8 +110,7 @@ class SimulatedArm(ProbeArm):
         dt_s
             Simulated time [s].
         """
-        if not dt_s >= 0:
-            raise InputError("SimulatedArm.advance", f"found {dt_s} s, expected 0 or more")
+        check_numbers("SimulatedArm.advance", NON_NEGATIVE, dt_s=dt_s)
         self.t_s += dt_s
         self._done_s = min(self._done_s + dt_s, self._duration_s)
         if self._duration_s == 0.0 or self._done_s >= self._duration_s:

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 from ...core.measurement import AIR_PA
+from ...core.ranges import check_numbers, within
 
 if TYPE_CHECKING:
     from ...deformation.shells.fourier_shell import RevolutionShell
@@ -100,8 +101,7 @@ class DeformableContainer:
         """
         from ...deformation.shells.fourier_shell import pinch_stiffness
 
-        if not 0.0 <= fill <= 1.0:
-            raise InputError("of_revolution", f"found {fill}, expected 0 to 1", field="fill")
+        check_numbers("of_revolution", within(0.0, 1.0), fill=fill)
         stiffness = np.asarray(pinch_stiffness(shell, material))
         free = np.isfinite(stiffness)
         height, radius = np.asarray(shell.height_m)[free], np.asarray(shell.radius_m)[free]

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
-from ...core.errors import InputError
+from ...core.ranges import POSITIVE, check_numbers, within
 from ...core.resources import Closing
 from ...core.robots import Gripper, GripperState
 from ..foam.strip import FoamStrip
@@ -97,11 +97,8 @@ class VirtualGripper(Closing, Gripper):
         InputError
             The opening is out of range or the speed is not positive.
         """
-        if not (0.0 <= opening_m <= self.drive.open_m and speed_m_s > 0):
-            raise InputError(
-                "move",
-                f"found {opening_m} m at {speed_m_s} m/s, expected 0 to {self.drive.open_m} m and a speed > 0",
-            )
+        check_numbers("move", within(0.0, self.drive.open_m), opening_m=opening_m)
+        check_numbers("move", POSITIVE, speed_m_s=speed_m_s)
         self._target, self._limit = 0.5 * (self.drive.open_m - opening_m), 0.5 * speed_m_s
 
     def stop(self) -> None:

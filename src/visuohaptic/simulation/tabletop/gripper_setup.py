@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
-from ...core.ranges import POSITIVE, check_ranges
+from ...core.ranges import POSITIVE, Ranged
 from ..foam.outline import Outline
 from ..foam.rig import SensorRig
 from ..foam.strip_geometry import FoamStripGeometry
@@ -63,19 +63,16 @@ def gripper_look(*, stripe: bool = True) -> Look:
 
 
 @dataclass(frozen=True, slots=True)
-class GripperDrive:
+class GripperDrive(Ranged):
     """Opening and drive of the gripper; both fingers move symmetrically."""
 
     open_m: float = field(default=0.1, metadata=POSITIVE)  #: maximum opening, between the fronts of both rods
     acceleration_m_s2: float = field(default=0.5, metadata=POSITIVE)  #: of each finger
     max_force_N: float = field(default=120.0, metadata=POSITIVE)  #: the drive stops by itself at this force
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FingerView:
+class FingerView(Ranged):
     """The camera of the gripper and the visible surfaces of the finger."""
 
     rig: SensorRig = GRIPPER_RIG
@@ -84,9 +81,6 @@ class FingerView:
     tag: FingerTag | None = _TAG  #: AprilTag on the finger
     occluders: tuple[Occluder, ...] = ()  #: objects in front of the scene
     frame_rate_Hz: float = field(default=30.0, metadata=POSITIVE)
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,8 +13,8 @@ import numpy as np
 
 from ...core.camera.frame import Frame
 from ...core.camera.pose import Pose
-from ...core.errors import InputError
 from ...core.measurement import GRAVITY_M_S2
+from ...core.ranges import POSITIVE, check_numbers, within
 from ...core.robots import Gripper, GripperState
 from ..rendering.blank_frames import BlankFrames
 from .arm import SimulatedArm
@@ -69,11 +69,8 @@ class KitchenTable(BlankFrames, Gripper):
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
         """Start to move to an opening."""
-        if not (0.0 <= opening_m <= self.open_m and speed_m_s > 0):
-            raise InputError(
-                "move",
-                f"found {opening_m} m at {speed_m_s} m/s, expected 0 to {self.open_m} m and a speed > 0",
-            )
+        check_numbers("move", within(0.0, self.open_m), opening_m=opening_m)
+        check_numbers("move", POSITIVE, speed_m_s=speed_m_s)
         self._target, self._limit = opening_m, speed_m_s
 
     def stop(self) -> None:

@@ -23,6 +23,8 @@ __all__ = [
     "touch_rules",
 ]
 
+#: Test commands of a base: speed [m/s], turn rate [rad/s], and their duration [s].
+SPEED_m_s, TURN_rad_s, HOLD_s = 0.05, 0.25, 2.0
 #: Accepted ratio of measured to commanded motion: a ramp of a quarter of the time loses an eighth of the distance.
 MIN_RATIO, MAX_RATIO = 0.5, 1.5
 #: Maximum age of a measurement; motion is stopped after this time without a new one [s].
@@ -162,8 +164,8 @@ def localizer_rules(
     if base is None or not motion:
         return
     start, before = localizer.locate(), base.state()
-    base.drive(0.05, 0.25)
-    wait(2.0)
+    base.drive(SPEED_m_s, TURN_rad_s)
+    wait(HOLD_s)
     base.stop()
     wait(1.0)
     end, after = localizer.locate(), base.state()

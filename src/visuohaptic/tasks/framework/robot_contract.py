@@ -33,7 +33,10 @@ from ...core.robots import (
 from ._sensor_rules import (
     MAX_RATIO,
     MIN_RATIO,
+    HOLD_s,
+    SPEED_m_s,
     TouchReader,
+    TURN_rad_s,
     camera_rules,
     clock_rules,
     depth_rules,
@@ -44,8 +47,6 @@ from ._sensor_rules import (
 
 __all__ = ["ContractRule", "RobotParts", "assert_robot", "check_robot"]
 
-#: Test commands: speed [m/s], turn rate [rad/s], and their duration [s].
-SPEED_m_s, TURN_rad_s, HOLD_s = 0.05, 0.25, 2.0
 #: Test distances of arm and fingers [m].
 LIFT_m, SQUEEZE_m = 0.02, 0.01
 #: Maximum motion of a stopped part [m], [rad], and tolerance of a reached position [m].

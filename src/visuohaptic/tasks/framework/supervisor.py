@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 from typing import Protocol, TypeVar, runtime_checkable
 
 from ...core.errors import DeviceError
-from ...core.ranges import POSITIVE, check_ranges
+from ...core.ranges import POSITIVE, Ranged
 from ...core.resources import Closing
 
 __all__ = ["SafetyHold", "SafetyLimits", "SupervisedPart", "SupervisorCore"]
@@ -37,7 +37,7 @@ CHECK_RATE_HZ = 50.0
 
 
 @dataclass(frozen=True, slots=True)
-class SafetyLimits:
+class SafetyLimits(Ranged):
     """Safety limits of all commands."""
 
     max_force_N: float = field(default=20.0, metadata=POSITIVE)
@@ -59,9 +59,6 @@ class SafetyLimits:
     max_leap_m: float = field(default=0.05, metadata=POSITIVE)
     max_hold_s: float = field(default=5.0, metadata=POSITIVE)  #: a longer hold is permanent [s]
     brake_s: float = 0.1  #: braking time from full speed [s]; the force meanwhile is predicted from its rate
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True)

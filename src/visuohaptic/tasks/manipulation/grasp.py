@@ -9,7 +9,7 @@ from enum import StrEnum
 import numpy as np
 
 from ...core.measurement import GRAVITY_M_S2
-from ...core.ranges import POSITIVE, check_ranges
+from ...core.ranges import POSITIVE, Ranged
 from ..framework.machine import Rule
 from ..framework.trace import Ending, Trace
 from .hand import Hand, HandCommand, HandObservation, HandTask, Place, run_hand
@@ -40,7 +40,7 @@ class GraspOutcome(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class LiftPlan:
+class LiftPlan(Ranged):
     """Place and force of a grasp, and height of the lift."""
 
     place: Place
@@ -54,9 +54,6 @@ class LiftPlan:
     hold_s: float = 0.5
     put_back: bool = False  #: whether to put it back, as after weighing
     max_invalid_frames: int = 15
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

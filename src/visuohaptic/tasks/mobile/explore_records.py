@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from ...core.ranges import POSITIVE, check_ranges
+from ...core.ranges import POSITIVE, Ranged
 
 if TYPE_CHECKING:
     from ...sensing.foam.material.foam_material import FoamMaterial
@@ -42,7 +42,7 @@ class ExploreOutcome(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class ExploreSettings:
+class ExploreSettings(Ranged):
     """Speeds, distances and limits of an exploration."""
 
     #: speed where contact is possible at any time; limited by the stopping distance of the foam, see ``stopping_speed_m_s``
@@ -73,9 +73,6 @@ class ExploreSettings:
     back_off_m: float = 0.05
     max_invalid_frames: int = 15  #: number of consecutive frames without a valid contour that ends the push
     timeout_s: float = 60.0
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def max_deflection_m(self, material: FoamMaterial) -> float:
         """Deflection at which to stop: beyond it the foam is densified [m].

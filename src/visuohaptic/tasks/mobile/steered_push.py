@@ -33,7 +33,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.geometry import rotation_2d, wrap_angle
-from ...core.ranges import POSITIVE, check_ranges
+from ...core.ranges import POSITIVE, Ranged
 from ...navigation.problem.push_costs import TURN_LIMIT_RAD
 from ...navigation.pushing.push_failure import CENTRE_FRACTION
 from ...navigation.pushing.push_model import CONTACT_FRICTION
@@ -65,7 +65,7 @@ class PushEnd(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class PushSettings:
+class PushSettings(Ranged):
     """Speeds, gains and limits."""
 
     radius_m: float = field(default=0.17, metadata=POSITIVE)  #: radius of the platform
@@ -85,9 +85,6 @@ class PushSettings:
     #: time with less than a quarter of the commanded distance, longer than errors of the localisation
     stall_s: float = field(default=3.0, metadata=POSITIVE)
     timeout_s: float = 120.0
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 class SteeredPush:

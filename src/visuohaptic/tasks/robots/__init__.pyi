@@ -3,4 +3,3 @@ from .lerobot import LeRobotCamera as LeRobotCamera
 from .lerobot import LeRobotGripper as LeRobotGripper
 from .lerobot import LeRobotLink as LeRobotLink
 from .repeater import Repeater as Repeater
-from .repeater import finite as finite

@@ -19,10 +19,11 @@ import numpy as np
 from jaxtyping import UInt8
 
 from ...core.errors import DeviceError, InputError
+from ...core.ranges import POSITIVE, check_numbers, within
 from ...core.resources import Closing
 from ...core.robots import BaseState, Gripper, GripperState
 from ...io.frames.camera_backend import CameraBackend, time_s
-from .repeater import RepeatedBase, Repeater, finite
+from .repeater import RepeatedBase, Repeater
 
 __all__ = ["LeRobotBase", "LeRobotCamera", "LeRobotGripper", "LeRobotLink"]
 
@@ -240,17 +241,9 @@ class LeRobotGripper(Closing, Gripper):
         DeviceError
             The robot does not answer.
         """
-        finite("LeRobotGripper.move", opening_m=opening_m, speed_m_s=speed_m_s)
         low_m, high_m = max(0.0, self._by_opening[0, 1]), self._by_opening[-1, 1]
-        if not low_m <= opening_m <= high_m:
-            raise InputError(
-                "LeRobotGripper.move", f"found {opening_m:g} m, expected {low_m:g} to {high_m:g} m",
-                field="opening_m",
-            )  # fmt: skip
-        if speed_m_s <= 0:
-            raise InputError(
-                "LeRobotGripper.move", f"found {speed_m_s:g} m/s, expected > 0", field="speed_m_s"
-            )
+        check_numbers("LeRobotGripper.move", within(low_m, high_m), opening_m=opening_m)
+        check_numbers("LeRobotGripper.move", POSITIVE, speed_m_s=speed_m_s)
         self._check()
         with self._lock:
             t_s, now_m = self._read()

@@ -10,10 +10,11 @@ from collections.abc import Callable
 from typing import Any
 
 from ...core.errors import DeviceError, InputError, VisuohapticError
+from ...core.ranges import FINITE, above, check_numbers
 from ...core.resources import Closing
 from ...core.robots import MobileBase
 
-__all__ = ["RepeatedBase", "Repeater", "finite"]
+__all__ = ["RepeatedBase", "Repeater"]
 
 _log = logging.getLogger(__name__)
 
@@ -34,8 +35,7 @@ class Repeater:
     """
 
     def __init__(self, work: Callable[[], Any], rate_Hz: float, name: str) -> None:
-        if not 0 < rate_Hz <= 1000:
-            raise InputError(name, f"found {rate_Hz} Hz, expected more than 0 and at most 1000 Hz")
+        check_numbers(name, above(0, 1000), rate_Hz=rate_Hz)
         self._work, self._pause_s, self._name = work, 1.0 / rate_Hz, name
         self._end = threading.Event()
         self.problem: VisuohapticError | None = None  #: why the thread has ended by itself
@@ -61,21 +61,6 @@ class Repeater:
         self._end.set()
         if threading.current_thread() is not self._thread:
             self._thread.join()
-
-
-def finite(where: str, **values: float) -> None:
-    """Reject commands that are not finite numbers, to which a motor may react in any way.
-
-    Parameters
-    ----------
-    where
-        Name of the called function, for the message.
-    **values
-        Commands by their names.
-    """
-    for name, value in values.items():
-        if not abs(value) < float("inf"):
-            raise InputError(where, f"found {value}, expected a finite number", field=name)
 
 
 class RepeatedBase(Closing, MobileBase):
@@ -113,7 +98,7 @@ class RepeatedBase(Closing, MobileBase):
             The repeating thread has ended, or the robot does not answer.
         """
         where = f"{type(self).__name__}.drive"
-        finite(where, speed_m_s=speed_m_s, turn_rate_rad_s=turn_rate_rad_s)
+        check_numbers(where, FINITE, speed_m_s=speed_m_s, turn_rate_rad_s=turn_rate_rad_s)
         for (name, limit), value in zip(self._limits.items(), (speed_m_s, turn_rate_rad_s), strict=True):
             if abs(value) > limit:
                 raise InputError(where, f"found {value:g}, expected {limit:g}", field=name)

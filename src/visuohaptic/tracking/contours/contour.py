@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from ...core.errors import InputError
-from ...core.ranges import NON_NEGATIVE, POSITIVE, at_least, check_ranges, within
+from ...core.ranges import NON_NEGATIVE, POSITIVE, Ranged, at_least, within
 from . import _fit_kernels as columns
 from ._classify_kernels import classify_points
 from ._refine_kernels import refine, start_on_edge
@@ -44,7 +44,7 @@ class PointReason(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class ContourSettings:
+class ContourSettings(Ranged):
     """Appearance and motion model of the contour.
 
     The three weights multiply the terms of Eq. (3.6), each scaled to a range of about
@@ -72,9 +72,6 @@ class ContourSettings:
     max_chi2: float = field(default=4.0, metadata=POSITIVE)
     #: distance from both neighbours, in point spacings
     max_jump: float = field(default=1.75, metadata=POSITIVE)
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

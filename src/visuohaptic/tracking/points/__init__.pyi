@@ -5,7 +5,6 @@ from .flow import location_sigma_px as location_sigma_px
 from .homography import PlaneMotion as PlaneMotion
 from .homography import RobustHomography as RobustHomography
 from .homography import apply_homography as apply_homography
-from .homography import compose_homography as compose_homography
 from .homography import decompose_homography as decompose_homography
 from .homography import estimate_homography as estimate_homography
 from .homography import estimate_homography_robust as estimate_homography_robust

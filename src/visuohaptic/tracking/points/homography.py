@@ -25,7 +25,6 @@ __all__ = [
     "PlaneMotion",
     "RobustHomography",
     "apply_homography",
-    "compose_homography",
     "decompose_homography",
     "estimate_homography",
     "estimate_homography_robust",
@@ -212,31 +211,6 @@ def estimate_homography_robust(
         inliers = distance < threshold  # NaN (beyond the horizon) compares as false
     valid = bool(np.count_nonzero(inliers) >= max(4, minimum))
     return RobustHomography(matrix, inliers, valid, "" if valid else "the consensus set became too small")
-
-
-def compose_homography(
-    rotation: Float[np.ndarray, "3 3"],
-    translation_m: Float[np.ndarray, "3"],
-    normal: Float[np.ndarray, "3"],
-    distance_m: float,
-) -> Float[np.ndarray, "3 3"]:
-    """``H = R - T n^T / d``, Alt 2016, Eq. (2.14), in coordinates of the unit plane.
-
-    Parameters
-    ----------
-    rotation, translation_m
-        Motion of the points, ``X' = R X + T``.
-    normal
-        Unit normal of the plane in the source frame, towards the camera.
-    distance_m
-        Distance of the plane from the source camera, positive.
-    """
-    normal = np.asarray(normal, dtype=np.float64)
-    if not distance_m > 0:
-        raise InputError("compose_homography", f"found {distance_m}, expected > 0", field="distance_m")
-    if not abs(np.linalg.norm(normal) - 1.0) < 1e-6:
-        raise InputError("compose_homography", f"found {normal.tolist()}, expected length 1", field="normal")
-    return np.asarray(rotation) - np.outer(translation_m, normal) / distance_m
 
 
 def decompose_homography(homography: Float[np.ndarray, "3 3"]) -> tuple[PlaneMotion, ...]:

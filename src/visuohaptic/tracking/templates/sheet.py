@@ -17,6 +17,7 @@ from jaxtyping import UInt8
 
 from ...core.errors import InputError
 from ...core.files import atomic_path, encode_image
+from ...core.ranges import check_numbers, within
 from .template import TAG_CELLS
 
 __all__ = ["PAPERS_M", "PlacedItem", "SheetItem", "lay_out", "save_sheet", "tag_item"]
@@ -137,8 +138,7 @@ def save_sheet(
         data = _pdf(placed, PAPERS_M[paper])
         widths = {place.item.label: place.item.width_m for place in placed}
     elif path.suffix.lower() == ".png":
-        if not 50 <= dpi <= 2400:
-            raise InputError("sheet", f"found {dpi:g}, expected 50..2400", field="dpi")
+        check_numbers("sheet", within(50, 2400), dpi=dpi)
         data, widths = _png(placed, PAPERS_M[paper], dpi)
     else:
         raise InputError(path, f"found {path.suffix!r}, expected .pdf or .png", field="suffix")

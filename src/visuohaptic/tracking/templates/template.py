@@ -16,6 +16,7 @@ from jaxtyping import Float, Float32, UInt8
 from ...core.errors import InputError
 from ...core.files import MAX_IMAGE_BYTES, decode_image, read_bytes
 from ...core.files.image_dpi import pixels_per_metre
+from ...core.ranges import POSITIVE, check_numbers
 from .alignment.esm_template import MIN_SIDE_PX, EsmTemplate
 
 __all__ = ["TAG_CELLS", "Template", "TemplateQuality", "load_templates", "template_quality"]
@@ -110,8 +111,7 @@ class Template:
             raise InputError(
                 f"template {name}", f"found {image.dtype} {image.shape}, expected uint8 (rows, columns)"
             )
-        if not (np.isfinite(width_m) and width_m > 0):
-            raise InputError(f"template {name}", f"found {width_m}, expected > 0", field="width_m")
+        check_numbers(f"template {name}", POSITIVE, width_m=width_m)
         pixel_m = width_m / image.shape[1]
         shrink = max(image.shape) / MAX_SIDE_PX
         if shrink > 1:
@@ -181,8 +181,7 @@ class Template:
 
         if not 0 <= tag_id < _TAG_COUNT:
             raise InputError("tag", f"found {tag_id}, expected 0..{_TAG_COUNT - 1}", field="id")
-        if not (np.isfinite(size_m) and size_m > 0):
-            raise InputError("tag", f"found {size_m}, expected > 0", field="size_m")
+        check_numbers("tag", POSITIVE, size_m=size_m)
         side = TAG_CELLS * _TAG_CELL_PX
         family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
         tag = cv2.aruco.generateImageMarker(family, tag_id, side)
