@@ -15,7 +15,7 @@ import math
 import numpy as np
 from jaxtyping import Float, Num
 
-from ...tracking.contours.contour import PIXEL_PX
+from ...tracking.contours.contour import PIXEL_PX, quick_median
 from ._light_kernels import local_medians, mean_between
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
@@ -75,11 +75,15 @@ def gap_shift_px(
     ends = 2.0 * np.hypot(strip.lens_px, PIXEL_PX) + _PLATEAU_PX * np.array([0.0, 2.0])
     at_rest = _means(zero.image, rest_px[:, None] + np.concatenate([-ends[::-1], ends]), strip)
     contrast, beyond = strip.front.contrast, strip.front.level
-    still = np.abs(strip.front.position_px - rest_px) < 1.0
-    scatter = excess_px2[still & np.isfinite(excess_px2)]
-    error = (
-        float(np.std(scatter)) if len(scatter) >= SCATTER_POINTS else math.inf
-    )  # infinite: no gap is detected
+    moved = np.abs(strip.front.position_px - rest_px)
+    scatter = excess_px2[(moved < 1.0) & np.isfinite(excess_px2)]
+    if len(scatter) < SCATTER_POINTS:
+        return np.zeros(len(rest_px)), np.zeros(len(rest_px))
+    # Median absolute deviation: edges beside a gap must not hide it. An edge that has moved has other texture than at rest,
+    # and a blurred step has half as much information on its blur as on its position.
+    still = 1.4826 * quick_median(np.abs(scatter - quick_median(scatter)))
+    texture = (strip.front.sigma_px**2 - strip.front.noise_px**2) * (1.0 - np.exp(-0.5 * moved**2))
+    error = np.sqrt(still**2 + 8.0 * strip.front.blur_px**2 * np.maximum(texture, 0.0))
     with np.errstate(invalid="ignore", divide="ignore"):
         part = 1.0 + (beyond / contrast - 1.0) * (1.0 - at_rest[:, 2] / at_rest[:, 0])
         square, sigma = part / (1.0 - part) * excess_px2, np.abs(part / (1.0 - part)) * error
