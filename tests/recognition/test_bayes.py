@@ -31,8 +31,9 @@ from visuohaptic.recognition.touch import (
     update_belief,
     with_outline,
 )
-from visuohaptic.recognition.touch.belief import WIDTH_VARIANCE, sequential_likelihood
+from visuohaptic.recognition.touch.belief import OUTLINE_LENGTH_m, sequential_likelihood
 from visuohaptic.recognition.touch.calibration import EXPLORATIONS, best_or_first, rate_of_each
+from visuohaptic.recognition.touch.unknown_class import FIRST_WIDTH
 from visuohaptic.recognition.trees import mean_touches, train_tree
 
 from .worlds import as_explored, synthetic, touch_of
@@ -116,16 +117,27 @@ def test_a_known_object_is_called_unlike_its_class_as_rarely_as_said() -> None:
     assert abs(refused - 20) < 4 * np.sqrt(20)
 
 
-def test_an_outline_is_evidence_like_the_widths_of_touches(model: HapticModel) -> None:
-    touch, width_m = touch_of(synthetic(1, seed=5), 1), 0.06
-    felt = [touch(8, "y"), touch(13, "y")]
-    # As uncertain as a width that is felt.
-    outline = np.array([[0.5 * width_m, 0.0], [0.5 * width_m, 0.1]])
-    seen = with_outline(model, outline, 0.5 * width_m * np.sqrt(WIDTH_VARIANCE))
-    widths = [TouchReading(height, "x", (None, None), width_m) for height in range(2, 16)]
-    for touches in ([], felt):
-        at_once = update_belief(model, [*widths, *touches]).probability
-        np.testing.assert_allclose(update_belief(seen, touches).probability, at_once, rtol=1e-6)
+def test_an_outline_is_evidence_with_errors_that_neighbours_share(model: HapticModel) -> None:
+    """By hand: a covariance of the errors of radius and height, in place of independent errors of widths that are felt."""
+    touch = touch_of(synthetic(1, seed=5), 1)
+    outline = np.array([[0.029, 0.0], [0.031, 0.06], [0.02, 0.1]])
+    z = (np.arange(1, 15) + 0.5) / 16 * 0.1
+    width = 2 * np.interp(z, outline[:, 1], outline[:, 0])
+    own = 2 * 0.001 / width
+    high = model.settings.pose_m * np.gradient(np.log(width), z)
+    errors = (np.outer(own, own) + np.outer(high, high)) * np.exp(
+        -0.5 * ((z[:, None] - z) / OUTLINE_LENGTH_m) ** 2
+    )
+    felt, value, noise = evidence(model, [touch(8, "y"), touch(13, "y")])
+    place = np.append(FIRST_WIDTH + 2 * np.arange(1, 15), felt)
+    both = np.zeros((len(place), len(place)))
+    both[:14, :14], both[14:, 14:] = errors, np.diag(noise)
+    at_once = belief_of(
+        model, log_likelihood(model, place, np.append(np.log(width), value), both)
+    ).probability
+    seen = with_outline(model, outline, 0.001)
+    found = update_belief(seen, [touch(8, "y"), touch(13, "y")])
+    np.testing.assert_allclose(found.probability, at_once, rtol=1e-6)
     # Of the two of this width nothing says which it is; the third is half as wide across.
     assert update_belief(with_outline(model, 0.5 * outline, 1e-4), []).answer == UNKNOWN
 
