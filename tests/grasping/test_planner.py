@@ -199,6 +199,23 @@ def test_symmetric_places_press_out_the_same():
     assert found[0] == pytest.approx(found[1], rel=1e-3)
 
 
+def test_a_grasp_that_holds_is_refused_where_it_spills_or_slips():
+    """The same pinch of a cone without limits, with less free volume than it displaces, and with fingers that slide."""
+    shell = load_object("cup-rim", around=32)
+    z = shell.mesh.vertices_m[:, 2]
+    vertex = int(np.argmin(np.abs(z - 0.05)))
+    held = confirm_grasp(shell, vertex, 4.0)
+    assert held.holds
+    assert held.reason == ""
+    ml = 1e6 * held.pressed_out_m3
+    assert confirm_grasp(shell, vertex, 4.0, headspace_m3=1.01 * held.pressed_out_m3).holds
+    spills = confirm_grasp(shell, vertex, 4.0, headspace_m3=0.5 * held.pressed_out_m3)
+    assert spills.reason == f"presses out {ml:.1f} ml, free are {0.5 * ml:.1f} ml"
+    assert confirm_grasp(shell, vertex, 4.0, friction=1.01 * np.tan(held.slant_rad)).holds
+    slips = confirm_grasp(shell, vertex, 4.0, friction=0.99 * np.tan(held.slant_rad))
+    assert slips.reason.startswith(f"the wall turns away by {np.degrees(held.slant_rad):.1f} degrees")
+
+
 def test_parameters_are_checked():
     with pytest.raises(InputError, match="force_N"):
         GraspTask(force_N=-1.0)

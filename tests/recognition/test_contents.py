@@ -34,24 +34,20 @@ DEPTH_M = np.linspace(0.0, MAX_DEFORMATION_M, 701)
 FORCE_N, SURFACE_M, MASS_KG = 0.025, 1.5e-5, 0.003
 
 
-def lost_area(depth_m):
-    """Area that a ring loses when it becomes an ellipse of the same perimeter, that much narrower."""
+def lost_areas(depth_m):
+    """Areas that a ring loses when it becomes an ellipse of the same perimeter, that much narrower."""
     angle = (np.arange(400) + 0.5) * 2.0 * math.pi / 400
-
-    def perimeter(a, b):
-        return np.hypot(a * np.sin(angle), b * np.cos(angle)).mean() * 2.0 * math.pi
-
-    low, high = RADIUS_M, 2.0 * RADIUS_M
-    for _ in range(60):
+    across = ((RADIUS_M - depth_m)[:, None] * np.sin(angle)) ** 2
+    low, high = np.full(len(depth_m), RADIUS_M), np.full(len(depth_m), 2.0 * RADIUS_M)
+    for _ in range(50):  # to 2^-50 of the radius
         middle = 0.5 * (low + high)
-        if perimeter(RADIUS_M - depth_m, middle) < 2.0 * math.pi * RADIUS_M:
-            low = middle
-        else:
-            high = middle
+        perimeter = np.sqrt(across + (middle[:, None] * np.cos(angle)) ** 2).mean(axis=1) * 2.0 * math.pi
+        shorter = perimeter < 2.0 * math.pi * RADIUS_M
+        low, high = np.where(shorter, middle, low), np.where(shorter, high, middle)
     return math.pi * (RADIUS_M**2 - (RADIUS_M - depth_m) * low)
 
 
-LOST_M3 = np.array([lost_area(d) for d in DEPTH_M]) * 2.0 * RADIUS_M
+LOST_M3 = lost_areas(DEPTH_M) * 2.0 * RADIUS_M
 
 
 def response_N(fill, closed, height_m, wall_m=WALL_M):

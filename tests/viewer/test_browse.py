@@ -183,6 +183,36 @@ def test_files_that_are_none_are_refused(tmp_path, name, content, text):
         open_views([tmp_path / "absent.json"])
 
 
+def test_points_without_colours_are_drawn_plain_and_none_are_refused():
+    points, no_faces = THING.mesh.vertices_m, np.zeros((0, 3), int)
+    view = SurfaceView("scan", PlyMesh(points, no_faces, None, {}))
+    assert view.choices == ("plain",)
+    with BrowsePage([view], port=0) as page:
+        assert page.stage.get("legend").content == f"**scan**: {len(points)} vertices"
+        np.testing.assert_array_equal(page.stage.get("surface").colors, 170)
+    with pytest.raises(InputError, match="none: has no vertices"):
+        SurfaceView("none", PlyMesh(points[:0], no_faces, None, {}))
+
+
+def test_what_cannot_be_computed_is_said_on_the_page(cup, monkeypatch):
+    def fails(*_, **__):
+        raise InputError("confirm_grasp", "found *no* equilibrium")
+
+    monkeypatch.setattr("visuohaptic.viewer.object_view.confirm_grasp", fails)
+    with BrowsePage([cup], port=0) as page:
+        points = THING.mesh.vertices_m
+        cup.show_point(int(np.argmin(np.abs(points[:, 2] - 0.05))), nonlinear=True)
+        assert "found \\*no\\* equilibrium" in page.stage.get("picked").content
+        assert page.stage.get("shape") is None  # none of the point before
+
+
+def test_two_views_of_one_name_are_numbered_and_no_view_is_refused():
+    with BrowsePage([StepsView("bottle"), StepsView("bottle")], port=0) as page:
+        assert page.names == ("bottle (1)", "bottle (2)")
+    with pytest.raises(InputError, match="found no views, expected at least one"):
+        BrowsePage([], port=0)
+
+
 def test_a_ray_meets_the_nearer_wall():
     points, faces = THING.mesh.vertices_m, THING.surface_faces
     found = hit_face(points, faces, np.array([0.2, 0.0, 0.05]), np.array([-1.0, 0.0, 0.0]))

@@ -14,6 +14,7 @@ from tests.viewer import browser
 from visuohaptic.core import ErrorBudget, Estimate, ForceProfile, HapticTag, InputError, Reason
 from visuohaptic.core.camera import Pose
 from visuohaptic.viewer import LivePage
+from visuohaptic.viewer.page import _tag_line
 
 pytest.importorskip("viser", reason="the browser page is an extra")
 
@@ -84,6 +85,15 @@ def test_updates_without_a_browser(page):
             T_world_foam=pose,
         )
     page.set_tags({"box": HapticTag(dynamic_friction_N=Estimate(3.2, 0.1)), "wall": "fixed"})
+
+
+def test_a_tag_is_told_in_one_line():
+    tag = HapticTag(
+        fixed=False, dynamic_friction_N=Estimate(3.2, 0.1), min_static_friction_N=20.0, falls=True
+    )
+    assert _tag_line(tag) == "movable, friction 3.20 ± 0.10 N, friction more than 20 N, falls"
+    assert _tag_line(HapticTag(fixed=True)) == "fixed"
+    assert _tag_line(HapticTag()) == "nothing observed"
 
 
 def test_the_rate_limits_drawing_and_not_the_record(page):
