@@ -236,7 +236,10 @@ def main() -> int:
         for seed, found in module.saves(seeds, Path(folder)):
             journal.put(str(seed), found)
     total = sum(map(Counter, journal.rows.values()), Counter())
-    print(f"{len(journal.rows)} rounds, two processes, {len(VERSIONS)} versions of {len(ARGUMENTS)} signatures: ", end="")
+    print(
+        f"{len(journal.rows)} rounds, two processes, {len(VERSIONS)} versions of {len(ARGUMENTS)} signatures: ",
+        end="",
+    )
     print(f"{total['right']} loads right, " + ", ".join(f"{total[what]} {what}" for what in FAULTS))
     return 1 if any(total[what] for what in FAULTS) else 0
 
