@@ -6,6 +6,7 @@ import numba
 import numpy as np
 from numba.core import types
 from numba.core.caching import NullCache
+from numba.core.ir import Inst
 from numba.core.types.functions import BaseFunction
 
 from visuohaptic.core.kernels import KERNELS, compiler, kernel
@@ -53,11 +54,35 @@ def test_a_second_kernel_resolves_nothing_again(monkeypatch):
 def test_other_functions_are_compiled_by_numba_alone(monkeypatch):
     _kernel().compile((VECTOR,))
     assert BaseFunction.get_call_type is compiler._resolve
+    for owner, name, method in compiler._CHANGES:
+        assert vars(owner)[name] is not method
+        assert vars(owner)[name].__module__.startswith("numba.")
     monkeypatch.setattr(compiler, "_resolved", {})
     numba.njit(lambda a: a[0] + a[1]).compile((VECTOR,))
     assert not compiler._resolved
     _kernel().compile((VECTOR,))
     assert compiler._resolved
+
+
+def test_the_variables_of_a_statement_are_those_that_numba_finds(monkeypatch):
+    """For every statement of a kernel that is compiled, in the same order."""
+    differ, found = [], 0
+
+    def both(statement, value):
+        nonlocal found
+        ours, theirs = compiler._variables(statement, value), original(statement, value)
+        found += len(theirs)
+        differ.extend([] if ours == theirs else [value])
+        return ours
+
+    original = Inst._rec_list_vars
+    changes = [
+        (owner, name, both if name == "_rec_list_vars" else new) for owner, name, new in compiler._CHANGES
+    ]
+    monkeypatch.setattr(compiler, "_CHANGES", changes)
+    _kernel().compile((VECTOR,))
+    assert not differ
+    assert found > 100
 
 
 def test_the_machine_code_is_that_of_numba_alone():

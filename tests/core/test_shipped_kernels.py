@@ -109,6 +109,6 @@ def test_the_campaign_of_saves_finds_what_is_stale_or_mixed(tmp_path, monkeypatc
         kernels.cache._write(folder / name, kernels.cache._read(folder / source, owned=True))
 
     replace(one._entry((numba.float64,)), other._entry((numba.float64,)))
-    replace(one._entry((numba.int32,)), one._entry((numba.int64,)))
+    replace(one._entry((numba.float32,)), one._entry((numba.int64,)))
     found = cold_start._loads()
     assert (found["stale"], found["mixed"], found["wrong"]) == (1, 1, 0)

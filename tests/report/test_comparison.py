@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -49,6 +51,22 @@ def test_bias_gain_and_an_honest_sigma() -> None:
     assert honest.bias_N == pytest.approx(0.0, abs=0.015)
     bold = compare_forces(*records(1, declared=0.02), offset_s=0.0)
     assert bold.rms_over_sigma == pytest.approx(2.5, abs=0.4)
+
+
+def test_a_gain_is_reported_that_no_correlation_of_the_declared_errors_explains() -> None:
+    """Errors of 5 % that are all the same move the gain by 5 %: 3.29 of that is exceeded once in a thousand."""
+    run, scale = records(sigma_N=0.0)
+    for gain, told in ((1.15, False), (1.18, True), (0.85, False), (0.82, True)):
+        force_N = gain * np.interp(run.t_s, scale.t_s, scale.force_N)
+        found = compare_forces(
+            replace(run, force_N=force_N, sigma_N=0.05 * np.abs(force_N / gain)), scale, offset_s=0.0
+        )
+        assert found.gain_sigma == pytest.approx(0.05, rel=1e-6)
+        assert ("calibrate again" in found.lines()[-1]) == told, found.lines()
+    undeclared = compare_forces(
+        replace(run, force_N=2 * run.force_N, sigma_N=0 * run.sigma_N), scale, offset_s=0.0
+    )
+    assert len(undeclared.lines()) == 3
 
 
 def test_the_band_of_90_percent_ends_at_1_64_sigma_and_the_search_at_250_000_steps() -> None:

@@ -16,6 +16,8 @@ __all__ = ["ForceComparison", "ForceRecord", "compare_forces", "write_comparison
 
 #: Half width of the 90 % interval of a normal distribution, in standard deviations.
 _BAND_90 = 1.6449
+#: Deviation of a normal distribution that is exceeded once in a thousand, in standard deviations.
+_RARE = 3.2905
 #: Maximum number of clock offsets tried: an hour in half frames at 30 Hz, some seconds of computation.
 MAX_STEPS = 250_000
 
@@ -46,6 +48,7 @@ class ForceComparison:
     bias_N: float  #: mean of run minus reference
     rms_N: float  #: root mean square of run minus reference
     gain: float  #: run = gain * reference, least squares
+    gain_sigma: float  #: largest standard deviation of the gain with the declared sigma, over all correlations of the errors
     rms_over_sigma: float  #: root mean square of the error over its declared sigma; 1 if sigma is calibrated
     coverage_90: float  #: fraction of the samples whose reference is inside the declared 90 % interval
 
@@ -54,11 +57,19 @@ class ForceComparison:
         clock = f"clocks {self.offset_s:+.3f} s apart"
         if self.offset_sigma_s > 0:
             clock += f" +- {self.offset_sigma_s:.3f} s, as the forces agree best"
-        return (
+        found = (
             f"{self.compared} samples compared, {100 * self.read:.0f} % of the run read, {clock}",
             f"error {self.rms_N:.3f} N rms, mean {self.bias_N:+.3f} N, scale {100 * (self.gain - 1):+.1f} %",
             f"rms of error / sigma {self.rms_over_sigma:.2f} (1 if the declared sigma is correct), "
             f"{100 * self.coverage_90:.0f} % inside the declared 90 % interval",
+        )
+        if abs(self.gain - 1) <= _RARE * self.gain_sigma or not np.isfinite(self.gain_sigma):
+            return found
+        return (
+            *found,
+            f"the forces differ by a factor of {self.gain:.2f}, the declared sigma explains "
+            f"+- {100 * self.gain_sigma:.1f} %: calibrate again (foam of another batch, another size, a reference in "
+            "another unit)",
         )
 
 
@@ -125,6 +136,9 @@ def compare_forces(
     sigma_N = np.hypot(run.sigma_N, expected_sigma_N)[good]
     declared = bool((sigma_N > 0).all())
     squares = float(expected_N[good] @ expected_N[good])
+    gain_sigma = (
+        float(np.abs(expected_N[good]) @ sigma_N) / squares if declared and squares > 0 else float("nan")
+    )
     return ForceComparison(
         run=run,
         reference=reference,
@@ -136,6 +150,7 @@ def compare_forces(
         bias_N=float(error_N.mean()),
         rms_N=float(np.sqrt(np.mean(error_N**2))),
         gain=float(run.force_N[good] @ expected_N[good]) / squares if squares > 0 else float("nan"),
+        gain_sigma=gain_sigma,
         rms_over_sigma=float(np.sqrt(np.mean((error_N / sigma_N) ** 2))) if declared else float("nan"),
         coverage_90=float(np.mean(np.abs(error_N) <= _BAND_90 * sigma_N)) if declared else float("nan"),
     )

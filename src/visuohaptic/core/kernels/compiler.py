@@ -8,8 +8,11 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from numba.core.codegen import CPUCodeLibrary
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.event import Listener, register
+from numba.core.ir import Inst, Loc, Var
+from numba.core.lowering import BaseLower
 from numba.core.targetconfig import ConfigStack
 from numba.core.types import Type
 from numba.core.types.functions import BaseFunction
@@ -46,8 +49,46 @@ _numba: Any = BaseFunction
 _resolve = _numba.get_call_type
 
 
+def _optimise_functions(library: Any, module: Any) -> None:
+    """Numba's passes for each function, with one pass manager, and without the functions that are only declared.
+
+    Numba builds the passes anew for every name in a module, of which seven in eight have no body.
+    """
+    module.data_layout = library._codegen._data_layout
+    passes, builder = library._codegen._function_pass_manager()
+    for function in module.functions:
+        if not function.is_declaration:
+            passes.run(function, builder)
+
+
+def _variables(statement: Any, value: Any) -> list[Var]:
+    """Numba's search for the variables of a statement: the exact type decides first, since most values are of four types."""
+    kind = type(value)
+    if kind is Var:
+        return [value]
+    if kind is str or kind is Loc or kind is int or value is None:
+        return []
+    if isinstance(value, Inst):
+        return list(value.list_vars())
+    if isinstance(value, dict):
+        value = value.values()
+    elif not isinstance(value, (list, tuple)):
+        return []
+    return [found for one in value for found in _variables(statement, one)]
+
+
+#: What numba does differently while a kernel of this library is compiled: class, name of the method, and method.
+_CHANGES: tuple[tuple[Any, str, Any], ...] = (
+    (BaseFunction, "get_call_type", _resolved_once),
+    (CPUCodeLibrary, "_optimize_functions", _optimise_functions),
+    (Inst, "_rec_list_vars", _variables),
+    # Entries for callers in C, of which there are none, also of numba's own functions.
+    (BaseLower, "create_cfunc_wrapper", lambda lowering: None),
+)
+
+
 def compile_kernel(compiled: Callable[..., Any], signature: Any) -> Any:
-    """Compile a kernel with :func:`_resolved_once`; numba is as it was before and after, for all other functions.
+    """Compile a kernel to the same machine code with less work; numba is as it was before and after.
 
     Parameters
     ----------
@@ -57,11 +98,14 @@ def compile_kernel(compiled: Callable[..., Any], signature: Any) -> Any:
         Types of the arguments.
     """
     with global_compiler_lock:
-        before, _numba.get_call_type = _numba.get_call_type, _resolved_once
+        before = [getattr(owner, name) for owner, name, _ in _CHANGES]
         try:
+            for owner, name, method in _CHANGES:
+                setattr(owner, name, method)
             return compiled(signature)
         finally:
-            _numba.get_call_type = before
+            for (owner, name, _), method in zip(_CHANGES, before, strict=True):
+                setattr(owner, name, method)
 
 
 def call_template(typed: Callable[..., Any], args: tuple[Type, ...], kws: dict[str, Type]) -> Any:
