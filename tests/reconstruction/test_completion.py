@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from visuohaptic.reconstruction.completion import (
     Touch,
     boundary_loops,
     fit_prior,
+    fit_radial_mixture,
     fit_radial_model,
     load_hole_regions,
     read_touches,
@@ -242,7 +244,7 @@ def test_a_surface_that_leaves_profile_and_cross_section_is_told_where_it_does()
 
     def told(radius):
         points = np.column_stack([radius * np.cos(theta), radius * np.sin(theta), z])
-        return fit_radial_model(prior, wall_seen(prior, band), contacts, region.size_m).deviation_m(points)
+        return fit_radial_mixture(prior, wall_seen(prior, band), contacts, region.size_m).deviation_m(points)
 
     # The wall is known to 0.1 mm every 10 mm: what is left is the fit of the cross-section.
     assert np.median(told(rho)) < 0.0008
@@ -507,3 +509,31 @@ def test_the_deviation_of_the_wall_is_that_of_the_process(kind):
         squares.append(np.mean(((wall_m - expected_m) / sigma_m) ** 2))
     # The heights are the contacts' own chance: 8 objects leave a factor of two.
     assert 0.3 < np.sqrt(np.median(squares)) < 1.7
+
+
+def test_the_wall_at_rims_is_as_uncertain_as_rims_are_wrong():
+    """Errors drawn with the covariance of rims of a fused surface, and an exact surface, which has none."""
+    squares, without, curled_fraction, exact_fraction = [], [], [], []
+    for seed in range(6):
+        rng = np.random.default_rng([32, seed])
+        bottle = random_bottle(rng, "round")
+        prior, seen, _, size_m = hidden_wall(bottle, [], rng)
+        off = seen.rim @ rng.standard_normal(len(seen.z_m))
+        curled = replace(seen, logs=seen.logs + off[seen.row])
+        sigma = np.linalg.norm(seen.rim, axis=1)
+        z = seen.z_m[sigma > 0.5 * sigma.max()]
+        rho_m = bottle.radius_m(np.zeros(len(z)), z)
+        points = np.column_stack([rho_m, np.zeros(len(z)), z])
+        for wall, found in ((curled, squares), (replace(curled, rim=0 * seen.rim), without)):
+            expected_m, sigma_m = fit_radial_model(prior, wall, (), size_m).expected(points)
+            found.append(np.mean(((expected_m - rho_m) / sigma_m) ** 2))
+        for wall, found in ((curled, curled_fraction), (seen, exact_fraction)):
+            mixture = fit_radial_mixture(prior, wall, (), size_m)
+            with_rims = [model.rim.any() for model in mixture.models]
+            found.append(float(np.dot(with_rims, mixture.fractions)))
+    # The rows of a rim err together: 12 rims leave a fifth. Without the errors of rims it is 12.
+    assert 0.6 < np.sqrt(np.mean(squares)) < 1.4
+    assert np.sqrt(np.mean(without)) > 5
+    # The likelihood tells which of the two it is.
+    assert np.median(curled_fraction) > 0.9
+    assert max(exact_fraction) < 0.5

@@ -210,6 +210,12 @@ class BodyCompletion:
             variance -= np.einsum("ij,jk,ik->i", cross, inverse, cross)
         return np.maximum(mean_m, 2e-3), np.sqrt(np.maximum(variance, 0.0))
 
+    def _above_rim_m(self, z_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+        """Root mean square distance of points of the wall from a rim below them, uniform between its bounds [m]."""
+        range_m = max(self.reach_z_m - self._wall_to_m, 1e-9)
+        above: Float[np.ndarray, "n"] = np.clip(z_m - self._wall_to_m, 0.0, range_m)
+        return np.sqrt(above**3 / (3 * range_m))
+
     def _places(self, angles: int, heights: int, end_m: float) -> tuple[np.ndarray, np.ndarray]:
         theta = 2 * np.pi * np.arange(angles) / angles
         z_m = np.linspace(self.foot_z_m + end_m, self._top_m - end_m, heights)
@@ -251,7 +257,7 @@ class BodyCompletion:
         if len(near):
             rho_m, wall_m = self.wall(theta[near], z_m[near])
             own = np.abs(np.hypot(*offset[near].T) - rho_m) < 1e-3
-            sigma[near[own]] = wall_m[own]
+            sigma[near[own]] = np.hypot(wall_m, self._above_rim_m(z_m[near]))[own]
         return sigma
 
     def next_touch(self) -> TouchPlan:
@@ -286,8 +292,9 @@ class BodyCompletion:
         return bool(gap.min(initial=np.inf) > min(_CLEAR_M, 0.8 * (target_m[2] - self.foot_z_m)))
 
     def expected_error_m(self) -> float:
-        """Root mean square standard deviation of the wall [m]."""
-        return float(np.sqrt(np.mean(self.wall(*self._places(*_PLACES, 0.0))[1] ** 2)))
+        """Root mean square standard deviation of the wall, including that of its height [m]."""
+        theta, z_m = self._places(*_PLACES, 0.0)
+        return float(np.sqrt(np.mean(self.wall(theta, z_m)[1] ** 2 + self._above_rim_m(z_m) ** 2)))
 
     def done(self, bound_m: float) -> bool:
         """Whether the expected error is below a bound and there are at least three contacts (stop rule).

@@ -9,9 +9,11 @@ from .hole_surface import supported_part as supported_part
 from .inner_walls import remove_back_sides as remove_back_sides
 from .outline import axial_part as axial_part
 from .outline import measured_outline as measured_outline
+from .radial_model import RadialMixture as RadialMixture
 from .radial_model import RadialModel as RadialModel
 from .radial_model import RadialProfile as RadialProfile
 from .radial_model import VisibleWall as VisibleWall
+from .radial_model import fit_radial_mixture as fit_radial_mixture
 from .radial_model import fit_radial_model as fit_radial_model
 from .radial_model import wall_seen as wall_seen
 from .rbf_centres import Centres as Centres

@@ -66,6 +66,8 @@ class SupportBand:
     samples_m: Float[np.ndarray, "k 3"]
     sample_normals: Float[np.ndarray, "k 3"]
     area_m2: float  #: area of the sampled surface
+    rim_m: Float[np.ndarray, "n"]  #: distance of each point from the nearest rim [m]
+    cell_m: float  #: edge of a pair of triangles of the surface [m]
 
     @property
     def walls_m(self) -> Float[np.ndarray, "w 3"]:
@@ -161,7 +163,29 @@ def support_band(
     samples, near = outline.sampled(_SAMPLES, rng)
     area_m2 = float(outline.face_areas_m2.sum())
     normals = part.face_normals[face[chosen]], outline.face_normals[near]
-    return SupportBand(points[chosen], normals[0], gap, margin, samples, normals[1], area_m2)
+    cell_m = float(np.sqrt(2 * part.face_areas_m2.mean()))
+    return SupportBand(
+        points[chosen],
+        normals[0],
+        gap,
+        margin,
+        samples,
+        normals[1],
+        area_m2,
+        _rim_distance_m(outline, points[chosen]),
+        cell_m,
+    )
+
+
+def _rim_distance_m(outline: SurfaceMesh, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+    """Distance of points from the nearest vertex of a rim; infinite without rims [m]."""
+    from scipy.spatial import cKDTree
+
+    rims = boundary_loops(outline)
+    if not rims:
+        return np.full(len(points_m), np.inf)
+    found: np.ndarray = cKDTree(outline.vertices_m[np.concatenate(rims)]).query(points_m)[0]
+    return found
 
 
 def _outline(welded: SurfaceMesh, region: HoleRegion, reach_m: float) -> SurfaceMesh:

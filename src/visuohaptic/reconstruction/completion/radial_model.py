@@ -11,7 +11,8 @@ the cross-sections. ``p`` and ``g`` have Matern covariances over the height; ``w
 is a Brownian bridge around a straight line. Walls are smooth except for kinks, so
 ``p`` has order 3/2 or 5/2. Order, correlation length and deviation are not fixed:
 several processes are averaged with weights proportional to their likelihood, and
-where they disagree the variance grows.
+where they disagree the variance grows. So are an exact visible surface and a fused
+one, which curls at its rims: there its radius errs by up to half a cell at all angles.
 
 The spatial spline and this process have different errors: the spline overshoots
 between rings, the process represents only walls around an axis. With the mean m
@@ -34,9 +35,11 @@ from jaxtyping import Float, Int
 
 from ...core.resources import one_blas_thread
 from .hole import SupportBand
-from .symmetry import ShapePrior
+from .symmetry import MAX_WALL_NZ, ShapePrior
 
-__all__ = ["RadialModel", "RadialProfile", "VisibleWall", "fit_radial_model", "wall_seen"]
+__all__ = [
+    "RadialMixture", "RadialModel", "RadialProfile", "VisibleWall", "fit_radial_mixture", "fit_radial_model", "wall_seen"
+]  # fmt: skip
 
 #: Grids of correlation lengths (in sizes of the region) and of deviations of p, for both orders.
 _LENGTHS, _DEVIATIONS = (0.15, 0.3, 0.6), (0.01, 0.02, 0.05, 0.1, 0.2)
@@ -44,6 +47,8 @@ _LENGTHS, _DEVIATIONS = (0.15, 0.3, 0.6), (0.01, 0.02, 0.05, 0.1, 0.2)
 _MIN_LIKELIHOOD_RATIO, _MAX_PROFILES = 0.03, 6
 #: Standard deviation of the unknown mean of log rho, and of a bin of the visible band.
 _MEAN, _BAND = 0.3, 0.003
+#: Standard deviation of the visible wall at a rim, in cells: it is anywhere within the last one (uniform distribution).
+_RIM = 12**-0.5
 #: Bins of each band over height and angle. The slope at the rim is informative about the wall behind it.
 _HEIGHTS, _ANGLES = 10, 8
 #: Correlation of g: length in sizes of the region, and over the angle [rad].
@@ -62,6 +67,9 @@ class VisibleWall:
     row: Int[np.ndarray, "k"]  #: index of the row of each bin in ``z_m``
     z_m: Float[np.ndarray, "q"]  #: heights of the rows [m]
     logs: Float[np.ndarray, "k"]  #: log rho minus that of the cross-section
+    rim: Float[
+        np.ndarray, "q q"
+    ]  #: R, where R R^T is the covariance of the errors common to the bins of a row
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,6 +104,8 @@ class RadialModel:
     whitened: Float[np.ndarray, "k"]  #: L^-1 y
     picked: Float[np.ndarray, "k q"]  #: L^-1 B
     profiles: tuple[RadialProfile, ...]  #: likeliest first
+    likelihood: float  #: log-likelihood of the known values, averaged over all processes
+    rim: Float[np.ndarray, "k r"]  #: L^-1 B R with R of the visible wall
 
     @one_blas_thread()
     def expected(
@@ -124,11 +134,24 @@ class RadialModel:
             # Contribution of p, without the part that the other terms already explain at the known places.
             weight = _solved(profile.lower, near, transposed=True).T - leading
             between = profile.deviation**2 * (1 - (near**2).sum(axis=0))
-            variance = own + between + ((weight @ profile.root) ** 2).sum(axis=1)
+            along = weight @ profile.root
+            variance = own + between + (along**2).sum(axis=1)
+            # Errors at rims are not those of the process that the contacts scale.
+            gain = self.rim.T @ cross + (self.rim.T @ self.picked @ profile.root) @ along.T
+            at_rims = (gain**2).sum(axis=0)
             rho_m = np.exp(np.clip(predicted + weight @ profile.mean, -20.0, 20.0))
             mean_m += profile.fraction * rho_m
-            square_m2 += profile.fraction * rho_m**2 * (1 + profile.scale * np.maximum(variance, 0.0))
+            variance = at_rims + profile.scale * np.maximum(variance - at_rims, 0.0)
+            square_m2 += profile.fraction * rho_m**2 * (1 + variance)
         return mean_m, np.sqrt(np.maximum(square_m2 - mean_m**2, 0.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RadialMixture:
+    """Models of the same wall with different errors of its visible part."""
+
+    models: tuple[RadialModel, ...]
+    fractions: tuple[float, ...]  #: posterior probability of each
 
     def deviation_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Root mean square radial error of estimated points [m]; an upper bound of the distance from the wall.
@@ -140,8 +163,11 @@ class RadialModel:
         """
         if not len(points_m):
             return np.zeros(0)
-        expected_m, sigma_m = self.expected(points_m)
-        return np.hypot(_polar(points_m, self.prior)[1] - expected_m, sigma_m)
+        rho_m, square_m2 = _polar(points_m, self.models[0].prior)[1], np.zeros(len(points_m))
+        for model, fraction in zip(self.models, self.fractions, strict=True):
+            expected_m, sigma_m = model.expected(points_m)
+            square_m2 += fraction * ((rho_m - expected_m) ** 2 + sigma_m**2)
+        return np.sqrt(square_m2)
 
 
 def wall_seen(prior: ShapePrior, band: SupportBand) -> VisibleWall:
@@ -160,7 +186,9 @@ def wall_seen(prior: ShapePrior, band: SupportBand) -> VisibleWall:
     sector = np.floor((theta + np.pi) / (2 * np.pi) * _ANGLES).astype(int) % _ANGLES
     nearest = np.abs(points_m[:, 2:] - prior.heights_m).argmin(axis=1)
     bins: list[tuple[float, int, float]] = []
-    heights: list[float] = []
+    rows_of: list[tuple[float, float]] = []
+    rim_m = band.rim_m[np.abs(band.normals[:, 2]) < MAX_WALL_NZ]
+    rim = _RIM * band.cell_m * np.exp(-rim_m / band.cell_m) / rho_m
     for number in range(len(prior.heights_m)):
         rows = np.flatnonzero(nearest == number)
         for part in np.array_split(rows[np.argsort(points_m[rows, 2])], _HEIGHTS):
@@ -174,10 +202,37 @@ def wall_seen(prior: ShapePrior, band: SupportBand) -> VisibleWall:
                 chosen = sector[part] == place
                 angle = theta[part][chosen]
                 turn = np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())
-                bins.append((turn, len(heights), level[chosen].mean()))
-            heights.append(float(points_m[part, 2].mean()))
+                bins.append((turn, len(rows_of), level[chosen].mean()))
+            rows_of.append((float(points_m[part, 2].mean()), float(rim[part].mean())))
     turns, row, means = np.array(bins).T
-    return VisibleWall(turns, row.astype(int), np.array(heights), means)
+    z_m, sigma = np.array(rows_of).T
+    near = np.exp(-np.abs(z_m[:, None] - z_m) / band.cell_m) + 1e-8 * np.eye(len(z_m))
+    return VisibleWall(turns, row.astype(int), z_m, means, sigma[:, None] * np.linalg.cholesky(near))
+
+
+def fit_radial_mixture(
+    prior: ShapePrior,
+    seen: VisibleWall,
+    contacts: Sequence[tuple[Float[np.ndarray, "3"], float]],
+    size_m: float,
+) -> RadialMixture:
+    """Models without and with errors at rims (a fused surface curls there) with their posterior probabilities.
+
+    Parameters
+    ----------
+    prior
+        Axis and cross-sections of the bands.
+    seen, contacts
+        Bins of the visible wall; contacts (3) with their standard deviations [m].
+    size_m
+        Size of the region [m].
+    """
+    walls = replace(seen, rim=np.zeros_like(seen.rim)), seen
+    models = [fit_radial_model(prior, wall, contacts, size_m) for wall in walls]
+    best = max(model.likelihood for model in models)
+    ratio = np.exp([model.likelihood - best for model in models])
+    kept = np.flatnonzero(ratio > _MIN_LIKELIHOOD_RATIO)
+    return RadialMixture(tuple(models[k] for k in kept), tuple(ratio[kept] / ratio[kept].sum()))
 
 
 @one_blas_thread()
@@ -209,7 +264,10 @@ def fit_radial_model(
         noise = np.append(noise, (np.array([sigma for _, sigma in contacts]) / rho_m) ** 2)
     middle = float(logs.mean())
     known = (theta, z_m, row)
-    lower = np.linalg.cholesky(_residual_covariance(prior, size_m, known, known) + np.diag(noise + 1e-10))
+    covariance = _residual_covariance(prior, size_m, known, known) + np.diag(noise + 1e-10)
+    at_rims = np.zeros((len(logs), len(seen.rim)))
+    at_rims[: len(seen.row)] = seen.rim[seen.row]
+    lower = np.linalg.cholesky(covariance + at_rims @ at_rims.T)
     pick = (row[:, None] == np.arange(len(z_m))).astype(float)
     # The last columns are for the leave-one-out residuals of the contacts.
     count = len(contacts)
@@ -226,13 +284,16 @@ def fit_radial_model(
     kept = [one for one in found[:_MAX_PROFILES] if one[0] >= best + np.log(_MIN_LIKELIHOOD_RATIO)]
     total = sum(np.exp(one[0] - best) for one in kept)
     profiles = []
-    for likelihood, make in kept:
+    for above, make in kept:
         profile = make()
         squares = _squared_residuals(profile, picked, whitened, each).sum()
         scale = float((_SCALE_WEIGHT * _SCALE + squares) / (_SCALE_WEIGHT + count))
-        fraction = float(np.exp(likelihood - best) / total)
+        fraction = float(np.exp(above - best) / total)
         profiles.append(replace(profile, fraction=fraction, scale=scale))
-    return RadialModel(prior, size_m, theta, row, z_m, middle, lower, whitened, picked, tuple(profiles))
+    relative = np.mean(np.exp([one[0] - best for one in found]))
+    likelihood = best + float(np.log(relative) - 0.5 * whitened @ whitened - np.log(np.diag(lower)).sum())
+    values = theta, row, z_m, middle, lower, whitened, picked, tuple(profiles)
+    return RadialModel(prior, size_m, *values, likelihood, _solved(lower, at_rims))
 
 
 def _given(

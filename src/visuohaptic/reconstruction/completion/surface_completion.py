@@ -25,7 +25,7 @@ from .hole import support_band
 from .hole_region import HoleRegion
 from .hole_surface import HoleSpace
 from .inner_walls import remove_back_sides
-from .radial_model import RadialModel, VisibleWall, fit_radial_model, wall_seen
+from .radial_model import RadialMixture, VisibleWall, fit_radial_mixture, wall_seen
 from .rbf_centres import Centres, constrain_core, constrain_to_hull, free_points, with_off_surface
 from .symmetry import ShapePrior, fit_prior, height_axis
 from .touch import Touch, TouchPlan, best_vertex, reachable, starts
@@ -151,7 +151,7 @@ class Completion:
     def _reset(self) -> None:
         self._plan: tuple[SurfaceMesh, BiharmonicMesh] | None = None
         self._score: tuple[Float[np.ndarray, "v"], Bool[np.ndarray, "v"]] | None = None
-        self._radial: RadialModel | None = None
+        self._radial: RadialMixture | None = None
         self._uncertainty: SurfaceUncertainty | None = None
 
     def _rho(self, sigma_m: Float[np.ndarray, "n"], extent_m: float) -> Float[np.ndarray, "n"]:
@@ -295,7 +295,7 @@ class Completion:
         if self._radial is None:
             if self._seen is None:
                 self._seen = wall_seen(self.prior, self.band)
-            self._radial = fit_radial_model(self.prior, self._seen, self._contacts, self.region.size_m)
+            self._radial = fit_radial_mixture(self.prior, self._seen, self._contacts, self.region.size_m)
         return self._radial.deviation_m(points_m)
 
     def uncertainty(self) -> SurfaceUncertainty:
