@@ -10,6 +10,10 @@ memory of as many images as they have held at once, and the memory that a camera
 the node's memory as far as images have ever waited in it. A row per minute is stored with the number of the node's process; an
 interrupted run continues with a new process, and growth is reported for each process separately. The figures start after the
 first two minutes of a process, when its buffers and adaptive models are filled.
+
+The memory is called flat if the upper 95 % limit of its slope is below one image (1.43 MB) an hour: an image is the smallest
+amount that a leak of images loses, and by which fragmentation grows. The slope is that of a line through the minutes, its
+standard error follows from the residuals.
 """
 
 from __future__ import annotations
@@ -26,6 +30,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from visuohaptic.io.ros import ros_messages as messages
 from visuohaptic.ros.transports import RclpyNode, RosOptions
@@ -35,7 +40,7 @@ from ._journal import Journal
 from .ros_latency import KIND, PATIENCE_S, TOPIC, Heard, Malformed, Node, kill_a_peer, pictures
 from .soak import FLAT_MB
 
-__all__ = ["run"]
+__all__ = ["IMAGE_MB", "STOPS", "campaign", "run"]
 
 RATE_HZ = 10.0
 #: How often the node is stopped before the first minute.
@@ -44,6 +49,8 @@ STOPS = 10
 STOPPED = 30
 #: Minutes of a process before its figures count.
 WARM = 2
+#: Memory of one image [MB].
+IMAGE_MB = 1600 * 896 / 1e6
 
 
 class Campaign:
@@ -84,11 +91,9 @@ class Campaign:
             self.node.process.send_signal(signal.SIGCONT)
             time.sleep(1.0)
 
-    def minute(self, kills: int, malformed: int) -> dict[str, Any]:
-        """One minute of images with its fraction of the faults; returns the received wrenches and the node's resource usage."""
-        killer = threading.Thread(target=lambda: [kill_a_peer(self.domain) for _ in range(kills)])
-        killer.start()
-        ticks, sent, spoilt = round(60.0 * self.rate_Hz), [], 0
+    def images_of(self, seconds: float, malformed: int = 0) -> list[int]:
+        """Publish images, and malformed ones evenly between them; returns the time stamps [ns]."""
+        ticks, sent, spoilt = round(seconds * self.rate_Hz), [], 0
         begin = time.perf_counter()
         for tick in range(ticks):
             time.sleep(max(0.0, begin + tick / self.rate_Hz - time.perf_counter()))
@@ -96,6 +101,13 @@ class Campaign:
             while spoilt < malformed * (tick + 1) // ticks:
                 self._malformed.send()
                 spoilt += 1
+        return sent
+
+    def minute(self, kills: int, malformed: int) -> dict[str, Any]:
+        """One minute of images with its fraction of the faults; returns the received wrenches and the node's resource usage."""
+        killer = threading.Thread(target=lambda: [kill_a_peer(self.domain) for _ in range(kills)])
+        killer.start()
+        sent = self.images_of(60.0, malformed)
         killer.join()
         time.sleep(1.0)
         answered = [self.heard.take(stamp) for stamp in sent]
@@ -106,7 +118,7 @@ class Campaign:
             "answered": sum(found is not None for found in answered),
             "valid": sum(found is not None and found.valid for found in answered),
             "killed": kills,
-            "malformed": spoilt,
+            "malformed": malformed,
             "alive": alive,
             **(
                 self.node.use()
@@ -117,13 +129,13 @@ class Campaign:
 
 
 @contextmanager
-def _campaign(domain: int, rate_Hz: float) -> Iterator[Campaign]:
+def campaign(domain: int, rate_Hz: float) -> Iterator[Campaign]:
     with tempfile.TemporaryDirectory() as folder, RclpyNode("camera", RosOptions(domain=domain)) as camera:
-        campaign = Campaign(Path(folder), domain, camera, rate_Hz)
+        made = Campaign(Path(folder), domain, camera, rate_Hz)
         try:
-            yield campaign
+            yield made
         finally:
-            code = campaign.node.end()
+            code = made.node.end()
         if code:
             raise SystemExit(f"the node has ended with exit code {code}")
 
@@ -147,14 +159,14 @@ def run(
     journal = Journal(report, about)
     missing = [number for number in range(minutes) if str(number) not in journal]
     if missing:
-        with _campaign(domain, rate_Hz) as campaign:
+        with campaign(domain, rate_Hz) as running:
             for number in missing:
                 part = [
                     total * (number + 1) // minutes - total * number // minutes
                     for total in (kills, malformed)
                 ]
-                journal.put(str(number), campaign.minute(*part))
-                if not campaign.node.alive():
+                journal.put(str(number), running.minute(*part))
+                if not running.node.alive():
                     break
     return _rows(list(journal.rows.values()))
 
@@ -188,12 +200,28 @@ def _rows(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
             {"name": f"growth of {said}", "ours": growth, "unit": unit, "floor": floor,
              "higher_is_better": False, "note": "; ".join(ends)}
         )  # fmt: skip
+    paths = [[row["memory_MB"] for row in found if row["process"] == process][WARM:] for process in processes]
+    if slopes := [slope_MB_h(path) for path in paths if len(path) > 2]:
+        upper, slope, error = max((upper, slope, error) for slope, error, upper in slopes)
+        rows.append(
+            {"name": "slope of memory, upper 95 % limit", "ours": upper, "unit": "MB/h", "floor": IMAGE_MB,
+             "higher_is_better": False,
+             "note": f"{slope:.2f} +- {error:.2f} (standard error): {'flat' if upper < IMAGE_MB else 'not shown to be flat'}, "
+             f"the limit is an image an hour ({IMAGE_MB:.2f} MB/h)"}
+        )  # fmt: skip
     spent = [b["cpu_s"] - a["cpu_s"] for a, b in itertools.pairwise(found) if a["process"] == b["process"]]
     if spent:
         rows.append(
             {"name": "CPU time of a minute", "ours": float(np.median(spent)), "unit": "s", "note": "median"}
         )
     return rows
+
+
+def slope_MB_h(memory_MB: list[float]) -> tuple[float, float, float]:
+    """Slope of a line through the minutes, its standard error, and its one-sided upper 95 % limit [MB/h]."""
+    line = stats.linregress(np.arange(len(memory_MB)) / 60.0, memory_MB)
+    upper = line.slope + stats.t.ppf(0.95, len(memory_MB) - 2) * line.stderr
+    return float(line.slope), float(line.stderr), float(upper)
 
 
 def main() -> int:
@@ -212,7 +240,7 @@ def main() -> int:
     malformed = -(-2000 * args.minutes // 60) if args.malformed is None else args.malformed
     rows = run(args.minutes, kills, malformed, args.report, args.domain, args.rate)
     for row in rows:
-        print(f"{row['name']:40s} {row['ours']:8.1f} {row['unit']:3s} {row.get('note', '')}")
+        print(f"{row['name']:40s} {row['ours']:8.1f} {row['unit']:4s} {row.get('note', '')}")
     return int(rows[0]["ours"] > 0)
 
 

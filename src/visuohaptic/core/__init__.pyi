@@ -98,6 +98,7 @@ from .ranges import check_ranges as check_ranges
 from .ranges import within as within
 from .resources import Closing as Closing
 from .resources import one_blas_thread as one_blas_thread
+from .resources import reuse_memory as reuse_memory
 from .robots import ROBOT_CONTRACT as ROBOT_CONTRACT
 from .robots import BaseState as BaseState
 from .robots import DepthImage as DepthImage

@@ -1,4 +1,4 @@
-"""Context managers: resources held during a ``with`` block (device, file, thread), and BLAS limited to one thread.
+"""Context managers: resources held during a ``with`` block (device, file, thread), and BLAS limited to one thread; reuse of memory.
 
 Starting threads for a matrix of fifty rows costs more than the computation, up to a hundred times
 on a busy machine. It is better to distribute objects and grasps over cores.
@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from functools import cache
 from typing import Any, Self
 
-__all__ = ["Closing", "one_blas_thread"]
+__all__ = ["Closing", "one_blas_thread", "reuse_memory"]
 
 
 class Closing(ABC):
@@ -51,3 +51,27 @@ def _controller() -> Any:
     except ImportError:
         return None
     return ThreadpoolController()
+
+
+#: Numbers of parameters in glibc's ``malloc.h``.
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8
+
+
+def reuse_memory() -> None:
+    """Let this process reuse freed memory instead of returning it to the system; no effect without glibc.
+
+    Called by long-running processes before they start threads. By default, glibc has one arena for every few threads. An image passes
+    through several threads, and each arena keeps the memory of as many images as were ever allocated from it at once, so that a process
+    can still grow after hours. With one arena, and with the limits of mallopt(3) for the thresholds that glibc adapts, the memory is
+    that of the most images held at once by the whole process, and its pages are not cleared again for each image.
+    """
+    import ctypes
+
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (AttributeError, OSError, TypeError):  # macOS, musl; Windows
+        return
+    max_block = 4 * 1024 * 1024 * ctypes.sizeof(ctypes.c_long)  # DEFAULT_MMAP_THRESHOLD_MAX
+    mallopt(_M_ARENA_MAX, 1)
+    mallopt(_M_MMAP_THRESHOLD, max_block)
+    mallopt(_M_TRIM_THRESHOLD, 2 * max_block)  # the ratio that glibc itself keeps

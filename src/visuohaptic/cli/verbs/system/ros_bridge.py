@@ -21,6 +21,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ....core.resources import reuse_memory
 from ..._stop import signals
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
     from ....ros.bridge import Bridge, summary
 
+    reuse_memory()
     with Bridge.load(args.config) as bridge:
         args.report(
             f"{bridge.node.resolve(bridge.node.name)} runs: {', '.join(_topics(bridge))}; end with Ctrl-C"

@@ -25,6 +25,7 @@ import argparse
 import threading
 from typing import Any
 
+from ....core.resources import reuse_memory
 from ..._stop import signals
 
 __all__ = ["add_arguments", "add_transport", "options_of", "run"]
@@ -85,6 +86,7 @@ def run(args: Any) -> dict[str, Any]:
             default = "required" if one.required else repr(one.default)
             args.report(f"{one.name} = {default}{bounds}  {one.description}")
         return {"parameters": {one.name: one.default for one in parameters}}
+    reuse_memory()
     stop = threading.Event()
     with signals(stop.set):
         run_node(
