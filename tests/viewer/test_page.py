@@ -102,6 +102,12 @@ def test_the_rate_limits_drawing_and_not_the_record(page):
     assert len(page._forces) == 4
 
 
+def test_a_source_that_starts_again_starts_a_new_curve(page):
+    for t_s in (0.0, 1.0, 2.0, 0.5, 0.6):
+        page.update(t_s, profile=profile(1.0))
+    assert [row[0] for row in page._forces] == [0.5, 0.6]
+
+
 def test_a_strip_may_change_its_number_of_points(page):
     page.update(0.0, profile=profile(1.0, count=21))
     page.update(0.1, profile=profile(1.0, count=33))

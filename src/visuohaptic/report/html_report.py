@@ -56,7 +56,10 @@ pre { overflow-x: auto; background: var(--card); border: 1px solid var(--line); 
   padding: .8rem 1rem; font-size: .87rem; line-height: 1.45; }
 footer { margin-top: 4rem; color: var(--soft); font-size: .85rem; }
 @media (max-width: 40rem) { main { padding: 1.5rem .8rem 3rem; } h1 { font-size: 1.6rem; }
-  table { font-size: .8rem; } th, td { padding: .35rem .45rem; } figure { padding: .5rem; } nav a { white-space: normal; } }
+  table { font-size: .8rem; } th, td { padding: .35rem .45rem; } figure { padding: .5rem; overflow-x: auto; }
+  figcaption { position: sticky; left: 0; } nav a { white-space: normal; } }
+@media screen and (max-width: 40rem) { figure:focus svg { width: auto; zoom: .75; } /* a pixel per point */
+  figure[tabindex]:not(:focus) figcaption::after { content: " (tap to enlarge)"; } }
 @media (max-width: 26rem) { table { font-size: .74rem; } th, td { padding: .3rem; hyphens: auto; } th { white-space: normal; } }
 @media print { body { background: #fff; font-size: 10.5pt; } main { padding: 0; } figure, tr { break-inside: avoid; }
   h2, h2 + p { break-after: avoid; } thead { display: table-header-group; } .scroll, pre { overflow: visible; }
@@ -219,7 +222,8 @@ class Report:
 
     def _picture(self, picture: str, caption: str) -> Self:
         below = f"<figcaption>{html.escape(caption)}</figcaption>" if caption else ""
-        self._parts.append(f"<figure>{picture}{below}</figure>")
+        drawing = ' tabindex="0"' if "<svg" in picture else ""  # it can be enlarged on a phone
+        self._parts.append(f"<figure{drawing}>{picture}{below}</figure>")
         return self
 
     def html(self) -> str:

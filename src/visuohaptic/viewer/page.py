@@ -215,6 +215,8 @@ class LivePage(Page):
         if profile is not None:
             measured_N = profile.force_N if profile.valid else float("nan")
             true_N = float("nan") if truth_N is None else truth_N
+            if self._forces and t_s < self._forces[-1][0]:
+                self._forces.clear()  # a source that starts again; the plot would connect its end with its start
             self._forces.append((t_s, measured_N, profile.force_sigma_N, true_N))
         now_s = time.monotonic()
         if now_s - self._drawn_s < self._period_s:

@@ -84,6 +84,9 @@ def reported(args: Any, run: ForceRecord, reference: ForceRecord) -> dict[str, A
         args.report(f"page written to {write_comparison(found, args.page)}")
     return {
         "reference": reference.name,
-        **picked(found, "compared read offset_s offset_sigma_s bias_N rms_N gain gain_sigma rms_over_sigma coverage_90"),
+        **picked(
+            found,
+            "compared read offset_s offset_sigma_s bias_N rms_N gain gain_sigma rms_over_sigma coverage_90",
+        ),
         "page": str(args.page) if args.page else None,
     }
