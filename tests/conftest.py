@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import logging
 import os
 from collections.abc import Generator, Iterator
 from pathlib import Path
@@ -57,6 +58,16 @@ def example_foam(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
 
     assert write_example.__kwdefaults__["seed"] == 1, "as the verb's --seed"
     monkeypatch.setattr(rigs, "write_example", world.copy_recording)
+
+
+@pytest.fixture(autouse=True)
+def library_log() -> None:
+    """Undo what the command line does to the library's log in this process: otherwise ``caplog`` depends on the order of tests."""
+    logger = logging.getLogger("visuohaptic")
+    logger.handlers.clear()
+    logger.setLevel(logging.NOTSET)
+    logger.propagate = True
+    logging.getLogger("visuohaptic.core.kernels.compiler").setLevel(logging.NOTSET)
 
 
 @pytest.hookimpl(wrapper=True)

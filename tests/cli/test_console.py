@@ -108,14 +108,9 @@ def test_json_refuses_what_it_does_not_know():
     ],
 )
 def test_the_log_goes_to_stderr(capsys, options, shown):
-    logger = logging.getLogger("visuohaptic")
-    before = logger.handlers[:], logger.level, logger.propagate
-    try:
-        Console(**options).start_logging()
-        for level in (logging.DEBUG, logging.WARNING, logging.ERROR):
-            logging.getLogger("visuohaptic.sensing").log(level, "text")
-    finally:
-        logger.handlers[:], logger.level, logger.propagate = before
+    Console(**options).start_logging()
+    for level in (logging.DEBUG, logging.WARNING, logging.ERROR):
+        logging.getLogger("visuohaptic.sensing").log(level, "text")
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.splitlines() == [f"visuohaptic: {name}: text" for name in shown]

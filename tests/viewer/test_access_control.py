@@ -127,11 +127,8 @@ def test_a_server_of_another_library_is_left_alone(page):
 
 
 @pytest.fixture
-def heard(monkeypatch, caplog):
-    """The log as a program without settings of its own has it: other tests may have set it up for the shell."""
-    library = logging.getLogger("visuohaptic")
-    monkeypatch.setattr(library, "handlers", [])
-    monkeypatch.setattr(library, "propagate", True)
+def heard(caplog):
+    """The log as a program without settings of its own has it."""
     caplog.set_level(logging.INFO)
     return caplog
 
