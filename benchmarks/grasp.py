@@ -28,7 +28,7 @@ def run() -> list[dict[str, Any]]:
         votes, safe, deep, thin = [], [], [], []
         middle_m = 0.0
         for variant in (None, *range(VARIANTS)):
-            thing = load_object(case.thing, variant=variant, seed=3)
+            thing = load_object(case.container, variant=variant, seed=3)
             plan = plan_grasps(thing, GraspTask(force_N=case.force_N), count=1)
             vertex = best_vertex(plan, case)
             score = float(plan.scores.pair[vertex])

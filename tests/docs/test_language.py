@@ -104,15 +104,43 @@ MESSAGES = PROSE | {
 #: Packages whose docstrings and comments are in the terms of the field.
 PLAIN = (
     "cli",
+    "database",
     "deformation",
+    "demo",
     "grasping",
+    "io",
     "navigation",
     "recognition",
     "reconstruction",
+    "report",
+    "reproduce",
     "rigs",
     "sensing",
     "simulation",
     "tasks",
+    "viewer",
+)
+#: Names of classes, functions, parameters and variables that were replaced, and the packages without them.
+NAMES = re.compile(r"_*(?:[Tt]hings?|told|asked|wanted|(?:most|MOST|least|LEAST)_(?!squares)\w+)")
+NAMED = (
+    "cli",
+    "database",
+    "deformation/maps",
+    "deformation/nonlinear",
+    "deformation/shapes",
+    "demo",
+    "grasping",
+    "io",
+    "report",
+    "reproduce",
+    "rigs",
+    "sensing/beam",
+    "sensing/push",
+    "sensing/readers",
+    "sensing/scene",
+    "simulation",
+    "tasks",
+    "viewer",
 )
 
 #: Pages whose text comes from the code of a package.
@@ -187,6 +215,35 @@ def docstrings_and_comments(text: str) -> list[str]:
 def test_docstrings_and_comments_have_none_of_the_replaced_phrases(path: Path) -> None:
     texts = docstrings_and_comments(path.read_text(encoding="utf-8"))
     assert [hit for text in texts for hit in found(text, PROSE)] == []
+
+
+def names(module: str) -> set[str]:
+    """The names that a module defines or uses."""
+    nodes = list(ast.walk(ast.parse(module)))
+    kinds = (ast.ClassDef, ast.FunctionDef)
+    return (
+        {node.name for node in nodes if isinstance(node, kinds)}
+        | {node.arg for node in nodes if isinstance(node, ast.arg)}
+        | {node.id for node in nodes if isinstance(node, ast.Name)}
+        | {node.attr for node in nodes if isinstance(node, ast.Attribute)}
+    )
+
+
+@pytest.mark.parametrize(
+    "path",
+    sorted(p for room in NAMED for p in (SOURCE / room).rglob("*.py")),
+    ids=lambda path: path.relative_to(SOURCE).as_posix(),
+)
+def test_names_are_terms_of_the_field(path: Path) -> None:
+    assert [name for name in sorted(names(path.read_text(encoding="utf-8"))) if NAMES.fullmatch(name)] == []
+
+
+def test_the_names_of_a_module_are_searched() -> None:
+    module = (
+        "class Thing:\n    most_m: float\n\n    def f(self, wanted): return self._told + least_squares(1)\n"
+    )
+    found = {name for name in names(module) if NAMES.fullmatch(name)}
+    assert found == {"Thing", "most_m", "wanted", "_told"}
 
 
 def test_a_comment_and_a_docstring_are_searched_and_a_parameter_name_is_not() -> None:

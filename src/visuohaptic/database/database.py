@@ -314,7 +314,7 @@ class ObjectDatabase(Closing):
             The object does not exist.
         """
         known = self.get(object_id)
-        # Evidence from a fast clock must not keep the object.
+        # Evidence with the time of a fast clock does not keep the object.
         now_s = max(time.time(), known_s(known)) if t_s is None else t_s
         self.write_merged({object_id: (VisuoHapticObject(object_id), now_s)})
 

@@ -55,7 +55,7 @@ def combine(estimates: Iterable[Estimate]) -> Estimate:
     estimates
         At least one, all of one property in one unit.
     """
-    # In a fixed order: the sum must not depend on the order of merging.
+    # In a fixed order, so that the sum is independent of the order of merging.
     some = sorted(estimates, key=lambda e: (e.value, e.sigma, e.spread, e.samples))
     if not some:
         raise InputError("combine", "found no estimate, expected at least one")

@@ -100,10 +100,10 @@ def _offer(
 
 def _same(one: tuple[VisuoHapticObject, float | None], other: tuple[VisuoHapticObject, float | None]) -> bool:
     """Whether two versions are equal, except for the last known position."""
-    return _told(one) == _told(other)
+    return _content(one) == _content(other)
 
 
-def _told(pair: tuple[VisuoHapticObject, float | None]) -> tuple[str, str, float | None]:
+def _content(pair: tuple[VisuoHapticObject, float | None]) -> tuple[str, str, float | None]:
     card, arrays = cards.encode(replace(pair[0], seen=None))
     return cards.card_text(card), cards.arrays_digest(arrays) if arrays else "", pair[1]
 

@@ -133,10 +133,10 @@ def run_mission(
     if unknown := [name for name in names if name not in known]:
         raise InputError("mission", f"found chapter {unknown[0]!r}, expected one of {', '.join(known)}")
     chosen = tuple(one for one in CHAPTERS if one.name in names)
-    wanted = {need for one in chosen for need in one.needs} - set(names)
+    required = {need for one in chosen for need in one.needs} - set(names)
     # Chapters that the given ones require come first.
-    wanted |= {below for name in wanted for below in CHAPTER_REQUIREMENTS.get(name, ())}
-    given = [one for one in CHAPTERS if one.name in wanted and one.name not in names]
+    required |= {below for name in required for below in CHAPTER_REQUIREMENTS.get(name, ())}
+    given = [one for one in CHAPTERS if one.name in required and one.name not in names]
     mission = Mission(
         seed,
         Path(folder),

@@ -200,10 +200,10 @@ def _keep_the_bottle(mission: Mission, probability: float, wall_m: float, lid: s
 def _contents_claims(found: Classification, contents: ContentsFinding, bottle: TableBottle) -> list[Claim]:
     assert contents.mass_kg is not None
     lid = "closed" if bottle.closed else "open"
-    told = Claim("lid", "bottle", contents.lid, lid, probability=contents.belief[contents.lid])
+    lid_claim = Claim("lid", "bottle", contents.lid, lid, probability=contents.belief[contents.lid])
     named = Claim("class", "bottle", found.best, bottle.name, probability=found.belief[found.best])
     return [
-        *[told] * contents.confident,
+        *[lid_claim] * contents.confident,
         *[named] * found.ending.success,
         Claim("fill", "bottle", contents.fill[0], bottle.fill, sigma=contents.fill[1]),
         Claim("mass", "bottle", contents.mass_kg[0], bottle.container.mass_kg, sigma=contents.mass_kg[1]),

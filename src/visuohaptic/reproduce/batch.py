@@ -75,7 +75,7 @@ def reproduce_all(
     InputError
         Unknown name, ``workers`` less than one, or no reachable cluster.
     """
-    wanted = list(dict.fromkeys(known_name(name) for name in names))
+    selected = list(dict.fromkeys(known_name(name) for name in names))
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     found: dict[str, ExperimentOutcome] = {}
@@ -87,10 +87,10 @@ def reproduce_all(
         if on_done is not None:
             on_done(outcome)
 
-    for name in wanted:
+    for name in selected:
         if not force and (outcome := cached_outcome(name, folder, seed=seed, quick=quick)) is not None:
             finished(outcome)
-    units = _units([name for name in wanted if name not in found])
+    units = _units([name for name in selected if name not in found])
     # Other machines may not have access to this folder: their files are returned with the outcome.
     here = None if isinstance(workers, str) else folder
     tasks = [Unit(tuple(unit), here, seed, quick) for unit in units]
@@ -98,7 +98,7 @@ def reproduce_all(
     for _, outcomes in runs:
         for outcome, files in outcomes:
             finished(_received(outcome, files, folder))
-    return [found[name] for name in wanted]
+    return [found[name] for name in selected]
 
 
 def _dead(unit: Unit, reason: str) -> list[tuple[ExperimentOutcome, Files]]:

@@ -95,7 +95,7 @@ def reproduce(
     target.mkdir(parents=True, exist_ok=True)
     if not force and (before := cached_outcome(key, folder, seed=seed, quick=quick)) is not None:
         return before
-    (target / "result.json").unlink(missing_ok=True)  # an incomplete result must not look complete
+    (target / "result.json").unlink(missing_ok=True)  # so that an incomplete result does not look complete
     out = Output(target, seed, quick)
     begin, begin_cpu = time.perf_counter(), _cpu_s()
 
@@ -111,7 +111,7 @@ def reproduce(
     except VisuohapticError as error:
         return ended(str(error))
     except Exception as error:
-        # An error in one experiment must not stop the others.
+        # The other experiments continue after an error in one.
         log.debug("%s", key, exc_info=True)
         return ended(f"unexpected {type(error).__name__}: {error}")
     if not (out.rows and (out.pictures or out.comparisons)):
@@ -207,7 +207,7 @@ def _module(key: str) -> ModuleType:
 
 
 def title_and_caption(module: ModuleType) -> tuple[str, str]:
-    """Title and caption of an experiment: from its docstring ``TITLE (Fig. 3.2).`` and the text below.
+    """Title and caption of an experiment: from its docstring ``TITLE (Fig. 3.2).`` and the paragraphs below.
 
     Parameters
     ----------

@@ -74,20 +74,20 @@ def squeeze(
     """
     found = []
     gripper.move(0.0, speed_m_s)
-    wanted = list(forces_N)
+    levels_N = list(forces_N)
     for frame in gripper:
         reading = sensor.read_finger(frame)
-        if reading.profile.valid and reading.profile.force_N >= wanted[0]:
+        if reading.profile.valid and reading.profile.force_N >= levels_N[0]:
             gripper.stop()
             # The next frame starts after the gripper has stopped.
             held = sensor.read_finger(gripper.frame())
-            found.append(Squeeze(wanted.pop(0), held, gripper.truth(held.profile.t_s)))
-            if not wanted:
+            found.append(Squeeze(levels_N.pop(0), held, gripper.truth(held.profile.t_s)))
+            if not levels_N:
                 return found
             gripper.move(0.0, speed_m_s)
         if gripper.state().opening_m <= 0.0 or frame.t_s > 30.0:
             break
-    raise CalibrationError("squeeze", f"{wanted[0]} N was not reached")
+    raise CalibrationError("squeeze", f"{levels_N[0]} N was not reached")
 
 
 def plot_squeeze(found: Sequence[Squeeze], path: Path | str) -> None:

@@ -147,6 +147,6 @@ def score_map(room: TouchRoom, mapping: TouchMapping, touched: list[tuple[str, f
     )
 
 
-def _iou(told: np.ndarray, true: np.ndarray, where: np.ndarray) -> float:
-    both, either = (told & true & where).sum(), ((told | true) & where).sum()
+def _iou(mapped: np.ndarray, true: np.ndarray, where: np.ndarray) -> float:
+    both, either = (mapped & true & where).sum(), ((mapped | true) & where).sum()
     return float(both / either) if either else 1.0

@@ -189,9 +189,9 @@ def wrong_map(
         np.arange(max(0, right), min(columns, columns + right)),
     )
     wrong[np.ix_(y, x)] = cells[np.ix_(y - down, x - right)]
-    for value, wanted in ((100, 0), (0, 100)):
-        places = np.argwhere(wrong == wanted)
+    for value, replaced in ((100, 0), (0, 100)):
+        places = np.argwhere(wrong == replaced)
         for row, column in places[rng.integers(0, len(places), blocks)] if len(places) else ():
             part = wrong[row : row + 8, column : column + 8]
-            part[part == wanted] = value
+            part[part == replaced] = value
     return wrong

@@ -61,8 +61,8 @@ def kitchen(
     """
     heights_m, depths_m = np.linspace(0.0, height_m, 3), np.linspace(0.0, 0.02, 25)
     force_N = stiffness_N_per_m * np.ones((3, 1)) * depths_m
-    thing = DeformableContainer("container", heights_m, np.full(3, radius_m), depths_m, force_N)
-    table = KitchenTable(thing, np.random.default_rng(seed))
+    container = DeformableContainer("container", heights_m, np.full(3, radius_m), depths_m, force_N)
+    table = KitchenTable(container, np.random.default_rng(seed))
 
     def wait(duration_s: float) -> None:
         for _ in range(max(1, round(duration_s * table.frame_rate_Hz))):

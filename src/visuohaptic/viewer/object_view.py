@@ -56,7 +56,7 @@ class ObjectView:
         Name on the page.
     surface
         Stiffness map.
-    thing
+    container
         The object; without it, there are no shapes and no nonlinear curves.
     task
         State, hand and limits; its force is the initial value of the slider.
@@ -67,12 +67,12 @@ class ObjectView:
         title: str,
         surface: StiffnessMap,
         *,
-        thing: ShellObject | None = None,
+        container: ShellObject | None = None,
         task: GraspTask | None = None,
     ) -> None:
         self.title = title
         self.surface = surface
-        self.thing = thing
+        self.container = container
         self.task = task or GraspTask(force_N=10.0)
         if self.task.force_N is None:
             self.task = replace(self.task, force_N=10.0)
@@ -80,19 +80,19 @@ class ObjectView:
         self._lock = threading.RLock()
 
     @classmethod
-    def of_object(cls, thing: ShellObject, task: GraspTask | None = None) -> ObjectView:
+    def of_object(cls, container: ShellObject, task: GraspTask | None = None) -> ObjectView:
         """Compute and display the map of an object.
 
         Parameters
         ----------
-        thing
+        container
             Container as a shell.
         task
             Force, state and hand; 10 N by default.
         """
         task = task or GraspTask(force_N=10.0)
         contents = Contents(fill=task.fill) if task.closed else None
-        return cls(thing.name, object_map(thing, contents), thing=thing, task=task)
+        return cls(container.name, object_map(container, contents), container=container, task=task)
 
     @property
     def force_N(self) -> float:
@@ -118,21 +118,23 @@ class ObjectView:
         # Where the wall is held, the stiffness is infinite; without an opposite wall, it is unknown.
         curve = force / k if k > 0 else np.zeros_like(force)
         picked = Picked(vertex, self.surface.vertices_m[vertex], k, sigma, score, curve, force, None, False)
-        if self.thing is None or not (np.isfinite(k) and k > 0):
+        if self.container is None or not (np.isfinite(k) and k > 0):
             return picked
         contents = Contents(fill=self.task.fill) if self.task.closed else None
         if not nonlinear:
-            shape = predicted_shape(self.thing, vertex, self.force_N, contents)
+            shape = predicted_shape(self.container, vertex, self.force_N, contents)
             return replace(picked, shape_m=shape.points_m)
         limit = self.task.parameters.max_deformation_m
-        said = confirm_grasp(self.thing, vertex, self.force_N, contents=contents, max_deformation_m=limit)
+        confirmation = confirm_grasp(
+            self.container, vertex, self.force_N, contents=contents, max_deformation_m=limit
+        )
         return replace(
             picked,
-            curve_m=said.curve_m,
-            curve_N=said.curve_N,
-            shape_m=said.shape_m,
+            curve_m=confirmation.curve_m,
+            curve_N=confirmation.curve_N,
+            shape_m=confirmation.shape_m,
             nonlinear=True,
-            note=said.reason,
+            note=confirmation.reason,
         )
 
     def rank(self, count: int = 5) -> GraspPlan:
@@ -143,12 +145,12 @@ class ObjectView:
         count
             Maximum number of grasps.
         """
-        if self.thing is None:
+        if self.container is None:
             return plan_map(self.surface, replace(self.task, fill=0.0), count=count)
-        return plan_grasps(self.thing, self.task, count=count, confirm=False, surface=self.surface)
+        return plan_grasps(self.container, self.task, count=count, confirm=False, surface=self.surface)
 
     def _scores(self) -> Any:
-        axis = None if self.thing is None else self.thing.axis_point_m
+        axis = None if self.container is None else self.container.axis_point_m
         return grasp_scores(self.surface, self.force_N, self.task.parameters, axis_point_m=axis)
 
     # -- Drawing -------------------------------------------------------------------------
@@ -172,7 +174,7 @@ class ObjectView:
         )
         deep = stage.keep(
             "deep",
-            gui.add_checkbox("nonlinear (takes seconds)", False, order=13, disabled=self.thing is None),
+            gui.add_checkbox("nonlinear (takes seconds)", False, order=13, disabled=self.container is None),
         )
         ranked = stage.keep("rank", gui.add_button("rank grasps", order=14))
         stage.keep("picked", gui.add_markdown(_PICK, order=15))
@@ -247,7 +249,7 @@ class ObjectView:
         except VisuohapticError as error:
             stage.get("picked").content = markdown_text(str(error))
             return
-        stage.get("picked").content = _told(picked, self.force_N)
+        stage.get("picked").content = _picked_text(picked, self.force_N)
         self._draw_curve(picked)
         stage.drop("mark")
         stage.keep(
@@ -334,7 +336,7 @@ class ObjectView:
         )
 
 
-def _told(picked: Picked, force_N: float) -> str:
+def _picked_text(picked: Picked, force_N: float) -> str:
     x, y, z = (1e3 * picked.point_m).tolist()
     k = picked.stiffness_N_per_m
     lines = [f"Point ({x:.0f}, {y:.0f}, {z:.0f}) mm, grasp score {picked.score:.2f}"]

@@ -142,14 +142,14 @@ def _departure(
     out = np.full((2, 3), np.nan)
     compliance = plane.linear(vertex, contents)
     fraction = min(1.0, NOMINAL_N * float(compliance.mean()) / LOW_m)
-    wanted = [fraction * value for value in deformation_m]
-    curve = plane.curve(vertex, deformation_m=wanted, contents=contents, max_iterations=MAX_ITERATIONS)
+    steps_m = [fraction * value for value in deformation_m]
+    curve = plane.curve(vertex, deformation_m=steps_m, contents=contents, max_iterations=MAX_ITERATIONS)
     if not len(curve.force_N):
         return out, 0.0, np.zeros(3, dtype=bool), curve.reason
     for row, own, linear in zip(out, (curve.first_m, curve.second_m), compliance, strict=True):
         row[:] = np.array(curve_coefficients(own, curve.force_N)) * linear
-    got = float(curve.deformation_m[-1] / wanted[-1])
-    return out, got, *_judged(curve, np.array(wanted), got)
+    got = float(curve.deformation_m[-1] / steps_m[-1])
+    return out, got, *_judged(curve, np.array(steps_m), got)
 
 
 def _judged(

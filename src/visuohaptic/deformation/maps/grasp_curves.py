@@ -135,9 +135,9 @@ class PinchPlane:
         tips, load = self._pinch(vertex)
         shell = self._shell.with_pressure(self._law(contents))
         control = load * (self.part.copies / 2)
-        name, wanted = ("deformation_m", deformation_m) if force_N is None else ("force_N", force_N)
+        name, targets = ("deformation_m", deformation_m) if force_N is None else ("force_N", force_N)
         walk = _WALKS[name]
-        path = walk(shell, load, _ascending(wanted, name), control=control, max_iterations=max_iterations)
+        path = walk(shell, load, _ascending(targets, name), control=control, max_iterations=max_iterations)
         return self._read(path, shell, tips, vertex)
 
     def linear(self, vertex: int, contents: Contents | None = None) -> Float[np.ndarray, "2"]:

@@ -16,7 +16,7 @@ from ..shapes.mesher import ShellObject
 from ..shells.shell_material import YIELD_Pa
 from ..shells.stiffness_map import opposing_points
 from .confidence_band import object_stiffness
-from .grasp_curves import GraspCurve, PinchPlane, nearest_vertex, side_vertex
+from .grasp_curves import GraspCurve, grasp_curve, nearest_vertex, side_vertex
 
 __all__ = ["SqueezeResult", "plot_squeeze", "save_squeeze", "squeeze"]
 
@@ -116,14 +116,11 @@ def squeeze(
     check_numbers("squeeze", within(2, 100), points=points)
     vertex = side_vertex(container, side, height_m) if point_m is None else nearest_vertex(container, point_m)
     place = container.mesh.vertices_m[vertex]
-    away = place[:2] - np.array(container.axis_point_m)
-    plane = PinchPlane(container, float(np.arctan2(away[1], away[0])))
     steps = [limit * step / points for step in range(1, points + 1)]
-    curve = (
-        plane.curve(vertex, deformation_m=steps, contents=contents)
-        if force_N is None
-        else plane.curve(vertex, force_N=steps, contents=contents)
-    )
+    curve = grasp_curve(
+        container, side=side, height_m=height_m, point_m=point_m, deformation_m=steps,
+        force_N=None if force_N is None else steps, contents=contents,
+    )  # fmt: skip
     tips = opposing_points(container.mesh, np.array([vertex]), axis_point_m=container.axis_point_m)
     stiffness, sigma = (float(value[0]) for value in object_stiffness(container, tips, contents))
     strength = YIELD_Pa.get(container.material.name, float("nan"))

@@ -270,8 +270,8 @@ def rim_zones(
         inside = cells <= begin + 1e-6
         fraction[inside] = height
         # To within a factor of sqrt 2 of the target width.
-        wanted = np.clip(np.ceil(np.log2(rim_cell * more / np.sqrt(2.0))), 0, np.log2(more))
-        times[inside] = 2 ** int(wanted)
+        halvings = np.clip(np.ceil(np.log2(rim_cell * more / np.sqrt(2.0))), 0, np.log2(more))
+        times[inside] = 2 ** int(halvings)
     return fraction, times
 
 

@@ -218,8 +218,8 @@ def unit_section(
     length = np.concatenate(
         [np.zeros((len(points), 1)), np.cumsum(np.linalg.norm(np.diff(points, axis=1), axis=2), axis=1)], 1
     )
-    wanted = np.linspace(0.0, 1.0, quarter + 1)
-    angle = np.stack([np.interp(wanted, row / row[-1], fine) for row in length])
+    fractions = np.linspace(0.0, 1.0, quarter + 1)
+    angle = np.stack([np.interp(fractions, row / row[-1], fine) for row in length])
     c, s = np.cos(angle), np.sin(angle)
     c[:, -1], s[:, 0] = 0.0, 0.0
     first = curve(c, s)

@@ -291,7 +291,7 @@ def open_camera(
     Examples
     --------
     >>> with open_camera("0", grey=True) as camera:  # doctest: +SKIP
-    ...     frame = camera.read_latest(max_age_s=0.1)
+    ...     frame = camera.read_latest(max_age_ms=50)
     >>> from visuohaptic.core import DeviceError
     >>> try:
     ...     open_camera("no camera has this name")

@@ -75,7 +75,7 @@ def _image_beside(path: Path, name: str) -> Path:
     folder = path.parent
     named = Path(name.strip().replace("\\", "/"))
     if named.is_absolute():
-        # A map file must not read arbitrary files; its image was usually moved along with it.
+        # A map file cannot read arbitrary files; its image was usually moved along with it.
         named = Path(named.name)
     target = folder / named
     try:

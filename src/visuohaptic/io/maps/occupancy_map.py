@@ -120,7 +120,7 @@ class OccupancyMap:
             Cells (row, column), shape (..., 2); may be outside the map, see :meth:`inside`.
         """
         grid = (np.asarray(points_m, dtype=np.float64) - np.array(self.origin[:2])) @ self._rotation()
-        # Far outside (or NaN) must not wrap around to a valid index.
+        # Far outside, or NaN, would wrap around to a valid index.
         cell = np.clip(np.nan_to_num(np.floor(grid / self.resolution_m), nan=-1.0), -(2**31), 2**31)
         return cell[..., ::-1].astype(np.int64)
 

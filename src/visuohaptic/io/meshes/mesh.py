@@ -94,7 +94,7 @@ def _by_trimesh(path: Path, kind: str, data: bytes) -> tuple[np.ndarray, np.ndar
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             options = {"skip_materials": True} if kind == ".obj" else {}
-            # Loaded from memory: a mesh must not access other files.
+            # Loaded from memory, so that a mesh cannot access other files.
             scene = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], process=False, **options)
             faces_in_all = sum(
                 len(geometry.faces) for geometry in scene.geometry.values() if hasattr(geometry, "faces")

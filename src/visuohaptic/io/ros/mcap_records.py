@@ -232,7 +232,7 @@ class McapFile:
         problem
             Position and problem.
         """
-        # Random data must not fill the memory with messages.
+        # A bound on the memory that random data can fill with messages.
         if len(self.damage.chunks) < 100:
             self.damage.chunks.append(problem)
 

@@ -87,8 +87,7 @@ def _vector(values: Sequence[float] | np.ndarray) -> Message:
 def wrench(measured: Wrench) -> Message:
     """``geometry_msgs/WrenchStamped``; NaN if the measurement is invalid.
 
-    The message has no validity field, and a reader that ignores the
-    diagnostics must not use an invalid value.
+    The message has no validity field, and a reader may ignore the diagnostics.
 
     Parameters
     ----------

@@ -64,8 +64,8 @@ class MeasurementSink(ABC):
         }
         for place, contact in enumerate(profile.contacts):
             numbers = {name: float(getattr(contact, name)) for name in _CONTACT_NUMBERS}
-            told = {**numbers, "valid": bool(contact.valid), "reason": str(contact.reason)}
-            values[f"contact{place}"] = json.dumps(told)
+            entry = {**numbers, "valid": bool(contact.valid), "reason": str(contact.reason)}
+            values[f"contact{place}"] = json.dumps(entry)
         t_s, frame = profile.t_s, self.frame
         self.write(
             f"/{name}/wrench", "geometry_msgs/msg/WrenchStamped", t_s, ros.force_wrench(profile, frame)

@@ -34,7 +34,7 @@ FRONT_m, GAP_m = 0.19, 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Thing:
+class TouchedObject:
     """One of the six."""
 
     letter: str
@@ -43,34 +43,36 @@ class Thing:
     radius_m: float = math.nan
 
 
-def things() -> tuple[Thing, ...]:
+def touched_objects() -> tuple[TouchedObject, ...]:
     """In the order of the figure; the circles are of 4, 8 and 15 cm."""
     ahead = FRONT_m + GAP_m
     heavy: dict[str, Any] = {"mass_kg": 6.0, "friction": 0.4}
     found = [
-        Thing(
+        TouchedObject(
             "a",
             PrimitiveKind.LINE,
             wall("a", ahead + 0.05, 0.0, 1.5, yaw_rad=0.5 * math.pi + 0.04, grey=90.0),
         ),
-        Thing("b", PrimitiveKind.SEGMENT, box("b", ahead + 0.075, 0.015, (0.15, 0.07, 0.15), **heavy)),
+        TouchedObject(
+            "b", PrimitiveKind.SEGMENT, box("b", ahead + 0.075, 0.015, (0.15, 0.07, 0.15), **heavy)
+        ),
         _corner("c", 30.0),
     ]
     for letter, radius in (("d", 0.04), ("e", 0.08), ("f", 0.15)):
-        thing = cylinder(letter, ahead + radius, 0.02 if letter == "d" else -0.01, radius, 0.2, **heavy)
-        found.append(Thing(letter, PrimitiveKind.CIRCLE, thing, radius))
+        touched = cylinder(letter, ahead + radius, 0.02 if letter == "d" else -0.01, radius, 0.2, **heavy)
+        found.append(TouchedObject(letter, PrimitiveKind.CIRCLE, touched, radius))
     return tuple(found)
 
 
-def _corner(letter: str, turned_deg: float) -> Thing:
+def _corner(letter: str, turned_deg: float) -> TouchedObject:
     """A box with one edge in front of the strip, 1 cm right of its centre."""
     yaw, side_m = math.radians(turned_deg), 0.25
     half = 0.5 * side_m
     # Position of the nearest edge relative to the centre: the rotated corner (-half, half).
     edge = (-half * (math.cos(yaw) + math.sin(yaw)), half * (math.cos(yaw) - math.sin(yaw)))
     place = (FRONT_m + GAP_m - edge[0], -0.01 - edge[1])
-    thing = box(letter, *place, (side_m, side_m, 0.3), yaw_rad=yaw, mass_kg=6.0, friction=0.4)
-    return Thing(letter, PrimitiveKind.CORNER, thing)
+    touched = box(letter, *place, (side_m, side_m, 0.3), yaw_rad=yaw, mass_kg=6.0, friction=0.4)
+    return TouchedObject(letter, PrimitiveKind.CORNER, touched)
 
 
 def run(out: Output) -> None:
@@ -84,15 +86,15 @@ def run(out: Output) -> None:
     import cv2
 
     virtual, rng = VirtualSensor(), out.rng()
-    chosen = things()[1:2] if out.quick else things()
+    chosen = touched_objects()[1:2] if out.quick else touched_objects()
     rows = Columns("letter thing primitive score force_N radius_m true_radius_m")
     with tempfile.TemporaryDirectory() as folder:
         sensor = virtual.build(folder, rng)
         renderer = virtual.renderer()
         pictures = []
         speed_m_s = 0.05 if out.quick else 0.02
-        for number, thing in enumerate(chosen):
-            picture, row = _touched(thing, sensor, renderer, out.seed + number, speed_m_s)
+        for number, touched in enumerate(chosen):
+            picture, row = _touched(touched, sensor, renderer, out.seed + number, speed_m_s)
             pictures.append(picture)
             rows.add(*row)
         steep = _touched(_corner("c at 45 deg", 45.0), sensor, renderer, out.seed, speed_m_s)[1]
@@ -122,9 +124,9 @@ def run(out: Output) -> None:
 
 
 def _touched(
-    thing: Thing, sensor: FoamSensor, renderer: SceneRenderer, seed: int, speed_m_s: float
+    touched: TouchedObject, sensor: FoamSensor, renderer: SceneRenderer, seed: int, speed_m_s: float
 ) -> tuple[np.ndarray, tuple[Any, ...]]:
-    world = FoamPushWorld([thing.obstacle], seed=seed)
+    world = FoamPushWorld([touched.obstacle], seed=seed)
     source = SimulatedSensorCamera(world, renderer, duration_s=30.0, seed=seed)
     best: list[tuple[float, Frame, Any, Any]] = []
 
@@ -152,10 +154,10 @@ def _touched(
         reference_px=strip.reference_points_px,
         front_px=strip.front_points_px,
         primitives_px=outlines,
-        lines=(f"({thing.letter}) {fitted.kind if fitted is not None else 'nothing fits'}, {force:.1f} N",),
+        lines=(f"({touched.letter}) {fitted.kind if fitted is not None else 'nothing fits'}, {force:.1f} N",),
     )
     kind = fitted.kind if fitted is not None else "none"
     radius = float(fitted.parameters[2]) if kind == PrimitiveKind.CIRCLE and fitted is not None else math.nan
     score = fitted.score if fitted is not None else 0.0
-    row = (thing.letter, str(thing.kind), str(kind), float(score), force, radius, thing.radius_m)
+    row = (touched.letter, str(touched.kind), str(kind), float(score), force, radius, touched.radius_m)
     return annotated_frame(frame.image, notes), row

@@ -60,10 +60,10 @@ def run(out: Output) -> None:
     )
     scores = [trial.score for trial in trials]
     out.compare("contacts", len(contacts), dissertation=CONTACTS)
-    told = f"{rooms} rooms, cells within 0.3 m of a contact"
+    conditions = f"{rooms} rooms, cells within 0.3 m of a contact"
     out.compare("IoU of occupied space, median", float(np.median([s.occupied_iou for s in scores])),
-                note=f"{told}; the dissertation shows a picture only")  # fmt: skip
-    out.compare("IoU of free space, median", float(np.median([s.free_iou for s in scores])), note=told)
+                note=f"{conditions}; the dissertation shows a picture only")  # fmt: skip
+    out.compare("IoU of free space, median", float(np.median([s.free_iou for s in scores])), note=conditions)
     right, count = sum(s.correct_flags for s in scores), sum(s.contacts for s in scores)
     out.compare("contacts rightly called movable or fixed", 100 * right / max(count, 1), "%")
     out.compare("movable things in the layer of the fixed ones", sum(s.mixed for s in scores))

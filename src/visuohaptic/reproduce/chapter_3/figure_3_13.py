@@ -49,18 +49,18 @@ def run(out: Output) -> None:
     out
         Receives the table ``stiffness``, picture ``stiffness``, and the comparisons; its seed and size are used.
     """
-    thing = mesh_container(load_container("bottle").middle(), around=24 if out.quick else 40)
-    plane = PinchPlane(thing)
+    container = mesh_container(load_container("bottle").middle(), around=24 if out.quick else 40)
+    plane = PinchPlane(container)
     fractions = HEIGHTS[1::3] if out.quick else HEIGHTS
-    vertices = [side_vertex(thing, "x+", fraction * thing.height_m) for fraction in fractions]
+    vertices = [side_vertex(container, "x+", fraction * container.height_m) for fraction in fractions]
     heights = [plane.curve(vertex, deformation_m=DEFORMATIONS_m) for vertex in vertices]
-    middle = side_vertex(thing, "x+", 0.45 * thing.height_m)
+    middle = side_vertex(container, "x+", 0.45 * container.height_m)
     fills = {name: plane.curve(middle, deformation_m=DEFORMATIONS_m, contents=what)
              for name, what in CONTENTS.items() if not out.quick or name in ("open", "100 % water")}  # fmt: skip
     names = [f"h{number + 1}, {100 * fraction:.0f} %" for number, fraction in enumerate(fractions)]
     _write(out, "heights", dict(zip(names, heights, strict=True)))
     _write(out, "contents", fills)
-    radii = [float(np.hypot(*thing.mesh.vertices_m[vertex, :2])) for vertex in vertices]
+    radii = [float(np.hypot(*container.mesh.vertices_m[vertex, :2])) for vertex in vertices]
     stiff = np.array([curve.force_N[0] / curve.deformation_m[0] for curve in heights])
     measured = _measured(out, stiff, radii)
     out.table("stiffness", {"height_share": fractions, "radius_m": radii, "true_N_per_m": stiff,
@@ -120,14 +120,14 @@ def _measured(out: Output, stiffness: np.ndarray, radii: list[float]) -> list[fl
     with tempfile.TemporaryDirectory() as folder:
         sensor = rig.build(folder, rng, zero_frames=8 if out.quick else 20)
         for k, radius in zip(stiffness[:1] if out.quick else stiffness, radii, strict=False):
-            thing = GraspObject(Outline.disc((0.065, 0.0), radius), stiffness_N_per_m=float(k))
+            container = GraspObject(Outline.disc((0.065, 0.0), radius), stiffness_N_per_m=float(k))
             # A soft wall is deformed by at most 4 mm, as the curves are nearly linear there.
             grips = [force for force in GRIPS_N if force < 4e-3 * k] or [1e-3 * k, 2e-3 * k, 4e-3 * k]
             if len(grips) < 2:
                 grips = [0.5 * grips[0], grips[0]]
             try:
                 sensor.reset()
-                states = squeezing.squeeze(sensor, rig.gripper(thing, rng=rng), grips)
+                states = squeezing.squeeze(sensor, rig.gripper(container, rng=rng), grips)
                 found.append(squeezing.stiffness_N_per_m(states))
             except CalibrationError:
                 found.append(float("nan"))

@@ -106,13 +106,13 @@ def run(out: Output) -> None:
 
 def _candidates(scene: Scene) -> tuple[list[Candidate], PushModel, tuple[float, float, float]]:
     enter_m, leave_m = np.array(scene.enter_m), np.array(scene.leave_m)
-    thing = MovableObject(scene.name, scene.footprint_m)
-    centre = thing.centre_m
+    obstacle = MovableObject(scene.name, scene.footprint_m)
+    centre = obstacle.centre_m
     # MuJoCo's outlines have rounded corners; a push above the floor shifts the load.
-    outline_m = (thing.footprint_m - centre) * (1 - ROUND_m / 0.15)
+    outline_m = (obstacle.footprint_m - centre) * (1 - ROUND_m / 0.15)
     feet, _ = patch_points(outline_m, 16)
     model = PushModel(outline_m, feet, load_of_feet(feet), FRICTION, ROUND_m, FLOOR * HEIGHT_m)
-    domain = build_search_domain(PlanningProblem(scene.grid, ROBOT, enter_m, leave_m, (thing,)))
+    domain = build_search_domain(PlanningProblem(scene.grid, ROBOT, enter_m, leave_m, (obstacle,)))
     pushed = replace(scene_of(domain, 0, domain.bodies[0].centre), model=model)
     starts, ends = sideward_candidates(
         pushed, enter_m - centre, leave_m - centre, slide_m=LENGTH_m, starts=7, ends=4
@@ -141,12 +141,12 @@ def _two(found: list[Candidate]) -> list[Candidate]:
 
 
 def _driven(model: PushModel, at: tuple[float, float, float], one: Candidate, speed_m_s: float) -> Any:
-    thing = FloorBody(
+    obstacle = FloorBody(
         model.outline_m, model.support_m, model.round_m, mass_kg=2.0, push_height_m=HEIGHT_m,
         floor_friction=FLOOR, contact_friction=FRICTION,
     )  # fmt: skip
     fine = arc_path(one.path_m[0, :2], one.path_m[-1, :2], 0.0, 0.01)
-    return FloorPush(thing, at, fine[0], ROBOT.radius_m).drive(fine, speed_m_s)
+    return FloorPush(obstacle, at, fine[0], ROBOT.radius_m).drive(fine, speed_m_s)
 
 
 def _draw(axes: Any, shown: list[Any]) -> None:

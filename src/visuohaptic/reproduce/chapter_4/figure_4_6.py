@@ -36,7 +36,7 @@ def run(out: Output) -> None:
         Receives the tables ``tasks`` and ``candidates``, picture ``office``, and the comparisons; its seed and size are used.
     """
     problem = office()
-    plans = alternatives(problem, PushCosts(price_ends=False))  # ends of pushes are known in the text
+    plans = alternatives(problem, PushCosts(price_ends=False))  # ends of pushes are known in the dissertation
     push, detour = plans["cheapest"], plans["no pushing"]
     detached = make_plan(office((5.3, 3.6)))
     regions = regions_of(problem.map)

@@ -63,10 +63,10 @@ def _pushed(name: str, kind: str, size: tuple[float, float, float], static_N: fl
                             "yaw_rad": yaw_rad}  # fmt: skip
     ahead = FRONT_m + GAP_m + 0.5 * size[0] * abs(math.cos(yaw_rad)) + 0.5 * size[1] * abs(math.sin(yaw_rad))
     if kind == "cylinder":
-        thing = cylinder(name, FRONT_m + GAP_m + 0.5 * size[0], aside_m, 0.5 * size[0], size[2], **rest)
+        obstacle = cylinder(name, FRONT_m + GAP_m + 0.5 * size[0], aside_m, 0.5 * size[0], size[2], **rest)
     else:
-        thing = box(name, ahead, aside_m, size, **rest)
-    return Row(name, thing, static_N, dynamic_N)
+        obstacle = box(name, ahead, aside_m, size, **rest)
+    return Row(name, obstacle, static_N, dynamic_N)
 
 
 def table_rows() -> tuple[Row, ...]:

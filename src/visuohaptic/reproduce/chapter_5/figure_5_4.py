@@ -63,9 +63,9 @@ def run(out: Output) -> None:
     keep = (np.abs(used[:, :2]) < 0.4).all(axis=1) & (used[:, 2] > 0.01)
     from ...reconstruction.mesh import SurfaceMesh
 
-    things = SurfaceMesh(mesh.vertices_m, mesh.faces[keep])
+    opaque = SurfaceMesh(mesh.vertices_m, mesh.faces[keep])
     for axis in axes[0, :2]:
-        shaded(axis, things, "#c8564b")
+        shaded(axis, opaque, "#c8564b")
     for region in regions:
         shaded(axes[0, 1], SurfaceMesh(region.hull_m, region.faces), "#f0d21e", alpha=0.75)
     for points, clear in walls:

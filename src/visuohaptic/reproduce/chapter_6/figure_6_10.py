@@ -30,8 +30,8 @@ def run(out: Output) -> None:
     out
         Receives the tables ``features`` and ``curves``, picture ``exploration``, and the comparisons; its seed and size are used.
     """
-    thing = load_object("cien", around=32)
-    values = linear_features(thing).values[..., 0]
+    container = load_object("cien", around=32)
+    values = linear_features(container).values[..., 0]
     curves = curves_of("cien", PLACES, 24 if out.quick else 32)
     read = {key: read_curve(curve, out.rng(number)) for number, (key, curve) in enumerate(curves.items())}
     out.table("features", {"height": np.arange(1, 17), **{side: values[:, k] for k, side in

@@ -1,6 +1,6 @@
 """Grasps verified under large deformation (Fig. 6.12).
 
-Force against deformation of the grasps in the text, green if the text states that the grasp holds, red if it
+Force against deformation of the grasps in the dissertation, green if it states that the grasp holds, red if it
 does not; the dotted line is the maximum allowed deformation (nonlinear simulation; the dissertation grasped
 real objects).
 """
@@ -27,7 +27,7 @@ class Case:
     """Statement of Alt 2016, Sec. 6.4.2 about a single grasp."""
 
     name: str
-    thing: str
+    container: str
     force_N: float
     low: float  #: height of the location, as a fraction of the object's
     high: float
@@ -41,7 +41,7 @@ CASES = (
     Case("cleaner at its soft, flat centre", "cleaner", 20.0, 0.48, 0.53, "y", False),
     Case("cup-rim on top", "cup-rim", 20.0, 0.9, 1.0, "", True),
     Case("cup-rim in the centre", "cup-rim", 20.0, 0.45, 0.55, "", False),
-    # The cup in the text was grasped at the height where the rim supported the other cup.
+    # The cup in the dissertation was grasped at the height where the rim supported the other cup.
     Case("cup on top, 5 N", "cup", 5.0, 0.96, 1.0, "", False),
 )
 
@@ -68,7 +68,7 @@ def best_vertex(plan: GraspPlan, case: Case) -> int:
 
 
 def run(out: Output) -> None:
-    """Every statement of the text: the map's prediction, and the result of the nonlinear simulation.
+    """Every statement of the dissertation: the map's prediction, and the result of the nonlinear simulation.
 
     Parameters
     ----------
@@ -80,36 +80,36 @@ def run(out: Output) -> None:
     curves = []
     plans: dict[tuple[str, float], Any] = {}
     for case in cases:
-        key = (case.thing, case.force_N)
+        key = (case.container, case.force_N)
         if key not in plans:
-            thing = load_object(case.thing, around=32 if out.quick else None)
+            container = load_object(case.container, around=32 if out.quick else None)
             plans[key] = (
-                thing,
-                plan_grasps(thing, GraspTask(force_N=case.force_N, pairs="axis"), count=1, confirm=False),
+                container,
+                plan_grasps(container, GraspTask(force_N=case.force_N, pairs="axis"), count=1, confirm=False),
             )
-        thing, plan = plans[key]
+        container, plan = plans[key]
         vertex = best_vertex(plan, case)
-        said = confirm_grasp(thing, vertex, case.force_N)
+        confirmation = confirm_grasp(container, vertex, case.force_N)
         score = float(plan.scores.pair[vertex])
         rows.add(case.name, case.force_N, case.good, score, 1e3 * float(plan.scores.deformation_m[vertex]),
-                 1e3 * min(said.deformation_m, float(said.curve_m[-1])), score >= plan.task.min_score, said.holds,
-                 said.reason)  # fmt: skip
-        curves.append((case, said))
+                 1e3 * min(confirmation.deformation_m, float(confirmation.curve_m[-1])), score >= plan.task.min_score, confirmation.holds,
+                 confirmation.reason)  # fmt: skip
+        curves.append((case, confirmation))
     out.table("grasps", rows)
 
     def draw(axes: Any) -> None:
-        for number, (case, said) in enumerate(curves):
+        for number, (case, confirmation) in enumerate(curves):
             colour = COLOURS["green"] if case.good else "#c62828"
             style = ("-", "--", ":", "-.", "--", "-.")[number % 6]
             axes.plot(
-                1e3 * said.curve_m,
-                said.curve_N,
+                1e3 * confirmation.curve_m,
+                confirmation.curve_N,
                 style,
                 color=colour,
                 label=f"{case.name.removesuffix(', 5 N')}, {case.force_N:g} N",
             )
-            axes.plot(1e3 * min(said.deformation_m, float(said.curve_m[-1])),
-                      np.interp(min(said.deformation_m, float(said.curve_m[-1])), said.curve_m, said.curve_N), "o",
+            axes.plot(1e3 * min(confirmation.deformation_m, float(confirmation.curve_m[-1])),
+                      np.interp(min(confirmation.deformation_m, float(confirmation.curve_m[-1])), confirmation.curve_m, confirmation.curve_N), "o",
                       color=colour)  # fmt: skip
         axes.axvline(5, color=COLOURS["grey"], ls=":")
         axes.set(xlabel="deformation of one side [mm]", ylabel="force [N]")

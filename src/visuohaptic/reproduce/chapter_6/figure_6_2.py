@@ -38,21 +38,23 @@ def run(out: Output) -> None:
     rows = Columns("model deformation_mm stiffness_N_per_m")
     moved = {}
     for axis, name, letter in zip(axes[0, :2], ("cup", "cup-rim"), "ab", strict=True):
-        thing = load_object(name, around=24 if out.quick else 40)
-        vertex = side_vertex(thing, "x+", HEIGHT * thing.height_m)
-        said = confirm_grasp(thing, vertex, FORCE_N, max_deformation_m=0.02)
-        points = thing.mesh.vertices_m
-        moved[name] = float(np.linalg.norm(said.shape_m[vertex] - points[vertex]))
-        stiffness = 1.0 / float(PinchPlane(thing).linear(vertex).mean())
+        container = load_object(name, around=24 if out.quick else 40)
+        vertex = side_vertex(container, "x+", HEIGHT * container.height_m)
+        confirmation = confirm_grasp(container, vertex, FORCE_N, max_deformation_m=0.02)
+        points = container.mesh.vertices_m
+        moved[name] = float(np.linalg.norm(confirmation.shape_m[vertex] - points[vertex]))
+        stiffness = 1.0 / float(PinchPlane(container).linear(vertex).mean())
         rows.add(name, 1e3 * moved[name], stiffness)
-        amount = np.linalg.norm(said.shape_m - points, axis=1)
-        mesh = replace(thing.mesh, vertices_m=said.shape_m)
-        shaded(axis, _Surface(mesh.vertices_m, thing.surface_faces), amount / max(float(amount.max()), 1e-9))
+        amount = np.linalg.norm(confirmation.shape_m - points, axis=1)
+        mesh = replace(container.mesh, vertices_m=confirmation.shape_m)
+        shaded(
+            axis, _Surface(mesh.vertices_m, container.surface_faces), amount / max(float(amount.max()), 1e-9)
+        )
         low, high = points.min(axis=0), points.max(axis=0)
         frame_3d(axis, low, high, elev=20, zoom=1.05)
         axis.set_title(f"{letter}  {name}: {1e3 * moved[name]:.1f} mm at {FORCE_N:g} N", fontsize=10)
         _scale(figure, axis, "viridis", Normalize(0.0, 1e3 * float(amount.max())), "moved by [mm]")
-    found = object_map(thing, band=False)
+    found = object_map(container, band=False)
     shade = colours(found.stiffness_N_per_m)[found.faces].mean(axis=1) / 255
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 

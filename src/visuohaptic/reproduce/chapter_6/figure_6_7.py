@@ -35,11 +35,11 @@ def run(out: Output) -> None:
         values = x[data.number == k, height, side]
         rows.add(name, height + 1, SIDES[side], float(values.mean()), float(values.std()))
     out.table("features", rows)
-    asked = [
+    nodes = [
         (feature_name(int(f)), float(t)) for f, t in zip(tree.feature, tree.threshold, strict=True) if f >= 0
     ]
-    out.table("nodes", {"feature": [name for name, _ in asked], "threshold": [t for _, t in asked]})
+    out.table("nodes", {"feature": [name for name, _ in nodes], "threshold": [t for _, t in nodes]})
     out.compare(
         "cross-validated loss", 100 * tree.loss, "%", note="of similar subsets: 0.0 to 1.2 (Table 6.1)"
     )
-    out.compare("inner nodes", len(asked), note="the printed tree separates the cup by x+14 first")
+    out.compare("inner nodes", len(nodes), note="the printed tree separates the cup by x+14 first")

@@ -54,13 +54,13 @@ def run(out: Output) -> None:
         rng, folds = out.rng(number), 5 if out.quick else 10
         trees = [train_tree(chosen, scheme=scheme, rng=rng, folds=folds) for _ in range(REPEATS)]
         tree, loss = trees[0], 100 * float(np.mean([one.loss for one in trees]))
-        asked = [int(f) for f in tree.feature if f >= 0]
+        used = [int(f) for f in tree.feature if f >= 0]
         text = "; ".join(f"{feature_name(int(f))} [{t:.2f}]"
                          for f, t in zip(tree.feature, tree.threshold, strict=True) if f >= 0)  # fmt: skip
         rows.add(number, ", ".join(classes), _NAMES[scheme], loss, 100 * tree.loss_sigma, printed,
-                 len(asked), len(tree.features), count, text)  # fmt: skip
+                 len(used), len(tree.features), count, text)  # fmt: skip
         out.compare(f"tree {number}: loss", loss, "%", dissertation=printed,
-                    note=f"{', '.join(classes)}; {_NAMES[scheme]}; {len(chosen)} variants, {len(asked)} nodes")  # fmt: skip
+                    note=f"{', '.join(classes)}; {_NAMES[scheme]}; {len(chosen)} variants, {len(used)} nodes")  # fmt: skip
     out.table("trees", rows)
 
     def draw(axes: Any) -> None:

@@ -63,13 +63,13 @@ def run(out: Output) -> None:
     for row, name in enumerate(names):
         right = np.zeros(fraction.shape[1])
         for draw in range(draws):
-            thing = world.sample_real_object(name, draw, 2016 + out.seed)
+            specimen = world.sample_real_object(name, draw, 2016 + out.seed)
             for column, number in enumerate(NUMBERS):
                 truth = name if number == 9 else world.REAL[name]
-                touch = world.explore_container(thing, out.rng(1, row, draw))
+                touch = world.explore_container(specimen, out.rng(1, row, draw))
                 answer, _ = walk(trees[number], world.both_sides(touch))
                 right[column] += answer == truth
-            found = explore(model, world.explore_container(thing, out.rng(1, row, draw)), rng=out.rng(2, row, draw),
+            found = explore(model, world.explore_container(specimen, out.rng(1, row, draw)), rng=out.rng(2, row, draw),
                             min_touches=2)  # fmt: skip
             right[-1] += found.answer == world.REAL[name]
             touches.append(len(found.readings))

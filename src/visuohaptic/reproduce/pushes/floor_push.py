@@ -80,7 +80,7 @@ class FloorPush:
 
     Parameters
     ----------
-    thing
+    body
         Pushed object.
     start_m
         Its pose (x [m], y [m], yaw [rad]) in the world.
@@ -94,7 +94,7 @@ class FloorPush:
 
     def __init__(
         self,
-        thing: FloorBody,
+        body: FloorBody,
         start_m: Sequence[float],
         platform_m: Sequence[float],
         radius_m: float = 0.17,
@@ -104,8 +104,8 @@ class FloorPush:
         with needs("mujoco-core", "sim", "the simulated push"):
             import mujoco
         self._mujoco: Any = mujoco
-        self.thing, self.radius_m = thing, radius_m
-        self._model: Any = mujoco.MjModel.from_xml_string(_mjcf(thing, radius_m, time_step_s))
+        self.body, self.radius_m = body, radius_m
+        self._model: Any = mujoco.MjModel.from_xml_string(_mjcf(body, radius_m, time_step_s))
         self._data: Any = mujoco.MjData(self._model)
         self._data.qpos[:3] = platform_m
         self._data.qpos[3:6] = start_m[0], start_m[1], 0.0
@@ -114,7 +114,7 @@ class FloorPush:
         #: contact point in the world, NaN without contact
         self.contact_m = np.full(2, np.nan)
         #: of the centres, at which rim and outline may meet; a millimetre is more than a step of the drive
-        self._reach_m = radius_m + float(np.hypot(*thing.outline_m.T).max()) + thing.round_m + 1e-3
+        self._reach_m = radius_m + float(np.hypot(*body.outline_m.T).max()) + body.round_m + 1e-3
         # It sinks into its feet before the platform moves.
         self._steps(np.zeros(3), math.ceil(SETTLE_S / time_step_s))
 
@@ -191,10 +191,10 @@ class FloorPush:
         self.contact_m = moment / total if total > 1e-3 else np.full(2, np.nan)
 
 
-def _mjcf(thing: FloorBody, radius_m: float, step_s: float) -> str:
+def _mjcf(body: FloorBody, radius_m: float, step_s: float) -> str:
     """The model. Every foot is a small body on its own spring."""
     geoms, pairs = "", ""
-    corners, height, r = thing.outline_m, thing.push_height_m, thing.round_m
+    corners, height, r = body.outline_m, body.push_height_m, body.round_m
     count = len(corners) if len(corners) > 2 else max(1, len(corners) - 1)
     for i in range(count):
         (x0, y0), (x1, y1) = corners[i], corners[(i + 1) % len(corners)]
@@ -203,36 +203,36 @@ def _mjcf(thing: FloorBody, radius_m: float, step_s: float) -> str:
         else:
             shape = f'type="capsule" size="{r}" fromto="{x0} {y0} {height} {x1} {y1} {height}"'
         geoms += f'<geom name="part{i}" {shape} mass="0" contype="0" conaffinity="0"/>'
-        f = thing.contact_friction
+        f = body.contact_friction
         cone = f'condim="3" friction="{f} {f} 0 0 0"' if f > 0 else 'condim="1"'
         pairs += f'<pair geom1="rim" geom2="part{i}" {cone} solref="0.004 1" solimp="0.99 0.99 0.001"/>'
-    stiffness = thing.mass_kg * GRAVITY_M_S2 / (len(thing.feet_m) * SAG_M)
+    stiffness = body.mass_kg * GRAVITY_M_S2 / (len(body.feet_m) * SAG_M)
     # Critical damping of the object on all its feet.
-    damping = 2.0 * math.sqrt(stiffness * thing.mass_kg / len(thing.feet_m))
+    damping = 2.0 * math.sqrt(stiffness * body.mass_kg / len(body.feet_m))
     feet = ""
-    for i, (x, y) in enumerate(thing.feet_m):
+    for i, (x, y) in enumerate(body.feet_m):
         feet += (
             f'<body name="foot{i}" pos="{x} {y} {FOOT_M}"><inertial pos="0 0 0" mass="{FOOT_KG}" '
             f'diaginertia="1e-5 1e-5 1e-5"/><joint type="slide" axis="0 0 1" stiffness="{stiffness}" '
             f'damping="{damping}"/><geom name="foot{i}" type="sphere" size="{FOOT_M}" contype="0" '
             'conaffinity="0"/></body>'
         )
-        f = thing.floor_friction
+        f = body.floor_friction
         pairs += (
             f'<pair geom1="floor" geom2="foot{i}" condim="3" friction="{f} {f} 0 0 0" solref="0.005 1" '
             'solimp="0.9 0.9 0.001"/>'
         )
-    inertia = 0.02 * thing.mass_kg
-    cx, cy = thing.centre_m
+    inertia = 0.02 * body.mass_kg
+    cx, cy = body.centre_m
     return f"""<mujoco><compiler angle="radian" inertiafromgeom="false"/>
     <option timestep="{step_s}" cone="elliptic" impratio="10" noslip_iterations="5" integrator="implicitfast"
       gravity="0 0 {-GRAVITY_M_S2}"/>
     <worldbody><geom name="floor" type="plane" size="50 50 1" contype="0" conaffinity="0"/>
     <body name="platform"><inertial pos="0 0 0" mass="1e5" diaginertia="1e4 1e4 1e4"/>
       <joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/><joint type="hinge" axis="0 0 1"/>
-      <geom name="rim" type="sphere" size="{radius_m}" pos="0 0 {thing.push_height_m}"
+      <geom name="rim" type="sphere" size="{radius_m}" pos="0 0 {body.push_height_m}"
         contype="0" conaffinity="0"/></body>
     <body name="thing"><freejoint/>
-      <inertial pos="{cx} {cy} {thing.centre_height_m}" mass="{thing.mass_kg}"
+      <inertial pos="{cx} {cy} {body.centre_height_m}" mass="{body.mass_kg}"
         diaginertia="{inertia} {inertia} {inertia}"/>{geoms}{feet}</body></worldbody>
     <contact>{pairs}</contact></mujoco>"""

@@ -188,15 +188,15 @@ def real_object(container: ContainerDescription, rng: np.random.Generator) -> Re
         Source of the errors.
     """
     around = AROUND
-    thing = mesh_container(container, around=around, even=True)
+    specimen = mesh_container(container, around=around, even=True)
     capped = container.top.kind != "open"
     steps = max(2, round(around / 12))
-    rings = (len(thing.mesh.vertices_m) - ((steps - 1) * around + 1 if capped else 0)) // around
-    wall = thing.mesh.vertices_m[: rings * around]
-    thickness = np.asarray(thing.mesh.thickness_m)[: 4 * around * (rings - 1)].reshape(rings - 1, -1)[:, 0]
+    rings = (len(specimen.mesh.vertices_m) - ((steps - 1) * around + 1 if capped else 0)) // around
+    wall = specimen.mesh.vertices_m[: rings * around]
+    thickness = np.asarray(specimen.mesh.thickness_m)[: 4 * around * (rings - 1)].reshape(rings - 1, -1)[:, 0]
     plastic = IsotropicMaterial(
-        thing.material.youngs_modulus_Pa * (1 + rng.uniform(-MODULUS_ERROR, MODULUS_ERROR)),
-        thing.material.poisson_ratio,
+        specimen.material.youngs_modulus_Pa * (1 + rng.uniform(-MODULUS_ERROR, MODULUS_ERROR)),
+        specimen.material.poisson_ratio,
     )
     row, column = (part.ravel() for part in np.mgrid[: rings - 1, :around])
     a, b = row * around + column, row * around + (column + 1) % around
@@ -222,7 +222,7 @@ def real_object(container: ContainerDescription, rng: np.random.Generator) -> Re
     fixed[:around] = True
     order = np.concatenate([part[0] for part in parts])
     factor = mitc4_factor(vertices, order, np.concatenate([part[1] for part in parts]), fixed)
-    return _felt(thing.name, wall, quads, thing.height_m, factor, fixed, len(vertices), rng)
+    return _felt(specimen.name, wall, quads, specimen.height_m, factor, fixed, len(vertices), rng)
 
 
 def draw_curve(stiffness_N_per_m: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -244,12 +244,12 @@ def draw_curve(stiffness_N_per_m: float, rng: np.random.Generator) -> tuple[np.n
     )
 
 
-def explore_container(thing: RealObject, rng: np.random.Generator) -> Any:
+def explore_container(specimen: RealObject, rng: np.random.Generator) -> Any:
     """A function (height, axis) -> touch of this object, with noise of both sensors.
 
     Parameters
     ----------
-    thing
+    specimen
         Object.
     rng
         Source of noise.
@@ -259,11 +259,11 @@ def explore_container(thing: RealObject, rng: np.random.Generator) -> Any:
     def touch(height: int, axis: str) -> TouchReading:
         column = 0 if axis == "x" else 2
         sides = [
-            fit_curve(*draw_curve(float(thing.stiffness_N_per_m[height - 1, column + k]), rng))
+            fit_curve(*draw_curve(float(specimen.stiffness_N_per_m[height - 1, column + k]), rng))
             for k in (0, 1)
         ]
-        width = float(thing.width_m[height - 1, column // 2]) + rng.normal(0, np.sqrt(2) * NOISE_m)
-        return TouchReading(height, axis, (sides[0], sides[1]), width, thing.height_m)
+        width = float(specimen.width_m[height - 1, column // 2]) + rng.normal(0, np.sqrt(2) * NOISE_m)
+        return TouchReading(height, axis, (sides[0], sides[1]), width, specimen.height_m)
 
     return touch
 

@@ -76,21 +76,21 @@ def judged(scene: GlassScene, regions: Sequence[TransparentRegion]) -> dict[str,
     grid = SpaceGrid.around(LOW_M, HIGH_M, VOXEL_M)
     centres = grid.centres_m(np.argwhere(np.ones(grid.shape, dtype=bool)))
     truth = scene.truth(centres)
-    told = np.zeros(len(centres), dtype=bool)
+    marked = np.zeros(len(centres), dtype=bool)
     false = 0
     for region in regions:
         inside = region.contains(centres)
-        told |= inside
+        marked |= inside
         false += int(not inside.any() or truth[inside].mean() < 0.2)
-    fractions = [told[solid.transparent_at(centres)] for solid in scene.glass]
+    fractions = [marked[solid.transparent_at(centres)] for solid in scene.glass]
     found = sum(float(fraction.size > 0 and fraction.mean() > 0.25) for fraction in fractions)
-    right = float(np.count_nonzero(truth & told))
+    right = float(np.count_nonzero(truth & marked))
     return {
         "objects": float(len(scene.glass)),
         "found": found,
         "false": float(false),
         "right": right,
-        "told": float(told.sum()),
+        "told": float(marked.sum()),
         "true": float(truth.sum()),
-        "f1": 2 * right / max(float(told.sum() + truth.sum()), 1.0),
+        "f1": 2 * right / max(float(marked.sum() + truth.sum()), 1.0),
     }

@@ -46,7 +46,7 @@ class DriftingBase(MobileBase):
         self._scale = 1.0 + self.errors.scale * float(rng.standard_normal())
         self._scale_turn = 1.0 + self.errors.scale_turn * float(rng.standard_normal())
         self._bias = self.errors.gyro_bias_rad_s * float(rng.standard_normal())
-        self._true = self._told = base.state()
+        self._true = self._reported = base.state()
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
         """Set the velocities."""
@@ -58,11 +58,11 @@ class DriftingBase(MobileBase):
 
     def state(self) -> BaseState:
         """Odometry with the accumulated errors."""
-        true, last, told = self._base.state(), self._true, self._told
+        true, last, reported = self._base.state(), self._true, self._reported
         dt = true.t_s - last.t_s
         if dt <= 0:
-            return told
-        e, heading = self.errors, told.heading_rad
+            return reported
+        e, heading = self.errors, reported.heading_rad
         middle = 0.5 * (true.heading_rad + last.heading_rad)
         dx, dy = true.x_m - last.x_m, true.y_m - last.y_m
         ahead, left = (
@@ -84,12 +84,12 @@ class DriftingBase(MobileBase):
         along, across = self._scale * ahead + slip[0], left + slip[1]
         mid = heading + 0.5 * turned
         self._true = true
-        self._told = BaseState(
+        self._reported = BaseState(
             true.t_s,
-            told.x_m + along * math.cos(mid) - across * math.sin(mid),
-            told.y_m + along * math.sin(mid) + across * math.cos(mid),
+            reported.x_m + along * math.cos(mid) - across * math.sin(mid),
+            reported.y_m + along * math.sin(mid) + across * math.cos(mid),
             heading + turned,
             self._scale * true.speed_m_s,
             true.turn_rate_rad_s,
         )
-        return self._told
+        return self._reported

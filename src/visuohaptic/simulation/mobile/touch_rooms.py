@@ -72,7 +72,7 @@ def touch_room(seed: int) -> TouchRoom:
     fixed.append(box("column", wide - 0.5 * column, deep - 0.5 * column, (column, column, 1.0), fixed=True))
     cabinet = float(rng.uniform(0.5, 0.8))
     fixed.append(box("cabinet", 0.5 * cabinet, deep - 0.2, (cabinet, 0.4, 0.8), fixed=True))
-    things = [
+    movables = [
         cylinder(
             "paper bin", wide - float(rng.uniform(0.22, 0.3)), float(rng.uniform(0.9, 1.3)), 0.11, 0.3,
             mass_kg=0.6, friction=0.35,
@@ -81,4 +81,4 @@ def touch_room(seed: int) -> TouchRoom:
         cylinder("bottle 2", float(rng.uniform(0.2, 0.3)), float(rng.uniform(1.1, 1.5)), 0.045, 0.25, mass_kg=0.5, friction=0.3),
     ]  # fmt: skip
     start = (0.55 * wide, 0.5 * deep, -0.5 * math.pi)
-    return TouchRoom((wide, deep), (*fixed, *things), start)
+    return TouchRoom((wide, deep), (*fixed, *movables), start)

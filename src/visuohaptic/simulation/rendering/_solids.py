@@ -313,10 +313,10 @@ def _within(polygon: np.ndarray, points: np.ndarray, margin_m: float) -> np.ndar
     return ((polygon * outward).sum(axis=1) - points @ outward.T > margin_m).all(axis=1)
 
 
-def _runs_of_edges(wanted: np.ndarray, angles: np.ndarray) -> list[np.ndarray]:
+def _runs_of_edges(chosen: np.ndarray, angles: np.ndarray) -> list[np.ndarray]:
     """Groups of adjacent edges of the given mask whose normals differ little, as on a round solid."""
     groups: list[list[int]] = []
-    for i in np.flatnonzero(wanted):
+    for i in np.flatnonzero(chosen):
         if groups and groups[-1][-1] == i - 1:
             turn = angles[i] - angles[groups[-1][0]]
             if abs(wrap_angle(turn)) < SMOOTH_RAD:

@@ -241,9 +241,11 @@ class VirtualGripper(Closing, Gripper):
         way = self._target - self._position
         blocked = now.force_N >= self.drive.max_force_N and way > 0
         # Brakes in time: v^2 = 2 a s.
-        wanted = 0.0 if blocked else min(self._limit, math.sqrt(2 * self.drive.acceleration_m_s2 * abs(way)))
+        target_speed = (
+            0.0 if blocked else min(self._limit, math.sqrt(2 * self.drive.acceleration_m_s2 * abs(way)))
+        )
         change = np.clip(
-            math.copysign(wanted, way) - self._speed,
+            math.copysign(target_speed, way) - self._speed,
             -self.drive.acceleration_m_s2 * dt_s,
             self.drive.acceleration_m_s2 * dt_s,
         )

@@ -170,7 +170,7 @@ class _SupervisedBase(MobileBase):
 
     def __init__(self, guard: SupervisorCore, device: MobileBase) -> None:
         self._guard, self._device = guard, device
-        self._wanted = (0.0, 0.0)
+        self._velocities = (0.0, 0.0)
         self._last: BaseState | None = None
         guard.register(self)
 
@@ -186,7 +186,7 @@ class _SupervisedBase(MobileBase):
         if not math.isfinite(part):
             self._device.drive(speed_m_s, turn_rate_rad_s)  # the device raises an error that states the cause
             return
-        self._wanted = (speed_m_s / part, turn_rate_rad_s / part)
+        self._velocities = (speed_m_s / part, turn_rate_rad_s / part)
         self._guard.request(self)
 
     def stop(self) -> None:
@@ -212,17 +212,17 @@ class _SupervisedBase(MobileBase):
         return state
 
     def execute(self) -> None:
-        self._device.drive(*self._wanted)
+        self._device.drive(*self._velocities)
 
     def halt(self) -> None:
         self._device.stop()
 
     def pressing(self) -> tuple[float, float]:
-        return self._wanted
+        return self._velocities
 
     def retreats(self, pressing: object) -> bool:
         assert isinstance(pressing, tuple)
-        (speed, turn), (pressed, turned) = self._wanted, pressing
+        (speed, turn), (pressed, turned) = self._velocities, pressing
         # Turning on the spot, a disc is freed by turning back, and by driving backwards.
         return speed * pressed < 0.0 if pressed else speed < 0.0 or turn * turned < 0.0
 

@@ -56,7 +56,7 @@ class BayesSqueezer:
     samples: int = 32
     odds: Mapping[str, float] = field(default_factory=dict)
     readings: list[TouchReading] = field(default_factory=list)
-    _asked: tuple[int, str] = (0, "x")
+    _requested: tuple[int, str] = (0, "x")
 
     def next_place(self) -> Place | None:
         """The squeeze with the largest expected information gain per time; ``None`` if none is left."""
@@ -68,8 +68,8 @@ class BayesSqueezer:
         }
         if not gains:
             return None
-        self._asked = max(gains, key=lambda touch: gains[touch][0] / gains[touch][1])
-        level, axis = self._asked
+        self._requested = max(gains, key=lambda touch: gains[touch][0] / gains[touch][1])
+        level, axis = self._requested
         return Place((level - 0.5) / self.levels * self.height_m, 0.0 if axis == "x" else 0.5 * math.pi)
 
     def update(self, curve: SqueezeCurve) -> None:
@@ -80,7 +80,7 @@ class BayesSqueezer:
         curve
             Force against deformation there.
         """
-        level, axis = self._asked
+        level, axis = self._requested
         self.readings.append(
             TouchReading(level, axis, (curve_fit(curve), None), 2.0 * curve.surface_m, self.height_m)
         )

@@ -227,15 +227,15 @@ class SteeredPush:
         heading = wrap_angle(float(pose_m[2]) - self._direction)
         if self._touch_place is None:
             beside = float((pose_m[:2] - self._stand) @ self._left)
-            wanted = max(-0.3, min(0.3, -4.0 * beside))
+            target = max(-0.3, min(0.3, -4.0 * beside))
             speed = s.approach_m_s if s.speed_m_s < s.approach_m_s else s.speed_m_s
         else:
             speed = s.speed_m_s
             if self._seen is not None:
                 return speed, max(-0.6, min(0.6, speed * self._turn_per_m(pose_m, heading, contact_m)))
             beside = float((pose_m[:2] - self._stand) @ self._left)
-            wanted = max(-0.3, min(0.3, -4.0 * beside))
-        error = wanted - heading
+            target = max(-0.3, min(0.3, -4.0 * beside))
+        error = target - heading
         if abs(error) > 0.5:
             self._anchor = (t_s, pose_m)
             return 0.0, math.copysign(0.4, error)
@@ -308,9 +308,9 @@ class SteeredPush:
         cost = np.diag([0.0, 0.0, (self._lever_m / CONTACT_FRICTION) ** 2])
         rate = self._controlled(np.array([turned, aside + slope * left]), rates, cost, left)
         slide = -(square * rate + high * slope + beside) / (0.5 * self._lever_m)
-        wanted = turned + slope * (1.0 + high**2 / square) + high * beside / square + slide
-        wanted = max(-s.steer_max_rad, min(s.steer_max_rad, wanted))
-        return (wanted - heading) * s.heading_gain_per_s / s.speed_m_s
+        target = turned + slope * (1.0 + high**2 / square) + high * beside / square + slide
+        target = max(-s.steer_max_rad, min(s.steer_max_rad, target))
+        return (target - heading) * s.heading_gain_per_s / s.speed_m_s
 
     def _sticking(self, state: Float[np.ndarray, "4"], high: float, left_m: float) -> float:
         """psi' for a sticking contact, from the state theta, y, e, psi."""

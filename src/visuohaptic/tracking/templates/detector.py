@@ -1,7 +1,7 @@
 """Detection of templates anywhere in an image: tags by their code, images by SIFT features.
 
 Alt 2016, Sec. 2.3.1 and 2.3.3. A match is accepted if its descriptor distance is below 0.8
-times that of the second nearest (Lowe; the text prints the opposite inequality). A detection
+times that of the second nearest (Lowe; the dissertation prints the opposite inequality). A detection
 is an initial estimate: the tracker refines it on all pixels.
 """
 

@@ -73,7 +73,7 @@ def run(args: Any) -> dict[str, Any]:
         raise InputError("--steps", f"found {args.steps.name!r}, expected a name with .json")
     with _page(args, found.tree, model) as follow:
         if args.ask:
-            readings = _asked(args, model, follow)
+            readings = _interactive(args, model, follow)
         else:
             for count in range(1, len(readings) + 1):
                 # Replay the touches one at a time.
@@ -98,7 +98,7 @@ def _result(args: Any, found: Any, model: Any, readings: Any) -> dict[str, Any]:
 
     belief = update_belief(model, readings)
     tree = found.tree
-    wanted, node = (None, 0) if tree is None else next_touch(tree, stiffness_grid(readings))
+    requested, node = (None, 0) if tree is None else next_touch(tree, stiffness_grid(readings))
     gains = touch_gains(model, readings)
     best = max(gains, key=lambda one: gains[one][0] / gains[one][1]) if gains else None
     sure = belief.confidence >= args.confidence
@@ -113,8 +113,10 @@ def _result(args: Any, found: Any, model: Any, readings: Any) -> dict[str, Any]:
         if best is None or sure
         else {"touch": f"{best[1]}{best[0]}", "information_nat": gains[best][0], "seconds": gains[best][1]},
         "tree": {
-            "answer": tree.classes[int(tree.answer[node])] if tree is not None and wanted is None else None,
-            "next_touch": None if wanted is None else f"{wanted[1]}{wanted[0]}",
+            "answer": tree.classes[int(tree.answer[node])]
+            if tree is not None and requested is None
+            else None,
+            "next_touch": None if requested is None else f"{requested[1]}{requested[0]}",
         },
         "state": None,
     }
@@ -130,7 +132,7 @@ def _result(args: Any, found: Any, model: Any, readings: Any) -> dict[str, Any]:
 def _page(args: Any, tree: Any, model: Any) -> Iterator[Any]:
     """Listener of each touch; with --view a page that shows them, and stays open after the last one."""
     if not args.view:
-        yield lambda readings, wanted: None
+        yield lambda readings, requested: None
         return
     from ....recognition.data.readings import stiffness_grid
     from ....recognition.touch.steps import planner_follower, tree_follower
@@ -143,11 +145,11 @@ def _page(args: Any, tree: Any, model: Any) -> Iterator[Any]:
     if tree is not None:
         pages.insert(0, StepsView("tree"))
         tell_tree = tree_follower(tree, pages[0])
-        tellers.append(lambda readings, wanted: tell_tree(stiffness_grid(readings)))
+        tellers.append(lambda readings, requested: tell_tree(stiffness_grid(readings)))
 
-    def follow(readings: Any, wanted: Any) -> None:
+    def follow(readings: Any, requested: Any) -> None:
         for tell in tellers:
-            tell(readings, wanted)
+            tell(readings, requested)
 
     with BrowsePage(pages, args.port) as page:
         args.report(f"{page.url} shows the touches; Ctrl-C ends it")
@@ -160,7 +162,7 @@ def _place_of(reading: Any) -> tuple[int, str]:
     return reading.height, reading.axis
 
 
-def _asked(args: Any, model: Any, follow: Any) -> tuple[Any, ...]:
+def _interactive(args: Any, model: Any, follow: Any) -> tuple[Any, ...]:
     from ....recognition.data.readings import CurveCoefficients, TouchReading
     from ....recognition.touch.bayes import explore
 

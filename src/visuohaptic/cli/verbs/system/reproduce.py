@@ -47,10 +47,10 @@ def needs(args: Any) -> set[str]:
     """
     from ....reproduce.runner import NEEDS as BY_NAME
 
-    return {module for name in _wanted(args.names) for module in BY_NAME.get(name, ())}
+    return {module for name in _selected(args.names) for module in BY_NAME.get(name, ())}
 
 
-def _wanted(names: list[str]) -> list[str]:
+def _selected(names: list[str]) -> list[str]:
     from ....reproduce.runner import EXPERIMENTS, known_name
 
     return list(EXPERIMENTS) if "all" in names else [known_name(name) for name in names]
@@ -62,8 +62,8 @@ def run(args: Any) -> dict[str, Any]:
     from ....reproduce.pages import write_gallery, write_index
     from ....reproduce.runner import ExperimentOutcome
 
-    wanted, workers = _wanted(args.names), chosen_workers(args, 0)
-    with args.progress(len(wanted), "experiments") as progress:
+    selected, workers = _selected(args.names), chosen_workers(args, 0)
+    with args.progress(len(selected), "experiments") as progress:
 
         def tell(one: ExperimentOutcome) -> None:
             state = f"failed: {one.problem}" if one.problem else "kept" if one.kept else "done"
@@ -71,7 +71,7 @@ def run(args: Any) -> dict[str, Any]:
             progress.advance(1, one.name)
 
         options = {name: getattr(args, name) for name in ("seed", "quick", "force")}
-        outcomes = reproduce_all(wanted, args.out, workers=workers, on_done=tell, **options)
+        outcomes = reproduce_all(selected, args.out, workers=workers, on_done=tell, **options)
     index = write_index(args.out)
     args.report(f"written to {index}")
     if args.gallery is not None:

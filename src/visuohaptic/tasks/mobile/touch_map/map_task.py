@@ -360,11 +360,11 @@ def map_by_touch(
                     return
                 yield found.add(exploration, base.state(), once_more=task.once_more)
 
-    def execute(wanted: MapCommand) -> None:
+    def execute(requested: MapCommand) -> None:
         nonlocal command
-        command = wanted
-        moving = wanted.speed_m_s or wanted.turn_rate_rad_s
-        base.drive(*limit.limited(wanted.speed_m_s, wanted.turn_rate_rad_s)) if moving else base.stop()
+        command = requested
+        moving = requested.speed_m_s or requested.turn_rate_rad_s
+        base.drive(*limit.limited(requested.speed_m_s, requested.turn_rate_rad_s)) if moving else base.stop()
 
     run_machine(task, observations(), execute, base.stop)
     assert task.ending is not None

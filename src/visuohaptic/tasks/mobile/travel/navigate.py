@@ -113,9 +113,9 @@ def travel(
             yield _observation(base, senses, passages, periods, command)
             wait(PERIOD_S)
 
-    def execute(wanted: TravelCommand) -> None:
+    def execute(requested: TravelCommand) -> None:
         nonlocal command, waited_for
-        command = wanted
+        command = requested
         if passages is not None and command.passage not in ("", waited_for):
             passages.request(command.passage)
         waited_for = command.passage
@@ -134,7 +134,7 @@ def travel(
         task.motion.elapsed_s(),
         task.length_m,
         task.pushes.count,
-        task.plans.asked,
+        task.plans.calls,
         task.ending.why,
     )
 

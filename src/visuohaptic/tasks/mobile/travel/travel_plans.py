@@ -25,7 +25,7 @@ class TravelPlans:
     settings: TravelSettings
     planner: Callable[[PlanningProblem], Plan]
     note: Callable[..., None]  #: logs an event and its values
-    asked: int = 0  #: number of planner calls
+    calls: int = 0  #: number of planner calls
     turns: int = 0  #: number of off-centre pushes
     #: infeasible margins, since the last change
     without_plan: set[tuple[float, float]] = field(default_factory=set)
@@ -44,12 +44,12 @@ class TravelPlans:
         """
         margins = self.settings.margins_m
         # While no object has moved, margins without a plan stay infeasible, also from a slightly different pose.
-        wanted = [pair for pair in margins if self._trusted(pair[0]) and pair not in self.without_plan]
-        first, *rest = wanted or margins[:1]
+        untried = [pair for pair in margins if self._trusted(pair[0]) and pair not in self.without_plan]
+        first, *rest = untried or margins[:1]
         best = None
         # If the smallest margin has no plan, larger ones have none: try it before those in between.
         for pair in (first, *rest[-1:], *rest[:-1]):
-            found, problem = self._asked(pose_m, pair)
+            found, problem = self._planned(pose_m, pair)
             if found.reachable:
                 between = best is None and pair != first and len(rest) > 1
                 best = pair[0], problem, found
@@ -104,13 +104,13 @@ class TravelPlans:
         self.without_plan.clear()
         return found
 
-    def _asked(
+    def _planned(
         self, pose_m: Float[np.ndarray, "3"], margins_m: tuple[float, float]
     ) -> tuple[Plan, PlanningProblem]:
         margin_m, push_margin_m = margins_m
         problem = self.memory.problem(pose_m, margin_m, push_margin_m=push_margin_m)
         found = self.planner(problem)
-        self.asked += 1
+        self.calls += 1
         self.note(
             "planned", margin_m=margin_m, push_margin_m=push_margin_m, reachable=found.reachable,
             cost_s=found.cost_s if found.reachable else None, reason=found.reason,

@@ -194,28 +194,30 @@ class TravelPushes:
         self._memory.explored(task.object, tag)
         self._note("explored", task.object, end=str(push.end), moved=moved, force_N=_finite(first))
 
-    def turn(self, wanted: OffCentrePush) -> Motion[None]:
+    def turn(self, off_centre: OffCentrePush) -> Motion[None]:
         """Rotate an object by a straight off-centre push.
 
         Parameters
         ----------
-        wanted
+        off_centre
             Start, direction and length of the push.
         """
-        before = yield from self._motion.look(wanted.object)
-        length_m = max(wanted.length_m - wanted.free_m, 0.01)
-        push = yield from self._contact(wanted.object, wanted.start_m, wanted.direction_rad, length_m, None)
+        before = yield from self._motion.look(off_centre.object)
+        length_m = max(off_centre.length_m - off_centre.free_m, 0.01)
+        push = yield from self._contact(
+            off_centre.object, off_centre.start_m, off_centre.direction_rad, length_m, None
+        )
         self.count += 1
-        after = yield from self._motion.look(wanted.object)
+        after = yield from self._motion.look(off_centre.object)
         off = np.zeros(3) if before is None or after is None else after - before
         off[2] = math.remainder(off[2], 2.0 * math.pi)
         settings = self._settings
         moved = bool(np.hypot(off[0], off[1]) > settings.moved_m or abs(off[2]) > settings.near_rad)
         unseen = before is None or after is None
-        self._learn(wanted.object, moved=moved or unseen, failed=False, heavy=self._too_heavy(push))
+        self._learn(off_centre.object, moved=moved or unseen, failed=False, heavy=self._too_heavy(push))
         self._note(
-            "turned", wanted.object, end=str(push.end), moved_m=[float(v) for v in off[:2]],
-            turned_rad=float(off[2]), predicted_rad=wanted.turn_rad, opens=wanted.opens,
+            "turned", off_centre.object, end=str(push.end), moved_m=[float(v) for v in off[:2]],
+            turned_rad=float(off[2]), predicted_rad=off_centre.turn_rad, opens=off_centre.opens,
             force_N=_finite(push.force_N[1]),
         )  # fmt: skip
 

@@ -151,8 +151,8 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
 
     def _plan(self) -> Motion[TravelState | None]:
         """Locate the objects, and plan with the largest feasible margin."""
-        if self.plans.asked >= self.settings.plans:
-            self._finish(TravelOutcome.GAVE_UP, f"after {self.plans.asked} plans")
+        if self.plans.calls >= self.settings.plans:
+            self._finish(TravelOutcome.GAVE_UP, f"after {self.plans.calls} plans")
             return None
         yield from self._look_around()
         pose = self.motion.pose_m()
@@ -286,10 +286,10 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
 
     def _turn(self) -> Motion[TravelState]:
         """Push an object off-centre."""
-        wanted, self._turning = self._turning, None
+        next_push, self._turning = self._turning, None
         self.plans.changed()
-        assert wanted is not None
-        yield from self.pushes.turn(wanted)
+        assert next_push is not None
+        yield from self.pushes.turn(next_push)
         self._as_planned, self._behind_m = False, self.pushes.behind_m
         return TravelState.BACK_OFF
 

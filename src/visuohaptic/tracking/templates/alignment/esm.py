@@ -1,7 +1,7 @@
 """Planar tracking by efficient second-order minimisation (ESM) on the homography group.
 
 Alt 2016, Sec. 2.3.2, Eq. (2.10)-(2.12); Benhimane and Malis, Int. J. Robotics
-Research 26 (2007). Differences from the text, and their reasons:
+Research 26 (2007). Differences from the dissertation, and their reasons:
 
 - The image is modelled as ``I(w(u)) = gain T(u) + bias``; both are estimated jointly
   with the motion, so that the sum of squares is the (negative) squared correlation.
