@@ -14,10 +14,9 @@ from visuohaptic.deformation.shapes.variants import draw_variants
 from visuohaptic.deformation.shells.fourier_shell import RevolutionShell, pinch_stiffness
 from visuohaptic.demo.bottle import HEIGHTS, NECK_M, training_objects
 from visuohaptic.demo.hand_chapters import MOUTH, mission_classes
-from visuohaptic.demo.probe_chapters import HEIGHT_SIGMA_M
 from visuohaptic.recognition import TouchReading
 from visuohaptic.recognition.touch import update_belief
-from visuohaptic.recognition.touch.belief import OUTLINE_LENGTH_m
+from visuohaptic.recognition.touch.belief import OUTLINE_HEIGHT_m, OUTLINE_LENGTH_m
 from visuohaptic.recognition.touch.haptic_model import MOUTH_REACH
 from visuohaptic.recognition.touch.outline_match import container_outline
 
@@ -72,7 +71,7 @@ def test_an_open_container_stays_of_its_class_however_often_it_is_squeezed(name:
     assert wrong == 0
 
 
-def outline_likelihood(length_m: float, pose_m: float) -> tuple[float, float]:
+def outline_likelihood(length_m: float, height_m: float) -> tuple[float, float]:
     """Mean log likelihood of the errors of eleven completed outlines, and their chi-square by the number of heights.
 
     The file is written by ``benchmarks._completed_outlines``: declared error, distance of two heights, radii and true ones.
@@ -82,7 +81,7 @@ def outline_likelihood(length_m: float, pose_m: float) -> tuple[float, float]:
     for sigma_m, step_m, *radii in table[:, 1:]:
         radius, true = np.reshape(radii, (2, -1))
         z = step_m * np.arange(len(radius))
-        own, high = sigma_m / radius, pose_m * np.gradient(np.log(radius), z)
+        own, high = sigma_m / radius, height_m * np.gradient(np.log(radius), z)
         near = np.exp(-0.5 * ((z[:, None] - z) / length_m) ** 2)
         root = np.linalg.cholesky((np.outer(own, own) + np.outer(high, high)) * near)
         white = np.linalg.solve(root, np.log(radius / true))
@@ -91,10 +90,14 @@ def outline_likelihood(length_m: float, pose_m: float) -> tuple[float, float]:
     return float(np.mean(score)), float(np.mean(square)) / len(radius)
 
 
-def test_errors_of_completed_outlines_are_correlated_over_the_stated_length() -> None:
-    best, square = outline_likelihood(OUTLINE_LENGTH_m, HEIGHT_SIGMA_M)
-    # A fifth less or more is less probable by a factor of e^11 for eleven bottles, independent errors by e^50.
-    for other, times in ((0.8, 1.0), (1.2, 1.0), (0.01, 5.0)):
-        assert outline_likelihood(other * OUTLINE_LENGTH_m, HEIGHT_SIGMA_M)[0] < best - times
-    # Exact errors of heights leave a chi-square of 2.3; what is left is the neck, which the fused surface widens by 5 mm.
-    assert square < 1.5 < 2.0 < outline_likelihood(OUTLINE_LENGTH_m, 0.0)[1]
+def test_errors_of_completed_outlines_are_those_of_the_model() -> None:
+    best, square = outline_likelihood(OUTLINE_LENGTH_m, OUTLINE_HEIGHT_m)
+    # A fifth less is less probable by a factor of e^11 for eleven bottles, a fifth more by e^3; independent errors by e^45.
+    for factor, times in ((0.8, 1.0), (1.2, 0.2), (0.01, 4.0)):
+        assert outline_likelihood(factor * OUTLINE_LENGTH_m, OUTLINE_HEIGHT_m)[0] < best - times
+    # A fifth less or more of the heights' error is noticed; exact heights leave 2.3, for the neck is fused 5 mm too wide.
+    assert square == pytest.approx(1.0, abs=0.1)
+    for factor in (0.8, 1.2):
+        assert outline_likelihood(OUTLINE_LENGTH_m, factor * OUTLINE_HEIGHT_m)[1] != pytest.approx(
+            1.0, abs=0.1
+        )

@@ -31,7 +31,7 @@ from visuohaptic.recognition.touch import (
     update_belief,
     with_outline,
 )
-from visuohaptic.recognition.touch.belief import OUTLINE_LENGTH_m, sequential_likelihood
+from visuohaptic.recognition.touch.belief import OUTLINE_HEIGHT_m, OUTLINE_LENGTH_m, sequential_likelihood
 from visuohaptic.recognition.touch.calibration import EXPLORATIONS, best_or_first, rate_of_each
 from visuohaptic.recognition.touch.unknown_class import FIRST_WIDTH
 from visuohaptic.recognition.trees import mean_touches, train_tree
@@ -124,7 +124,7 @@ def test_an_outline_is_evidence_with_errors_that_neighbours_share(model: HapticM
     z = (np.arange(1, 15) + 0.5) / 16 * 0.1
     width = 2 * np.interp(z, outline[:, 1], outline[:, 0])
     own = 2 * 0.001 / width
-    high = model.settings.pose_m * np.gradient(np.log(width), z)
+    high = OUTLINE_HEIGHT_m * np.gradient(np.log(width), z)
     errors = (np.outer(own, own) + np.outer(high, high)) * np.exp(
         -0.5 * ((z[:, None] - z) / OUTLINE_LENGTH_m) ** 2
     )

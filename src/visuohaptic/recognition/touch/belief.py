@@ -40,9 +40,10 @@ __all__ = [
 #: Relative variance of a measured width: 1e-4 m of noise at each tip, at a width of about 6 cm, is 0.24 %; the contact error
 #: is part of the model.
 WIDTH_VARIANCE = 0.0024**2
-#: Correlation length of the errors of a completed outline [m]: maximises the likelihood of the errors of eleven bottles that were
-#: completed by the probe. It is about the distance of two contacts, and twice the size of a voxel.
-OUTLINE_LENGTH_m = 0.012
+#: Errors of a completed outline: correlation length [m] and standard deviation of its heights [m], of the highest likelihood and of
+#: a chi-square of 1 per value for eleven bottles that were completed by the probe. They are about the distance of two contacts,
+#: and a voxel of the fused surface.
+OUTLINE_LENGTH_m, OUTLINE_HEIGHT_m = 0.012, 0.005
 #: Probability that readings of a known class are rejected, at each test: one in a hundred.
 FALSE_ALARM = 0.01
 #: Standard deviations from which a nuisance is reported as contradicted: for each nuisance, one exploration in 20 by chance.
@@ -230,14 +231,14 @@ def with_outline(model: HapticModel, outline_m: Float[np.ndarray, "k 2"], sigma_
     model
         Of the candidates.
     outline_m
-        Radius and height (k, 2) [m], from the bottom up; heights are as accurate as the pose, ``ModelSettings.pose_m``.
+        Radius and height (k, 2) [m], from the bottom up.
     sigma_m
         Standard deviation of a radius [m].
     """
     level = np.arange(1, HEIGHTS - 1)
     height = (level + 0.5) / HEIGHTS * outline_m[-1, 1]
     width = 2.0 * np.interp(height, outline_m[:, 1], outline_m[:, 0])
-    along = np.stack([2.0 * sigma_m / width, model.settings.pose_m * np.gradient(np.log(width), height)])
+    along = np.stack([2.0 * sigma_m / width, OUTLINE_HEIGHT_m * np.gradient(np.log(width), height)])
     near = np.exp(-0.5 * ((height[:, None] - height) / OUTLINE_LENGTH_m) ** 2)
     read = FIRST_WIDTH + 2 * level, np.log(width), along.T @ along * near
     mean, covariance = condition(model, *read)
