@@ -24,6 +24,8 @@ __all__ = ["HoleRegion", "SupportBand", "boundary_loops", "load_hole_regions", "
 
 #: Rims farther from the region than this fraction of its size belong to other holes.
 _RIM_REACH = 0.5
+#: Width of the band beyond each rim, in sizes of the region.
+_WIDTH = 0.25
 #: Points deeper in the region than this fraction of its size are readings through the glass, not surface.
 _DEEPEST = 0.1
 #: Minimum fraction of the hemisphere that is visible from a point of the outline.
@@ -108,9 +110,7 @@ class SupportBand:
         return inner
 
 
-def support_band(
-    mesh: SurfaceMesh, region: HoleRegion, *, max_points: int = 320, band_m: float | None = None
-) -> SupportBand:
+def support_band(mesh: SurfaceMesh, region: HoleRegion, *, max_points: int = 320) -> SupportBand:
     """Points of the visual surface around a hole, evenly spread.
 
     Parameters
@@ -121,15 +121,13 @@ def support_band(
         Where the surface is missing.
     max_points
         Maximum number of points.
-    band_m
-        Width of the band beyond each rim [m]; a quarter of the region size by default.
 
     Raises
     ------
     InputError
         The surface has no part near the region.
     """
-    width = 0.25 * region.size_m if band_m is None else band_m
+    width = _WIDTH * region.size_m
     welded = mesh.welded()
     nearest = float(region.distance_m(welded.vertices_m).min())
     if nearest > region.size_m:
@@ -155,7 +153,7 @@ def support_band(
             f"found {len(kept)} triangles within {margin:.3g} m of the region, expected a surface around it",
             remedy="check that model and region are in the same frame",
         )
-        # Dense samples, thinned to even spacing: the vertices of a mesh may be unevenly distributed.
+    # Dense samples, thinned to even spacing: the vertices of a mesh may be unevenly distributed.
     rng = np.random.default_rng(0)
     part = outline.submesh(kept)
     points, face = part.sampled(max(8 * max_points, 400), rng)
@@ -201,7 +199,10 @@ def _outline(welded: SurfaceMesh, region: HoleRegion, reach_m: float) -> Surface
     facing = (welded.face_normals[near] * ways).sum(axis=1) > _FACING * np.linalg.norm(ways, axis=1)
     near = near[~facing]
     sight = open_sight(welded, region, centres[near], welded.face_normals[near])
-    return welded.submesh(near[sight >= _MIN_SIGHT])
+    outline = welded.submesh(near[sight >= _MIN_SIGHT])
+    part = face_parts(outline.faces)
+    areas = np.bincount(part, weights=outline.face_areas_m2)
+    return outline.submesh(np.flatnonzero((areas >= _MIN_PART * areas.sum())[part]))
 
 
 def _gaps(outline: SurfaceMesh, region: HoleRegion) -> list[float]:
@@ -211,9 +212,7 @@ def _gaps(outline: SurfaceMesh, region: HoleRegion) -> list[float]:
     # Rims beyond the band are cut edges of the outline.
     rims = [float(reach[loop].min()) for loop in boundary_loops(outline) if len(loop) > 4]
     part = face_parts(outline.faces)
-    areas = np.bincount(part, weights=outline.face_areas_m2)
-    whole = areas >= _MIN_PART * areas.sum()
-    parts = [float(reach[outline.faces[part == number]].min()) for number in np.flatnonzero(whole)]
+    parts = [float(reach[outline.faces[part == number]].min()) for number in range(part.max() + 1)]
     return [gap for gap in (*rims, *parts) if gap < max_m]
 
 

@@ -37,6 +37,10 @@ __all__ = ["Completion", "CompletionSettings", "SurfaceUncertainty"]
 _TRUSTED = 0.06
 #: Points of a ring with a larger standard deviation, relative to its radius, are not used.
 _USELESS = 0.2
+#: Distance of the off-surface points, in sizes of the region.
+_OFF_SURFACE = 0.05
+#: Nodes along the longest edge of the region, for the surface and for the mesh on which touches are planned.
+_GRID, _PLAN_GRID = 64, 34
 #: Maximum number of rounds that add centres in free space which the surface still covers.
 _FREE_ROUNDS = 3
 #: Minimum number of contacts before an exploration is complete.
@@ -45,15 +49,8 @@ MIN_TOUCHES = 3
 
 @dataclass(frozen=True, slots=True)
 class CompletionSettings:
-    """Settings of a completion; lengths that are ``None`` follow from the size of the region."""
+    """Settings of a completion."""
 
-    max_supports: int = 320  #: maximum number of points of the visible band; each adds three centres
-    band_m: float | None = None  #: width of the band behind each rim [m]; default a quarter of the region
-    off_surface_m: float | None = None  #: distance of the off-surface points [m]; default 5 % of the region
-    grid: int = 64  #: nodes along the longest edge of the region, for the surface
-    plan_grid: int = (
-        34  #: nodes along the longest edge of the region, for the mesh on which touches are planned
-    )
     visual_sigma_m: float = 0.0005  #: standard deviation of the visible surface [m]
     use_priors: bool = True  #: whether a touch predicts a ring from the visible cross-sections
     #: lower bound of missing parts and touches: the table plus the radius of the tip [m]
@@ -70,7 +67,7 @@ class Completion:
     region
         Region where the surface is missing.
     settings
-        Bands, grids and priors; the defaults follow from the size of the region.
+        Noise of the visible surface, priors and the floor.
     T_visual_haptic
         Maps touches to the frame of the visible surface.
 
@@ -105,11 +102,9 @@ class Completion:
         self.visual = remove_back_sides(visual, region)
         self.region = region
         self._pose = T_visual_haptic
-        supports, width_m = self.settings.max_supports, self.settings.band_m
-        self.band = support_band(self.visual, region, max_points=supports, band_m=width_m)
+        self.band = support_band(self.visual, region)
         self.touches: list[Touch] = []  #: in the frame of the visible surface
-        size_m = region.size_m
-        self._d_m = self.settings.off_surface_m or 0.05 * size_m
+        self._d_m = _OFF_SURFACE * region.size_m
         middle_z = float(region.hull_m[:, 2].min() + region.hull_m[:, 2].max()) / 2
         self.prior: ShapePrior | None = None
         if self.settings.use_priors:
@@ -261,7 +256,7 @@ class Completion:
 
     def surface(self) -> SurfaceMesh:
         """The estimated surface in the grown region [m]; it overlaps the visible one in the band."""
-        return self._space.surface(self._fit, self.settings.grid, self._supports())
+        return self._space.surface(self._fit, _GRID, self._supports())
 
     def completed(self) -> SurfaceMesh:
         """The visible surface joined with the estimated one where the visible surface is missing."""
@@ -275,7 +270,7 @@ class Completion:
 
     def _planned(self) -> tuple[SurfaceMesh, BiharmonicMesh]:
         if self._plan is None:
-            mesh = self._space.surface(self._fit, self.settings.plan_grid, self._supports())
+            mesh = self._space.surface(self._fit, _PLAN_GRID, self._supports())
             self._plan = mesh, BiharmonicMesh(mesh.vertices_m, mesh.faces)
         return self._plan
 
