@@ -5,8 +5,8 @@
 
 The node is a separate process (``visuohaptic ros node foam``), fed with rendered raw images of 1600 x 896 at 10 Hz, which is
 sufficient for the sensor to distinguish a contact from an occluder. Killed peers and malformed messages are spread evenly over the
-time. Before the first minute the node is stopped for a second several times: its queues, and those of the middleware, keep the
-memory of as many images as they have held at once, and the memory that a camera shares with the node (33.6 MB) becomes part of
+time. Before the first minute the node gets images faster than it reads them, and is stopped for a second, several times: it keeps
+the memory of as many images as its queue and those of the middleware have held at once, and the memory that a camera shares with the node (33.6 MB) becomes part of
 the node's memory as far as images have ever waited in it. A row per minute is stored with the number of the node's process; an
 interrupted run continues with a new process, and growth is reported for each process separately. The figures start after the
 first two minutes of a process, when its buffers and adaptive models are filled.
@@ -45,8 +45,8 @@ __all__ = ["IMAGE_MB", "STOPS", "campaign", "run"]
 RATE_HZ = 10.0
 #: How often the node is stopped before the first minute.
 STOPS = 10
-#: Images that arrive meanwhile: 23 fill the memory that the camera shares with it (``fastdds.xml``).
-STOPPED = 30
+#: Images that arrive before and meanwhile: more than its queue of ten, and 23 fill the memory that the camera shares with it (``fastdds.xml``).
+BURST = 30
 #: Minutes of a process before its figures count.
 WARM = 2
 #: Memory of one image [MB].
@@ -82,12 +82,13 @@ class Campaign:
         return messages.stamp_ns(now_s)
 
     def _fill_queues(self) -> None:
-        """Stop the node while images arrive: it and the middleware keep the memory of as many as they have ever held at once."""
+        """Send images faster than the node reads them, to it and while it is stopped: its queue and the middleware's are full at once."""
         for _ in range(STOPS):
-            self.node.process.send_signal(signal.SIGSTOP)
-            for _ in range(STOPPED):
-                self._publish()
-                time.sleep(0.05)
+            for signal_, pause_s in ((signal.SIGCONT, 0.02), (signal.SIGSTOP, 0.05)):
+                self.node.process.send_signal(signal_)
+                for _ in range(BURST):
+                    self._publish()
+                    time.sleep(pause_s)
             self.node.process.send_signal(signal.SIGCONT)
             time.sleep(1.0)
 
