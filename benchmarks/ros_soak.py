@@ -12,8 +12,8 @@ interrupted run continues with a new process, and growth is reported for each pr
 first two minutes of a process, when its buffers and adaptive models are filled.
 
 The memory of the node's own is called flat if the upper 95 % limit of its slope is below one image (1.43 MB) an hour: an image is
-the smallest amount that a leak of images loses, and by which fragmentation grows. The slope is that of a line through the minutes,
-its standard error follows from the residuals. Memory that is shared with cameras is apart: it has a fixed size for each camera, and
+the smallest amount that a leak of images loses, and by which fragmentation grows. The slope is that of a line through the second half
+of a process's minutes: a leak continues, while queues and caches are filled once. Its standard error follows from the residuals. Memory that is shared with cameras is apart: it has a fixed size for each camera, and
 that of a killed one is released when DDS has missed it for 20 s.
 """
 
@@ -203,10 +203,11 @@ def _rows(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
              "higher_is_better": False, "note": "; ".join(ends)}
         )  # fmt: skip
     paths = [
-        [row["memory_MB"] - row["shared_MB"] for row in found if row["process"] == process][WARM:]
+        [row["memory_MB"] - row["shared_MB"] for row in found if row["process"] == process]
         for process in processes
     ]
-    if slopes := [slope_MB_h(path) for path in paths if len(path) > 2]:
+    steady = [path[max(WARM, len(path) // 2) :] for path in paths]
+    if slopes := [slope_MB_h(path) for path in steady if len(path) > 2]:
         upper, slope, error = max((upper, slope, error) for slope, error, upper in slopes)
         rows.append(
             {"name": "slope of its own memory, upper 95 % limit", "ours": upper, "unit": "MB/h", "floor": IMAGE_MB,
