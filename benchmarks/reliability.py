@@ -239,9 +239,9 @@ ROWS = (
     Row(11, "determinism of 11 verbs: hash seeds, threads, cores", "50: same bytes", determinism.cases),
     Row(
         12,
-        "soak: chain, page, tasks, node over DDS (tried: frames, redraws, tasks, images)",
+        "soak: chain, bridge, page, tasks, node over DDS (tried: frames, images, redraws, tasks)",
         "4 h: flat",
-        elsewhere="`python -m benchmarks.soak --what chain page mission --hours 4 --report soak.jsonl`, `benchmarks.ros_soak`",
+        elsewhere="`python -m benchmarks.soak --what chain bridge page mission --hours 4 --report soak.jsonl`, `benchmarks.ros_soak`",
         note=_hours_each,
     ),
     Row(

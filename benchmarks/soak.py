@@ -4,6 +4,8 @@
   frame is used on the way forwards and the others on the way backwards, because a frame that is repeated soon is rejected as stale.
   The clock of the frames runs on at 30 Hz. Every frame is decoded, its foam, surroundings and templates are read, contacts
   and events are tracked, and the measurements are written to an MCAP file, as on a robot that records.
+- *bridge*: a camera publishes images to a bridge over zenoh and waits for each wrench. Every 50th time it also sends a truncated
+  message, and every 100th time another node joins, subscribes and leaves.
 - *page*: a live page with a connected browser is redrawn, at 10 Hz of its own clock: picture, force, strip and an obstacle; clients
   without the secret are refused in between.
 - *mission*: the tasks of :mod:`benchmarks.mission_faults` under a supervisor, without a fault, each time in another world.
@@ -13,7 +15,7 @@ A node over DDS is tested by :mod:`benchmarks.ros_soak`.
     python -m benchmarks soak                   a slice of one minute of the chain
     python -m benchmarks.soak --hours 4 --report soak.jsonl
                                                 slices of ten minutes of the loop's own time; resumable
-    python -m benchmarks.soak --what page mission --hours 0.5 --report soak.jsonl
+    python -m benchmarks.soak --what bridge page mission --hours 0.5 --report soak.jsonl
 
 Prints the memory growth, open files and threads, and CPU time per step.
 """
@@ -23,6 +25,8 @@ from __future__ import annotations
 import argparse
 import gc
 import os
+import queue
+import socket
 import tempfile
 import threading
 import time
@@ -131,6 +135,58 @@ class Soak:
         self.frames += 1
 
 
+class BridgeLoop:
+    """A bridge, and a camera that waits for each answer."""
+
+    warm = 232  # four presses forwards and backwards
+
+    def __init__(self, camera: Any, images: list[np.ndarray], join: Callable[[], Any]) -> None:
+        from visuohaptic.ros.wire import message_type
+
+        from .ros_latency import KIND, TOPIC, WRENCH
+
+        self._images, self._join, self._kind = [*images, *images[-2:0:-1]], join, message_type(KIND)
+        self._rng, self._wrench = np.random.default_rng(_SEED), WRENCH
+        self._answers: queue.Queue[tuple[int, bool]] = queue.Queue()
+        camera.subscribe("/foam/wrench", WRENCH, self._hear)
+        self._camera = camera.advertise(TOPIC, KIND, wait=True)
+        self._camera.wait_until_heard(30.0)
+        self.reasons: Counter[str] = Counter()
+        self.frames = self.faults = 0
+
+    def _hear(self, received: Any) -> None:
+        force_N = received.message.wrench.force.x
+        self._answers.put((round(received.t_s * _RATE_HZ), bool(np.isfinite(force_N))))
+
+    @property
+    def t_s(self) -> float:
+        """Time of the next frame."""
+        return self.frames / _RATE_HZ
+
+    def step(self) -> None:
+        """Next image, from the camera to its wrench."""
+        from visuohaptic.io.ros import ros_messages as messages
+        from visuohaptic.ros.wire.cdr import encode
+
+        image = self._images[self.frames % len(self._images)]
+        # New noise: an identical image would be stale.
+        image[0] ^= self._rng.integers(0, 2, image.shape[1], np.uint8)
+        self.frames += 1
+        data = encode(messages.image(self.t_s, image, "bumper"), self._kind)
+        if self.frames % 50 == 0:
+            self._camera.send(data[: self._rng.integers(4, 1000)])
+        if self.frames % 100 == 0:
+            with self._join() as peer:
+                peer.subscribe("/foam/wrench", self._wrench, lambda received: None)
+        self._camera.send(data)
+        try:
+            while (answer := self._answers.get(timeout=10.0))[0] != self.frames:
+                pass
+            self.reasons["valid" if answer[1] else "not valid"] += 1
+        except queue.Empty:
+            self.faults += 1
+
+
 class PageLoop:
     """A live page; a browser is connected."""
 
@@ -200,6 +256,27 @@ def _chain() -> Iterator[Soak]:
 
 
 @contextmanager
+def _bridge() -> Iterator[BridgeLoop]:
+    from visuohaptic.core.files import save_yaml
+    from visuohaptic.ros import Bridge, RosNode, RosOptions
+
+    from .ros_latency import TOPIC, pictures
+
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        place = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        images = pictures(folder, 30)
+        section = {"name": "foam", "config": "sensor.yaml", "image": TOPIC, "queue": 4}
+        node = {"connect": [place], "listen": []}
+        save_yaml(folder / "bridge.yaml", {"node": node, "sensors": [section], "stale_s": 60.0})
+        camera = stack.enter_context(RosNode("camera", RosOptions(connect=(), listen=(place,))))
+        stack.enter_context(Bridge.load(folder / "bridge.yaml"))
+        yield BridgeLoop(camera, images, lambda: RosNode("peer", RosOptions(connect=(place,), listen=())))
+
+
+@contextmanager
 def _page() -> Iterator[PageLoop]:
     import viser
     from websockets.exceptions import ConnectionClosed
@@ -235,7 +312,7 @@ def _mission() -> Iterator[MissionLoop]:
 
 
 #: The loops by name.
-LOOPS: dict[str, Callable[[], Any]] = {"chain": _chain, "page": _page, "mission": _mission}
+LOOPS: dict[str, Callable[[], Any]] = {"chain": _chain, "bridge": _bridge, "page": _page, "mission": _mission}
 
 
 def soak(

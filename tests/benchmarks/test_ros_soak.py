@@ -27,6 +27,12 @@ def test_memory_that_grows_by_two_images_an_hour_is_not_flat() -> None:
     noise = np.random.default_rng(8).normal(0.0, 0.05, 62)
     grown = 2.0 * ros_soak.IMAGE_MB * np.arange(62) / 60.0
     assert ": flat," in _verdict(370.0 + noise)[1]
+    filled = np.minimum(np.arange(62), 20) * 0.2  # once
+    assert ": flat," in _verdict(370.0 + filled + noise)[1]
     limit, note = _verdict(370.0 + grown + noise)
     assert limit > 2.0 * ros_soak.IMAGE_MB
     assert "not shown to be flat" in note
+    late = ros_soak.IMAGE_MB * np.array(
+        [0] * 35 + [1] * 10 + [2] * 10 + [4] * 7
+    )  # as arenas grew in one hour
+    assert "not shown to be flat" in _verdict(370.0 + late + noise)[1]

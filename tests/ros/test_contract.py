@@ -166,6 +166,21 @@ def test_each_sees_the_other_until_it_leaves(same: Pair) -> None:
         same.one.advertise("late", STRING)
 
 
+def test_a_closed_subscription_leaves_the_graph_and_the_node(same: Pair) -> None:
+    def listens() -> bool:
+        found = {(entity.kind, entity.topic) for entity in same.one.graph()}
+        return (EntityKind.SUBSCRIPTION, "/chatter") in found
+
+    publisher, held = same.one.advertise("chatter", STRING), len(same.other._closing)
+    for _ in range(2):
+        subscription = same.other.subscribe("chatter", STRING, lambda received: None)
+        assert until(lambda: publisher.heard and listens(), PATIENCE_S)
+        subscription.close()
+        subscription.close()
+        assert until(lambda: not publisher.heard and not listens(), PATIENCE_S)
+    assert len(same.other._closing) == held
+
+
 def test_other_domains_and_topics_are_not_heard(same: Pair) -> None:
     got: list[Received] = []
     met: list[Received] = []

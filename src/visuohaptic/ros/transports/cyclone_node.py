@@ -219,8 +219,9 @@ class CycloneNode(TopicNode):
             end.set()
             if threading.current_thread() is not thread:
                 thread.join()
+            self._endpoints[EntityKind.SUBSCRIPTION].remove(reader)
+            self._announce()
 
-        self._closing.append(undeclare)
         return undeclare
 
     def graph(self, timeout_s: float = 1.0) -> tuple[Entity, ...]:

@@ -163,8 +163,11 @@ class RclpyTopics(TopicNode):
         inner = self.inner.create_subscription(
             interface(kind.name), subscription.topic, take, self._qos(qos), raw=True
         )
-        self._closing.append(lambda: self.inner.destroy_subscription(inner))
-        return self._closing[-1]
+
+        def undeclare() -> None:
+            self.inner.destroy_subscription(inner)
+
+        return undeclare
 
     def graph(self, timeout_s: float = 1.0) -> tuple[Entity, ...]:
         """The graph as currently known to the middleware; undiscovered entities are missing.

@@ -270,7 +270,14 @@ class TopicNode(Closing):
         """
         place, kind = self._endpoint(topic, datatype)
         subscription = RosSubscription(place, kind, receive)
-        subscription.undeclare = self._listen(subscription, kind, qos or Qos())
+        leave = self._listen(subscription, kind, qos or Qos())
+
+        def undeclare() -> None:
+            self._closing.remove(subscription.close)
+            leave()
+
+        subscription.undeclare = undeclare
+        self._closing.append(subscription.close)
         return subscription
 
     def _endpoint(self, topic: str, datatype: str | MessageType) -> tuple[str, MessageType]:
@@ -343,7 +350,7 @@ class TopicNode(Closing):
             if self._closed:
                 return
             self._closed = True
-        for close in reversed(self._closing):
+        for close in self._closing[::-1]:
             try:
                 close()
             except Exception as error:  # noqa: BLE001 - transports' errors have no common base; the rest must close, too

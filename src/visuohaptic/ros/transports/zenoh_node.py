@@ -51,7 +51,7 @@ class RosNode(TopicNode):
         self._session = open_session(self.options)
         self._id = str(self._session.zid())
         self._numbers = itertools.count(1)
-        self._declare(self._entity(EntityKind.NODE, 0))
+        self._closing.append(self._declare(self._entity(EntityKind.NODE, 0)))
 
     def _entity(self, kind: EntityKind, number: int, *endpoint: Any) -> Entity:
         place = (self.domain, self._id, 0, number, kind, self.namespace, self.name)
@@ -61,9 +61,10 @@ class RosNode(TopicNode):
         type_hash = datatype.type_hash() if self.options.type_hashes else NO_HASH
         return self._entity(kind, next(self._numbers), topic, datatype.name, type_hash, qos)
 
-    def _declare(self, entity: Entity) -> None:
-        token = self._session.liveliness().declare_token(entity.token())
-        self._closing.append(token.undeclare)
+    def _declare(self, entity: Entity) -> Callable[[], None]:
+        """Announce an entity in the graph; returns the function that withdraws it."""
+        withdraw: Callable[[], None] = self._session.liveliness().declare_token(entity.token()).undeclare
+        return withdraw
 
     def _outlet(self, topic: str, kind: MessageType, qos: Qos, wait: bool) -> Outlet:
         import zenoh
@@ -82,8 +83,7 @@ class RosNode(TopicNode):
             )
         else:
             publisher = self._session.declare_publisher(key, congestion_control=congestion)
-        self._closing.append(publisher.undeclare)
-        self._declare(entity)
+        self._closing += [publisher.undeclare, self._declare(entity)]
         gid = publisher_gid(entity.token())
 
         def send(data: bytes, number: int) -> None:
@@ -110,9 +110,12 @@ class RosNode(TopicNode):
             inner = ext.declare_advanced_subscriber(self._session, key, take, history=history)
         else:
             inner = self._session.declare_subscriber(key, take)
-        self._closing.append(inner.undeclare)
-        self._declare(entity)
-        undeclare: Callable[[], None] = inner.undeclare
+        parts: tuple[Callable[[], None], ...] = (self._declare(entity), inner.undeclare)
+
+        def undeclare() -> None:
+            for part in parts:
+                part()
+
         return undeclare
 
     def graph(self, timeout_s: float = 1.0) -> tuple[Entity, ...]:
