@@ -117,6 +117,17 @@ def first_verbs(folder: Path) -> Iterator[tuple[str, list[str]]]:
     )
     yield "map inspect", ["map", "inspect", str(yaml), "-q"]
     yield "example foam", ["example", "foam", "--out", str(folder / "try"), "-q"]
+    from visuohaptic.rigs.virtual_office import write_office_example
+
+    office = write_office_example(folder / "office")
+    files = [
+        str(office / "office.yaml"),
+        "--objects",
+        str(office / "objects.yaml"),
+        "--robot",
+        str(office / "robot.yaml"),
+    ]
+    yield "plan", ["plan", *files, "--start", "1.5", "0.9", "--goal", "2.45", "1.5", "-q"]
 
 
 def _cpu_s(words: Sequence[str], cache: Path) -> float:
