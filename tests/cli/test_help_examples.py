@@ -498,7 +498,7 @@ def _robot() -> Iterator[None]:
         try:
             yield
         finally:
-            speaker.join(30.0)
+            speaker.join(60.0)
 
 
 def _video(path: Path) -> list[np.ndarray]:

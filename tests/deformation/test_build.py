@@ -107,7 +107,7 @@ def test_kill_9_loses_nothing(plan: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-c", code, str(plan), str(tmp_path / "killed")]
     for objects in (1, 3):
         process = subprocess.Popen(command, env=os.environ)
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 300  # it ends a test that hangs; a busy machine starts a process late
         while len(list((tmp_path / "killed").glob("*/*.npz"))) < objects and process.poll() is None:
             assert time.monotonic() < deadline
             time.sleep(0.002)

@@ -112,7 +112,7 @@ def test_all_end_together(tmp_path: Path) -> None:
     while not up.exists():
         time.sleep(0.01)
     stop.set()
-    thread.join(20.0)
+    thread.join(60.0)
     assert said.exists()
     with pytest.raises(DeviceError, match="cannot be started"):
         run_launch((("no-such-program-here",),), stop)
