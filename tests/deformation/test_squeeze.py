@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -141,3 +142,23 @@ def test_broken_thickness_maps_are_refused(text: str, said: str, tmp_path: Path)
 def test_a_map_in_another_unit_is_refused(cup: ShellObject) -> None:
     with pytest.raises(InputError, match=r"mm from the wall, which is"):
         with_thickness_map(cup, np.array([[0.0, 5e-4], [100.0, 4e-4]]), "wall.csv")
+
+
+def test_a_face_takes_its_three_nearest_measurements_weighted_by_distance() -> None:
+    cup = load_object("cup", around=16)
+    middle = cup.mesh.vertices_m[cup.mesh.faces].mean(axis=1)
+    out = np.array([0.0, 0.0, 1e-3])
+    places = [middle[0] + step * out for step in (1.0, 2.0, 4.0, 8.0)]
+    values = np.column_stack([places, [1e-3, 2e-3, 3e-3, 9e-3]])
+    found = with_thickness_map(cup, values, "map")
+    expected = np.dot([4.0, 2.0, 1.0], [1e-3, 2e-3, 3e-3]) / 7.0
+    assert np.asarray(found.mesh.thickness_m)[0] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("part", "accepted"), [(0.23, True), (0.27, False)])
+def test_a_measurement_is_within_a_quarter_of_the_height(part: float, accepted: bool) -> None:
+    cup = load_object("cup", around=16)
+    top_m = float(cup.mesh.vertices_m[cup.mesh.faces].mean(axis=1)[:, 2].max())
+    values = np.array([[0.0, 1e-3], [top_m + part * cup.height_m, 1e-3]])
+    with nullcontext() if accepted else pytest.raises(InputError, match="from the wall"):
+        with_thickness_map(cup, values, "map")

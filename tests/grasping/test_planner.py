@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from visuohaptic.grasping import (
     Handling,
     Load,
     ScoreParameters,
+    Spill,
     Verdict,
     confirm_grasp,
     find_approach,
@@ -189,6 +192,7 @@ def test_a_small_force_is_confirmed_as_the_map_says():
         # 0.3 N on a wall of 6 kN/m: second order is the fraction of deformation by wall, 0.1.
         assert grasp.confirmation.deformation_m == pytest.approx(grasp.deformation_m, rel=0.1)
         assert abs(grasp.confirmation.pressed_out_m3) < 1e-6
+        assert len(grasp.confirmation.curve_m) == 1 + 8  # from rest, in equal steps
 
 
 def test_symmetric_places_press_out_the_same():
@@ -338,3 +342,42 @@ def test_a_bowl_that_no_hand_goes_round_is_held_by_its_rim():
     assert [grasp.rim for grasp in pot.grasps] == sorted(grasp.rim for grasp in pot.grasps)
     assert pot.grasps[-1].rim
     assert not pot.grasps[0].rim
+
+
+FIRST_m, SECOND_m = np.array([-0.03, 0.0, 0.3]), np.array([0.03, 0.0, 0.3])
+GRIPPER = GripperModel()
+
+
+def elevation_degrees(*points_m: tuple[float, float, float]) -> float:
+    """Elevation of the approach to a pinch along x at a height of 30 cm, among obstacles; infinite without any."""
+    found = find_approach(ApproachSpace(np.array(points_m), -1.0), FIRST_m, SECOND_m, GRIPPER)
+    return math.inf if found is None else math.degrees(found.elevation_rad)
+
+
+def around_the_arc(*elevations_degrees: float) -> list[tuple[float, float, float]]:
+    """Obstacles 16 cm from the pinch, at the palm of an approach at these elevations, on both sides."""
+    return [
+        (0.0, sign * 0.16 * math.cos(angle), 0.3 + 0.16 * math.sin(angle))
+        for angle in map(math.radians, elevations_degrees)
+        for sign in (-1.0, 1.0)
+    ]
+
+
+def test_the_approach_comes_from_the_side_then_from_above_in_steps_of_thirty_degrees():
+    found = [elevation_degrees(*around_the_arc(*range(0, 90, 30)[:k]), (0.0, 9.0, 9.0)) for k in range(4)]
+    assert found == pytest.approx([0.0, 30.0, 60.0, 90.0])
+
+
+@pytest.mark.parametrize(("part", "blocked"), [(0.9, True), (1.1, False)])
+def test_the_approach_is_free_over_ten_centimetres_and_two_millimetres_around(part, blocked):
+    behind_m = GRIPPER.finger_length_m + GRIPPER.palm_thickness_m + part * 0.1
+    assert (elevation_degrees((0.0, behind_m, 0.3), (0.0, -behind_m, 0.3)) > 0.0) == blocked
+    ahead_m = GRIPPER.finger_radius_m + part * 0.002
+    finger_m = 0.03 + 1.5 * GRIPPER.finger_thickness_m
+    assert (elevation_degrees((finger_m, -ahead_m, 0.3)) > 0.0) == blocked
+
+
+def test_half_of_the_linear_force_spills():
+    """Nonlinear simulations press out twice the volume."""
+    limit_N = Spill(1e-5, np.array([1e-6, 0.0, -1e-6])).limit_N
+    np.testing.assert_allclose(limit_N, [5.0, np.inf, np.inf])

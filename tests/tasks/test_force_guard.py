@@ -306,3 +306,13 @@ def test_foam_that_is_not_read_is_as_full_as_it_was():
     assert pressed < 0.5 * free
     assert drive(2 / 30, 0.0, math.nan) == pytest.approx(pressed)
     assert drive(3 / 30, 0.0, 0.0) == pytest.approx(free)
+
+
+def test_half_a_second_of_unread_force_at_50_Hz_ends_and_three_of_five_readings_are_a_median():
+    guard = ForceGuard(20.0)
+    states = [guard.update(math.nan) for _ in range(25)]
+    assert (states[-2], states[-1]) == (GuardState.HOLD, GuardState.UNREAD)
+    guard = ForceGuard(20.0)
+    # The reading after a stop was made while the platform was held, and does not count.
+    states = [guard.update(force_N) for force_N in (20.0, 1.0, 1.0, 1.0, 20.0, 20.0)]
+    assert (states[-2], states[-1]) == (GuardState.HOLD, GuardState.TOO_HEAVY)

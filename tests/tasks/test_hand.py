@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from visuohaptic.tasks.framework import Trace, replay
 from visuohaptic.tasks.manipulation import (
     ClassifyOutcome,
     ClassifySettings,
+    ContentsFinding,
     GraspAndLiftTask,
     GraspOutcome,
     Hand,
@@ -246,3 +248,11 @@ def test_bad_plans_are_refused() -> None:
         LiftPlan(Place(0.1), force_N=0.0)
     with pytest.raises(InputError, match="expected rising forces"):
         SqueezeSettings(forces_N=(2.0, 1.0))
+
+
+@pytest.mark.parametrize(("probability", "claimed"), [(0.979, False), (0.981, True)])
+def test_a_lid_is_claimed_from_98_percent(probability, claimed):
+    belief = {"closed": probability, "open": 1.0 - probability}
+    posterior = SimpleNamespace(belief=lambda: belief)
+    assert ContentsFinding(posterior, [], (0.3, 0.01)).confident == claimed
+    assert not ContentsFinding(posterior, [], None).confident  # not weighed
