@@ -16,7 +16,7 @@ from visuohaptic.demo.bottle import HEIGHTS, NECK_M, training_objects
 from visuohaptic.demo.hand_chapters import MOUTH, mission_classes
 from visuohaptic.recognition import TouchReading
 from visuohaptic.recognition.touch import update_belief
-from visuohaptic.recognition.touch.belief import OUTLINE_HEIGHT_m, OUTLINE_LENGTH_m
+from visuohaptic.recognition.touch.belief import WIDTH_VARIANCE, OUTLINE_HEIGHT_m, OUTLINE_LENGTH_m
 from visuohaptic.recognition.touch.haptic_model import MOUTH_REACH
 from visuohaptic.recognition.touch.outline_match import container_outline
 
@@ -83,7 +83,8 @@ def outline_likelihood(length_m: float, height_m: float) -> tuple[float, float]:
         z = step_m * np.arange(len(radius))
         own, high = sigma_m / radius, height_m * np.gradient(np.log(radius), z)
         near = np.exp(-0.5 * ((z[:, None] - z) / length_m) ** 2)
-        root = np.linalg.cholesky((np.outer(own, own) + np.outer(high, high)) * near)
+        felt = WIDTH_VARIANCE * np.eye(len(radius))
+        root = np.linalg.cholesky((np.outer(own, own) + np.outer(high, high)) * near + felt)
         white = np.linalg.solve(root, np.log(radius / true))
         square.append(float(white @ white))
         score.append(-0.5 * square[-1] - float(np.log(np.diag(root)).sum()))

@@ -31,7 +31,12 @@ from visuohaptic.recognition.touch import (
     update_belief,
     with_outline,
 )
-from visuohaptic.recognition.touch.belief import OUTLINE_HEIGHT_m, OUTLINE_LENGTH_m, sequential_likelihood
+from visuohaptic.recognition.touch.belief import (
+    WIDTH_VARIANCE,
+    OUTLINE_HEIGHT_m,
+    OUTLINE_LENGTH_m,
+    sequential_likelihood,
+)
 from visuohaptic.recognition.touch.calibration import EXPLORATIONS, best_or_first, rate_of_each
 from visuohaptic.recognition.touch.unknown_class import FIRST_WIDTH
 from visuohaptic.recognition.trees import mean_touches, train_tree
@@ -125,7 +130,7 @@ def test_an_outline_is_evidence_with_errors_that_neighbours_share(model: HapticM
     width = 2 * np.interp(z, outline[:, 1], outline[:, 0])
     own = 2 * 0.001 / width
     high = OUTLINE_HEIGHT_m * np.gradient(np.log(width), z)
-    errors = (np.outer(own, own) + np.outer(high, high)) * np.exp(
+    errors = WIDTH_VARIANCE * np.eye(14) + (np.outer(own, own) + np.outer(high, high)) * np.exp(
         -0.5 * ((z[:, None] - z) / OUTLINE_LENGTH_m) ** 2
     )
     felt, value, noise = evidence(model, [touch(8, "y"), touch(13, "y")])

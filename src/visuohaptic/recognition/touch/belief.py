@@ -223,8 +223,9 @@ def with_outline(model: HapticModel, outline_m: Float[np.ndarray, "k 2"], sigma_
     The outline discriminates between classes, and determines the width of the object at every place that is touched later.
     The foot and the closure are not part of the shape: the lowest and the highest place are left out. Errors of neighbouring
     radii are alike: with the error s of a radius, the error t of a height, the profile w(z) and the length L, the covariance of
-    log w(z) and log w(z') is (4 s^2 / (w w') + t^2 (log w)' (log w')') exp(-(z - z')^2 / (2 L^2)). As independent errors, a smooth
-    one would be evidence for another profile, and so for the unknown class.
+    log w(z) and log w(z') is (4 s^2 / (w w') + t^2 (log w)' (log w')') exp(-(z - z')^2 / (2 L^2)), besides the
+    independent errors of widths that are felt. If all errors were independent, a smooth one would be evidence for another profile,
+    and so for the unknown class.
 
     Parameters
     ----------
@@ -240,7 +241,8 @@ def with_outline(model: HapticModel, outline_m: Float[np.ndarray, "k 2"], sigma_
     width = 2.0 * np.interp(height, outline_m[:, 1], outline_m[:, 0])
     along = np.stack([2.0 * sigma_m / width, OUTLINE_HEIGHT_m * np.gradient(np.log(width), height)])
     near = np.exp(-0.5 * ((height[:, None] - height) / OUTLINE_LENGTH_m) ** 2)
-    read = FIRST_WIDTH + 2 * level, np.log(width), along.T @ along * near
+    errors = along.T @ along * near + WIDTH_VARIANCE * np.eye(len(level))
+    read = FIRST_WIDTH + 2 * level, np.log(width), errors
     mean, covariance = condition(model, *read)
     score = model.log_prior + log_likelihood(model, *read)[0] / model.temperature
     return replace(
