@@ -261,6 +261,19 @@ def test_edge_of_a_plate_adds_to_the_model_error(material):
     assert budgets[1].model_N < budgets[0].model_N
 
 
+@pytest.mark.parametrize("boundary", ["tension", "enlarged"])
+def test_a_twentieth_of_what_sheared_foam_bears_is_the_model_error(material, boundary):
+    """Twin of the kernel: m sin(theta)^2 over the flanks; foam that is compressed alike everywhere has no such error."""
+    delta = bump(0.008, 0.125, 0.03)
+    found = read_profile(S, delta, SIGMA, SEEN, replace(material, tension=Tension(0.0)), boundary=boundary)
+    stress, slope = material.stress(delta / material.width_m), np.diff(delta) / np.diff(S)
+    share = np.sin(np.arctan(slope)) ** 2 * np.diff(S)
+    sheared_N = material.height_m * float(0.5 * (stress[1:] + stress[:-1]) @ share)
+    assert found.budget.model_N == pytest.approx(0.05 * sheared_N, rel=1e-9)
+    flat = read_profile(S, np.full(K, 0.005), SIGMA, SEEN, material, boundary=boundary)
+    assert flat.budget.model_N == 0.0
+
+
 def test_uncertain_tension_is_declared(material):
     sure, unsure = (replace(material, tension=Tension(0.27, sigma)) for sigma in (0.0, 0.1))
     delta = bump(0.006, width=0.015)

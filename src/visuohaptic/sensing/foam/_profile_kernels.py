@@ -12,7 +12,7 @@ from ...tracking.contours.contour import SHARED_POINTS
 from .material.stress_curve import curve_values
 
 #: Columns of the region table, named in ``profile.py``.
-COLUMNS = 16
+COLUMNS = 17
 #: Effective tension of the flanks of simulated foams in bending, relative to that of the force law.
 FLANK = 2.5
 #: A point bears load when the pressure minus the tension exceeds this fraction of m(eps).
@@ -243,8 +243,7 @@ def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, width,
             weight[0] += ends[0, 0]
         if last == n - 1:
             weight[n - 1] += ends[0, 1]
-        relief = 0.0
-        freed = 0.0
+        relief, freed, sheared = 0.0, 0.0, 0.0
         sampling = 0.0
         top = 0.0
         for j in range(lo, hi):
@@ -265,6 +264,8 @@ def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, width,
                 single = not averaged or index[j + 1] - index[j] > 1
                 jump = (m_right - m_left) / math.sqrt(12.0) if single else bow * math.sqrt(4.0 / 3.0)
                 sampling += (height * ds * jump) ** 2
+            sine2 = g * g / (1 + g * g)
+            sheared += 0.5 * height * ds * (m_left + m_right) * sine2
             if mode != 1:
                 eps = 0.5 * (left + right) / width
                 position = min(eps / step, len(soft) - 1.001)
@@ -275,7 +276,6 @@ def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, width,
                 apart = max(min(middle - ends[1, 0], ends[1, 1] - middle), 0.0) / (END_PER_WIDTH * width)
                 free = math.exp(-apart * apart)
                 scale = 0.5 * (factor[j] + factor[j + 1])
-                sine2 = g * g / (1 + g * g)
                 freed += height * ds * loss * sine2 * scale * free
                 scale *= 1.0 - free
                 relief += height * ds * loss * sine2 * scale
@@ -324,6 +324,6 @@ def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, width,
         row[0], row[1], row[2], row[3], row[4] = first, last, force, image, zero
         row[5], row[6], row[7], row[8] = relief, sampling, top, cut
         row[9], row[10], row[11], row[12], row[13] = touch_first, touch_last, systematic, freed, common
-        row[14], row[15] = enlarged, turned
+        row[14], row[15], row[16] = enlarged, turned, sheared
         count += 1
     return count, pressure, pressure_sigma, table, sums

@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float, Int
 from ...core.errors import InputError
 from ...core.measurement import ErrorBudget, Reason
 from ...core.ranges import NON_NEGATIVE, check_ranges
-from .material.boundary import BODIES, BOUNDARIES, Boundary, contour_force
+from .material.boundary import BOUNDARIES, SHEARED_SIGMA, Boundary, contour_force
 from .material.foam_material import FoamMaterial
 from .material.hysteresis import RELEASE_STRAIN, HysteresisState
 
@@ -35,17 +35,14 @@ MAX_GAP_POINTS = 3
 #: The deflection of free foam beside a body decays over a considerable fraction of its width: a region shorter than this
 #: fraction of the width, including its ends, and shallower than the release strain is not a contact.
 NARROW_PER_WIDTH = 0.5
-#: Model error of each boundary law over simulated foams and bodies: fraction of the force.
-MODEL_FLOOR = {"tension": BODIES, "enlarged": BODIES, "local": 0.10}
-#: Relative standard deviations of the loss by shear, and of its relief at a free end: with these, the errors of 9 bodies on
-#: four foams, calibrated with one plate, are 0.92 standard deviations (rms; 1.5 with BODIES alone, 6 under two
-#: cylinders side by side), those of 14 plates near an end 1.0.
-SHEAR_SIGMA, END_SIGMA = 0.1, 0.7
+#: Model error of a law without flanks, by the force; and relative standard deviation of the relief of the shear at a free end: with
+#: it, the errors of 14 plates near an end are 1.0 standard deviations.
+LOCAL_SIGMA, END_SIGMA = 0.10, 0.7
 #: Fraction of the force that is negligible: of hidden foam, or of points that seem to be unloading.
 NEGLIGIBLE_PART = 0.02
 #: Columns of the kernel's table of regions.
 _FIRST, _LAST, _FORCE, _IMAGE_VAR, _ZERO_SLOPE, _RELIEF, _SAMPLING_VAR, _MAX_STRAIN, _CUT = range(9)
-_TOUCH_FIRST, _TOUCH_LAST, _UNCERTAINTY_VAR, _FREED, _SHARED, _ENLARGED, _TURNED = range(9, 16)
+_TOUCH_FIRST, _TOUCH_LAST, _UNCERTAINTY_VAR, _FREED, _SHARED, _ENLARGED, _TURNED, _SHEARED = range(9, 17)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +101,7 @@ class FoamContour:
     #: Systematic error of each deflection, independent between points: the same in every frame, and therefore part of
     #: the model error of the budget.
     uncertainty_m: Float[np.ndarray, "K"] | None = None
-    #: Part of it that neighbours share where it is not zero, e.g. for edges beside a shadow or another body.
+    #: Part of it that neighbours share where it is not zero, e.g. of widths that were inferred at rest.
     unclean_m: Float[np.ndarray, "K"] | None = None
     #: Fully correlated error of all points, of equal or opposite signs, e.g. due to the camera's encoding.
     shared_m: Float[np.ndarray, "K"] | None = None
@@ -225,7 +222,7 @@ class _Regions:
 
     pressure_Pa: Float[np.ndarray, "n"]
     pressure_sigma_Pa: Float[np.ndarray, "n"]
-    table: Float[np.ndarray, "R 16"]  #: columns ``_FIRST`` to ``_TURNED``
+    table: Float[np.ndarray, "R 17"]  #: columns ``_FIRST`` to ``_SHEARED``
     sums: Float[np.ndarray, "R p"]  #: derivative of the force by the parameters of the loading curve
 
 
@@ -302,10 +299,10 @@ def _contact(
     row = regions.table[k]
     first, last = int(row[_FIRST]), int(row[_LAST])
     force = float(row[_FORCE])
-    model2 = (MODEL_FLOOR[boundary] * force) ** 2 + float(row[_SAMPLING_VAR]) + float(row[_UNCERTAINTY_VAR])
+    own = LOCAL_SIGMA * force if boundary == "local" else SHEARED_SIGMA * float(row[_SHEARED])
+    model2 = own**2 + float(row[_SAMPLING_VAR]) + float(row[_UNCERTAINTY_VAR])
     if boundary == "tension":
-        sheared = SHEAR_SIGMA * float(row[_RELIEF]), END_SIGMA * float(row[_FREED])
-        model2 += (material.tension.ratio * math.hypot(*sheared)) ** 2
+        model2 += (END_SIGMA * material.tension.ratio * float(row[_FREED])) ** 2
     elif boundary == "enlarged":
         # The relief at the ratio kappa, which the published law neglects, is its model error.
         inside = slice(first, last + 1)
