@@ -28,7 +28,7 @@ from visuohaptic.viewer import (
     open_views,
     scale_colours,
 )
-from visuohaptic.viewer.object_view import Picked, _told
+from visuohaptic.viewer.object_view import Picked, _picked_text
 
 pytest.importorskip("viser", reason="the browser page is an extra")
 pytest.importorskip("trimesh", reason="coloured meshes are an extra")
@@ -243,7 +243,7 @@ def test_the_verb_serves_for_a_while(tmp_path, capsys):
 def picked(stiffness: float, **change) -> str:
     line = np.array([0.0, 1e-3, 2e-3])
     found = Picked(0, np.array([0.01, 0.0, 0.02]), stiffness, 50.0, 0.5, line, 1e3 * line, None, False)
-    return _told(replace(found, **change), 1.5)
+    return _picked_text(replace(found, **change), 1.5)
 
 
 @pytest.mark.parametrize(
