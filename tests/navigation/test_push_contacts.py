@@ -8,7 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import Point, Polygon
 
+from visuohaptic.core.geometry import polygon_centroid
 from visuohaptic.navigation.pushing import push_contacts
+from visuohaptic.navigation.pushing.contact_candidates import STABLE_RAD
 
 from .plan_scenes import box
 
@@ -64,3 +66,17 @@ def test_the_disc_touches_and_the_push_goes_through_the_centre(width, depth, tur
         cross = push.robot[0] * push.direction[1] - push.robot[1] * push.direction[0]
         assert abs(cross) < 1e-9
         assert push.robot @ push.direction < 0
+
+
+def test_a_concavity_is_pushed_where_the_disc_touches_both_sides():
+    ell = np.array([[0.0, 0.0], [0.42, 0.0], [0.42, 0.2], [0.2, 0.2], [0.2, 0.38], [0.0, 0.38]])
+    centre = polygon_centroid(ell)
+    pushes = push_contacts(ell, centre, 0.17, oblique=True)
+    seat = np.array([0.37, 0.37]) - centre  # touches both inner faces
+    (seated,) = (push for push in pushes if np.hypot(*(push.robot - seat)) < 1e-3)
+    assert not seated.oblique
+    # At a single corner of a concavity the object would turn until the other side touches.
+    outside = [push for push in pushes if push is not seated and not push.oblique]
+    normals = [(push.contact - push.robot) / 0.17 for push in outside]
+    # Of a face, up to the tolerance of a perpendicular push.
+    assert all(min(abs(normal)) < np.sin(STABLE_RAD) for normal in normals)

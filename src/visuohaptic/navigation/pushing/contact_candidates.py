@@ -70,6 +70,16 @@ def push_contacts(
         along = -float(a @ edge) / length**2
         if FACE_MARGIN <= along <= 1.0 - FACE_MARGIN:
             candidates.append((float(np.arctan2(edge[0], -edge[1])), FACE_SPACING_RAD))  # inward normal
+    if not body.equals(body.convex_hull):
+        # In a concavity, a disc touches both sides where the outline of its possible centres has a reflex corner.
+        ring = np.array(body.buffer(radius).exterior.coords)[:-1]
+        sides = np.roll(ring, -1, axis=0) - ring
+        before = np.roll(sides, 1, axis=0)
+        turns = np.arctan2(
+            before[:, 0] * sides[:, 1] - before[:, 1] * sides[:, 0], (before * sides).sum(axis=1)
+        )
+        seats = ring[turns * np.sign(turns.sum()) < -STABLE_RAD]
+        candidates += [(float(np.arctan2(-seat[1], -seat[0])), FACE_SPACING_RAD) for seat in seats]
     fan = np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS
     candidates += [(float(angle), np.pi / DIRECTIONS) for angle in fan]
     if oblique:
@@ -94,12 +104,14 @@ def push_contacts(
         contact_point = exterior.interpolate(exterior.project(Point(*robot)))
         contact = np.array([contact_point.x, contact_point.y])
         tilt = _tilt(hull, contact, direction)
-        steep = bool(tilt > STABLE_RAD)
-        bridged = steep and of_face and _touches_both_sides(body, robot, radius, direction)
-        if tilt <= steepest or bridged:
+        # At a corner of a concavity, the normal is that of the rim, and the object turns until it touches the other side.
+        corner = _tilt(hull, contact, (contact - robot) / radius) > STABLE_RAD
+        steep = tilt > STABLE_RAD
+        bridged = of_face and (steep or corner) and _touches_both_sides(body, robot, radius, direction)
+        if bridged or (tilt <= steepest and not corner):
             if bridged:
                 contact = robot + radius * direction
-            found.append(PushContact(direction, contact, robot, steep and not bridged))
+            found.append(PushContact(direction, contact, robot, bool(steep and not bridged)))
             taken.append(angle)
     return tuple(sorted(found, key=lambda push: float(np.arctan2(push.direction[1], push.direction[0]))))
 

@@ -17,10 +17,10 @@ from jaxtyping import Bool, Float
 from ....core.geometry import rotation_2d
 from ...pushing.push_failure import covariance_of_ends
 from . import _travel_kernels
-from ._push_search_kernels import block_patch, free_push_length, opening_lengths
-from .bodies import lower_window
+from ._push_search_kernels import free_push_length, opening_lengths
+from .bodies import lower_clearance
 from .drives import changed_drives_cost, drives_cells
-from .push_ends import PRICED, SAMPLES, end_errors
+from .push_ends import PRICED, end_errors
 from .push_heuristic import PushHeuristic
 from .push_states import Deadline, PushStep, SearchResult, needed_clearance
 from .search_domain import SearchDomain
@@ -39,8 +39,6 @@ __all__ = [
 
 #: Step in which a push is checked for collisions [cells].
 SWEEP_STEP = 0.5
-#: Standard deviation of the platform's final position [m]: it stops within 6 mm of the target, two standard deviations.
-TRACKING_M = 0.003
 #: Number of final poses near a drive for which a detour is searched; the standard error of their fraction is 0.18.
 LOOKED_AT = 8
 #: Steps of the descent [m]: that of the search, doubled after each success, and the smallest that a robot can execute.
@@ -259,7 +257,6 @@ def end_of_push(domain: SearchDomain, step: PushStep) -> tuple[float, Float[np.n
     turn_rad = float(errors[:, 2].mean()) if oblique else 0.0
     errors[:, 2] -= turn_rad
     errors[:, :2] = errors[:, :2] @ rotation_2d(domain.map.origin[2]).T
-    errors[:, :2] += TRACKING_M * np.random.default_rng(0).standard_normal((SAMPLES, 2))
     return turn_rad, covariance_of_ends(errors)
 
 
@@ -318,23 +315,22 @@ def _closed(
     outlines: Float[np.ndarray, "n p 2"],
     drive: Float[np.ndarray, "k 2"],
 ) -> Bool[np.ndarray, "n"]:
-    """Whether a body at each outline [cells] blocks a drive, within a window of the lattice around all outlines."""
+    """Whether a body at each outline [cells] blocks a drive, within a window of the map around all outlines."""
 
-    block, radius = domain.block, domain.radius
-    grow = 4.0 * radius + 4.0 * block
-    low = np.maximum((outlines.min(axis=(0, 1)) - grow) // block, 0).astype(int)
-    high = np.maximum((outlines.max(axis=(0, 1)) + grow) // block + 1, low).astype(int)
-    others = np.arange(len(domain.bodies)) != index
-    layer = domain.part(domain.lattice, low, high, shifts, block, others)
-    corner = low * float(block)
-    inside = np.flatnonzero(((drive >= corner) & (drive < high * block)).all(axis=1))
+    grow = 4.0 * domain.radius + 4.0 * domain.block
+    low = np.maximum(np.floor(outlines.min(axis=(0, 1)) - grow), 0).astype(int)
+    high = np.maximum(np.ceil(outlines.max(axis=(0, 1)) + grow), low).astype(int)
+    # On the lattice passages appear wider by up to a node.
+    layer = domain.part(domain.clearance, low, high, shifts, 1, np.arange(len(domain.bodies)) != index)
+    inside = np.flatnonzero(((drive >= low) & (drive < high)).all(axis=1))
     found = np.zeros(len(outlines), dtype=bool)
     for number, outline in enumerate(outlines):
         among = layer.copy()
-        patch, row, column = block_patch(domain.clearance, outline, radius, radius + block, block)
-        lower_window(among, patch, row - int(low[1]), column - int(low[0]))
-        (begin, _), (end, _) = (domain.seeds(among, drive[k] - corner, reach=2) for k in inside[[0, -1]])
+        lower_clearance(among, outline - low, domain.reach)
+        (begin, _), (end, _) = (
+            domain.seeds(among, drive[k] - low, reach=2, block=1) for k in inside[[0, -1]]
+        )
         found[number] = not (
-            begin.size and end.size and _travel_kernels.flood(among, radius, begin)[end].any()
+            begin.size and end.size and _travel_kernels.flood(among, domain.radius, begin)[end].any()
         )
     return found
