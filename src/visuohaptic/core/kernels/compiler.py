@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numba
 from numba.core.codegen import CPUCodeLibrary
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.event import Listener, register
@@ -77,14 +78,17 @@ def _variables(statement: Any, value: Any) -> list[Var]:
     return [found for one in value for found in _variables(statement, one)]
 
 
+#: Minor version of numba whose other internals are replaced; with another one they are left as they are.
+COMPARED = "0.68."
 #: What numba does differently while a kernel of this library is compiled: class, name of the method, and method.
-_CHANGES: tuple[tuple[Any, str, Any], ...] = (
-    (BaseFunction, "get_call_type", _resolved_once),
-    (CPUCodeLibrary, "_optimize_functions", _optimise_functions),
-    (Inst, "_rec_list_vars", _variables),
-    # Entries for callers in C, of which there are none, also of numba's own functions.
-    (BaseLower, "create_cfunc_wrapper", lambda lowering: None),
-)
+_CHANGES: tuple[tuple[Any, str, Any], ...] = ((BaseFunction, "get_call_type", _resolved_once),)
+if numba.__version__.startswith(COMPARED):
+    _CHANGES += (
+        (CPUCodeLibrary, "_optimize_functions", _optimise_functions),
+        (Inst, "_rec_list_vars", _variables),
+        # Entries for callers in C, of which there are none, also of numba's own functions.
+        (BaseLower, "create_cfunc_wrapper", lambda lowering: None),
+    )
 
 
 def compile_kernel(compiled: Callable[..., Any], signature: Any) -> Any:
