@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -70,16 +71,8 @@ def push_contacts(
         along = -float(a @ edge) / length**2
         if FACE_MARGIN <= along <= 1.0 - FACE_MARGIN:
             candidates.append((float(np.arctan2(edge[0], -edge[1])), FACE_SPACING_RAD))  # inward normal
-    if not body.equals(body.convex_hull):
-        # In a concavity, a disc touches both sides where the outline of its possible centres has a reflex corner.
-        ring = np.array(body.buffer(radius).exterior.coords)[:-1]
-        sides = np.roll(ring, -1, axis=0) - ring
-        before = np.roll(sides, 1, axis=0)
-        turns = np.arctan2(
-            before[:, 0] * sides[:, 1] - before[:, 1] * sides[:, 0], (before * sides).sum(axis=1)
-        )
-        seats = ring[turns * np.sign(turns.sum()) < -STABLE_RAD]
-        candidates += [(float(np.arctan2(-seat[1], -seat[0])), FACE_SPACING_RAD) for seat in seats]
+    seats = _seats(body, radius)
+    candidates += [(float(np.arctan2(-seat[1], -seat[0])), FACE_SPACING_RAD) for seat in seats]
     fan = np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS
     candidates += [(float(angle), np.pi / DIRECTIONS) for angle in fan]
     if oblique:
@@ -114,6 +107,19 @@ def push_contacts(
             found.append(PushContact(direction, contact, robot, bool(steep and not bridged)))
             taken.append(angle)
     return tuple(sorted(found, key=lambda push: float(np.arctan2(push.direction[1], push.direction[0]))))
+
+
+def _seats(body: Any, radius: float) -> Float[np.ndarray, "n 2"]:
+    """Centres of a disc that touches both sides of a concavity: reflex corners of the outline of its possible centres."""
+    if body.equals(body.convex_hull):
+        return np.zeros((0, 2))
+    ring = np.array(body.buffer(radius).exterior.coords)[:-1]
+    after = np.roll(ring, -1, axis=0) - ring
+    before = np.roll(after, 1, axis=0)
+    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    turns = np.arctan2(cross, (before * after).sum(axis=1))
+    found: np.ndarray = ring[turns * np.sign(turns.sum()) < -STABLE_RAD]
+    return found
 
 
 def _tilt(
