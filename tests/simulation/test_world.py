@@ -36,7 +36,7 @@ def drive(world: FoamPushWorld, speed_m_s: float, seconds: float, dt_s: float = 
 def drive_until(
     world: FoamPushWorld, speed_m_s: float, *, load_N: float = 20.0, strain: float = 0.5
 ) -> list[PushTruth]:
-    """Drive on until the true load or strain is reached, at most 10 s, and tell the base to stop."""
+    """Drive on until the true load or strain is reached, at most 10, and tell the base to stop."""
     world.base.drive(speed_m_s, 0.0)
     truth = [world.truth]
     deepest_m = strain * world.config.strip.width_m
@@ -233,7 +233,7 @@ def test_bad_worlds_are_refused() -> None:
         FoamPushWorld([box("a", 1, 0), box("a", 2, 0)])
     with pytest.raises(InputError, match="expected all > 0"):
         box("b", 0, 0, mass_kg=-1.0)
-    with pytest.raises(InputError, match="at most 10 s"):
+    with pytest.raises(InputError, match="at most 10"):
         FoamPushWorld([]).step(math.inf)
     with pytest.raises(InputError, match="expected finite numbers"):
         FoamPushWorld([]).base.drive(math.nan, 0.0)

@@ -48,7 +48,8 @@ class _Range:
     @property
     def text(self) -> str:
         if math.isfinite(self.high):
-            return f"{'more than ' * self.strict}{self.low:g} to {self.high:g}"
+            both = f"more than {self.low:g} and at most {self.high:g}", f"{self.low:g} to {self.high:g}"
+            return both[not self.strict]
         if math.isfinite(self.low):
             return f"more than {self.low:g}" if self.strict else f"at least {self.low:g}"
         return "a finite number"

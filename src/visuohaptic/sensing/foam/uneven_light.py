@@ -79,7 +79,7 @@ def gap_shift_px(
     scatter = excess_px2[(moved < 1.0) & np.isfinite(excess_px2)]
     if len(scatter) < SCATTER_POINTS:
         return np.zeros(len(rest_px)), np.zeros(len(rest_px))
-    # Median absolute deviation: edges beside a gap must not hide it. An edge that has moved has other texture than at rest,
+    # Median absolute deviation: a standard deviation would include edges beside a gap. An edge that has moved has other texture than at rest,
     # and a blurred step has half as much information on its blur as on its position.
     still = 1.4826 * quick_median(np.abs(scatter - quick_median(scatter)))
     texture = (strip.front.sigma_px**2 - strip.front.noise_px**2) * (1.0 - np.exp(-0.5 * moved**2))
