@@ -36,7 +36,7 @@ def drive(world: FoamPushWorld, speed_m_s: float, seconds: float, dt_s: float = 
 def drive_until(
     world: FoamPushWorld, speed_m_s: float, *, load_N: float = 20.0, strain: float = 0.5
 ) -> list[PushTruth]:
-    """Drive on until the true load or strain is reached, at most 10, and tell the base to stop."""
+    """Drive on until the true load or strain is reached, at most 10 s, and tell the base to stop."""
     world.base.drive(speed_m_s, 0.0)
     truth = [world.truth]
     deepest_m = strain * world.config.strip.width_m
