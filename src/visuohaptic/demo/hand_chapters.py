@@ -335,10 +335,11 @@ def _belief_figure(history: Sequence[Mapping[str, float]], curve: SqueezeCurve) 
 
     def draw(left: Axes, right: Axes) -> None:
         belief = np.array([[step[name] for step in history] for name in names])
-        shown = left.imshow(belief, cmap="cividis", vmin=0, vmax=1, aspect="auto")
+        cells = (0.5, len(history) + 0.5, len(names) - 0.5, -0.5)
+        shown = left.imshow(belief, cmap="cividis", vmin=0, vmax=1, aspect="auto", extent=cells)
         left.figure.colorbar(shown, ax=left)
         left.set(title="probability", xlabel="squeeze")
-        left.set_xticks(range(len(history)), [str(k + 1) for k in range(len(history))])
+        left.locator_params("x", integer=True)
         left.set_yticks(range(len(names)), names)
         left.grid(visible=False)
         right.plot(1e3 * curve.deformation_m, curve.force_N, "o-", color=COLOURS["orange"])
