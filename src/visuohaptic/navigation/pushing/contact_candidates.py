@@ -93,9 +93,7 @@ def push_contacts(
         if distance <= 0.0:
             continue  # it passes, or ends in a concavity beyond the centre
         robot = -distance * direction
-        exterior = body.exterior
-        contact_point = exterior.interpolate(exterior.project(Point(*robot)))
-        contact = np.array([contact_point.x, contact_point.y])
+        contact = np.array(body.exterior.interpolate(body.exterior.project(Point(*robot))).coords[0])
         tilt = _tilt(hull, contact, direction)
         # At a corner of a concavity, the normal is that of the rim, and the object turns until it touches the other side.
         corner = _tilt(hull, contact, (contact - robot) / radius) > STABLE_RAD
@@ -111,13 +109,10 @@ def push_contacts(
 
 def _seats(body: Any, radius: float) -> Float[np.ndarray, "n 2"]:
     """Centres of a disc that touches both sides of a concavity: reflex corners of the outline of its possible centres."""
-    if body.equals(body.convex_hull):
-        return np.zeros((0, 2))
     ring = np.array(body.buffer(radius).exterior.coords)[:-1]
     after = np.roll(ring, -1, axis=0) - ring
     before = np.roll(after, 1, axis=0)
-    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    turns = np.arctan2(cross, (before * after).sum(axis=1))
+    turns = np.arctan2(np.linalg.det(np.stack([before, after], axis=1)), (before * after).sum(axis=1))
     found: np.ndarray = ring[turns * np.sign(turns.sum()) < -STABLE_RAD]
     return found
 
@@ -132,12 +127,11 @@ def _tilt(
     edges = np.roll(hull, -1, axis=0) - hull
     lengths = np.hypot(*edges.T)
     edges, starts = edges[lengths > 0] / lengths[lengths > 0, None], hull[lengths > 0]
-    off = contact - starts
+    off, lengths = contact - starts, lengths[lengths > 0]
     along = np.einsum("ij,ij->i", off, edges)
     across = np.abs(edges[:, 0] * off[:, 1] - edges[:, 1] * off[:, 0])
     tolerance = 1e-6 * float(np.abs(hull).max()) + 1e-9
-    length = lengths[lengths > 0]
-    meets = (across < tolerance) & (along > -tolerance) & (along < length + tolerance)
+    meets = (across < tolerance) & (along > -tolerance) & (along < lengths + tolerance)
     if not meets.any():
         return float(np.pi)
     inward = np.column_stack([-edges[:, 1], edges[:, 0]])[meets]

@@ -322,14 +322,12 @@ def _closed(
     high = np.maximum(np.ceil(outlines.max(axis=(0, 1)) + grow), low).astype(int)
     # On the lattice passages appear wider by up to a node.
     layer = domain.part(domain.clearance, low, high, shifts, 1, np.arange(len(domain.bodies)) != index)
-    inside = np.flatnonzero(((drive >= low) & (drive < high)).all(axis=1))
+    ends = np.flatnonzero(((drive >= low) & (drive < high)).all(axis=1))[[0, -1]]
     found = np.zeros(len(outlines), dtype=bool)
     for number, outline in enumerate(outlines):
         among = layer.copy()
         lower_clearance(among, outline - low, domain.reach)
-        (begin, _), (end, _) = (
-            domain.seeds(among, drive[k] - low, reach=2, block=1) for k in inside[[0, -1]]
-        )
+        begin, end = (domain.seeds(among, drive[k] - low, reach=2, block=1)[0] for k in ends)
         found[number] = not (
             begin.size and end.size and _travel_kernels.flood(among, domain.radius, begin)[end].any()
         )
