@@ -48,13 +48,17 @@ class DaskCluster:
         # The scheduler chooses its port. A port that was free before could be taken by the first worker,
         # which then listens where it looks for its scheduler: both wait for each other.
         port = self.address.rpartition(":")[2]
-        told = Path(self._own.name) / "scheduler.json"
-        told.unlink(missing_ok=True)
-        words = ("--host", "127.0.0.1", "--port", port, "--scheduler-file", str(told))
-        self.scheduler = self._started("scheduler", *words)
-        self.address = self._address(told)
-        for _ in range(self._first):
-            self.add_worker()
+        file = Path(self._own.name) / "scheduler.json"
+        file.unlink(missing_ok=True)
+        words = ("--host", "127.0.0.1", "--port", port, "--scheduler-file", str(file))
+        try:
+            self.scheduler = self._started("scheduler", *words)
+            self.address = self._address(file)
+            for _ in range(self._first):
+                self.add_worker()
+        except BaseException as error:
+            self.__exit__(type(error), error, None)
+            raise
         return self
 
     def __exit__(
@@ -97,7 +101,7 @@ class DaskCluster:
         except TimeoutError as error:
             state = f"scheduler {self.scheduler.poll()}, workers {[one.poll() for one in self.workers]}"
             raise TimeoutError(
-                f"cluster: no answer ({state}); its last words: {self.last_words()}"
+                f"cluster: no answer ({state}); end of its output: {self.output_end()}"
             ) from error
 
     @staticmethod
@@ -108,18 +112,20 @@ class DaskCluster:
         found = psutil.Process(worker.pid).net_connections("tcp")
         return [str(one.laddr.port) for one in found if one.status == psutil.CONN_LISTEN]
 
-    def _address(self, told: Path, timeout_s: float = 120) -> str:
-        """Address that the scheduler has written, whole or not yet."""
+    def _address(self, file: Path, timeout_s: float = 120) -> str:
+        """Address of the scheduler, which writes it when it listens."""
         deadline_s = time.monotonic() + timeout_s
         while time.monotonic() < deadline_s and self.scheduler.poll() is None:
             try:
-                return str(json.loads(told.read_text())["address"])
+                return str(json.loads(file.read_text())["address"])
             except (FileNotFoundError, json.JSONDecodeError):
                 time.sleep(0.05)
-        raise RuntimeError(f"scheduler: no address in {timeout_s:g} s; its last words: {self.last_words()}")
+        raise RuntimeError(
+            f"scheduler: no address in {timeout_s:g} s; end of its output: {self.output_end()}"
+        )
 
-    def last_words(self) -> str:
-        """End of what the processes have printed."""
+    def output_end(self) -> str:
+        """End of the output of all processes."""
         return self._log.read_text(errors="replace")[-2000:]
 
     @property

@@ -26,7 +26,6 @@ import argparse
 import gc
 import os
 import queue
-import socket
 import tempfile
 import threading
 import time
@@ -257,14 +256,14 @@ def _chain() -> Iterator[Soak]:
 
 @contextmanager
 def _bridge() -> Iterator[BridgeLoop]:
+    from tests.ports import free_port
+
     from visuohaptic.core.files import save_yaml
     from visuohaptic.ros import Bridge, RosNode, RosOptions
 
     from .ros_latency import TOPIC, pictures
 
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        place = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    place = f"tcp/127.0.0.1:{free_port()}"
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         images = pictures(folder, 30)

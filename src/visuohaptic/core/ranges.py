@@ -48,8 +48,8 @@ class _Range:
     @property
     def text(self) -> str:
         if math.isfinite(self.high):
-            both = f"more than {self.low:g} and at most {self.high:g}", f"{self.low:g} to {self.high:g}"
-            return both[not self.strict]
+            low, high = f"{self.low:g}", f"{self.high:g}"
+            return f"more than {low} and at most {high}" if self.strict else f"{low} to {high}"
         if math.isfinite(self.low):
             return f"more than {self.low:g}" if self.strict else f"at least {self.low:g}"
         return "a finite number"
