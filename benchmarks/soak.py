@@ -399,7 +399,9 @@ def main() -> None:
     journal = Journal(args.report, {"campaign": "soak", "slice_minutes": args.slice_minutes})
     tasks = {
         f"{what}, slice {number}": (what, args.slice_minutes)
-        for number in range(round(60 * args.hours / args.slice_minutes))
+        for number in range(
+            max(1, round(60 * args.hours / args.slice_minutes))
+        )  # a shorter time is one slice
         for what in args.what
     }
     journal.fill(one_slice, tasks)
