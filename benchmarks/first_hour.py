@@ -46,6 +46,9 @@ sensor.zero(vh.open_source("try/rest.mp4"))
 print(sensor.read(next(iter(vh.open_source("try/push.mp4")))).force_N)
 """
 
+#: Limit of a command that is run for an expectation or without extras [s]; the slowest takes two minutes.
+LIMIT_S = 1200.0
+
 #: A user's program: without the library's types the mistake in it is not found, and the ignored error is reported as unused.
 TYPED = """
 import visuohaptic as vh
@@ -209,7 +212,9 @@ def expectation_rows(folder: Path) -> Iterator[tuple[str, Counter[str], float, s
                     *(word.format(folder=folder) if "{" in word else word for word in proof),
                 ]
                 started_s = time.monotonic()
-                code = subprocess.run(words, cwd=folder, capture_output=True, check=False).returncode
+                code = subprocess.run(
+                    words, cwd=folder, capture_output=True, check=False, timeout=LIMIT_S
+                ).returncode
                 seconds += time.monotonic() - started_s
                 found[" ".join(proof[:3])] = "failed" if code else "passed"
         left = [f"{one}: {name}" for name, one in found.items() if one != "passed"]
@@ -254,7 +259,9 @@ def print_extras(folder: Path) -> int:
     """Run every verb's examples where only the core is installed; number of verbs that start without what they need."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
     words = [sys.executable, str(ROOT / "tests" / "cli" / "bare_core.py")]
-    done = subprocess.run(words, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    done = subprocess.run(
+        words, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True, check=True, timeout=LIMIT_S
+    )
     runs: dict[str, list[dict[str, Any]]] = {}
     for run in json.loads(done.stdout):
         runs.setdefault(run["verb"], []).append(run)
