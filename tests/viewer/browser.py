@@ -21,8 +21,11 @@ FLAGS = (
     "--disable-component-update",
     "--disable-sync",
     "--remote-debugging-port=0",
-    "--window-size=1500,1000",
+    # Pixels are drawn in software: the time of a frame grows with the area of the window.
+    "--window-size=900,600",
 )
+#: Ends what hangs [s]. Every wait ends with an event: its time is that of the page on this machine.
+PATIENCE_S = 300.0
 
 
 def find_chromium() -> str | None:
@@ -41,6 +44,7 @@ class Browser:
         self._process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         self.requests: list[str] = []
         self._number = 0
+        self._loaded = False
         try:
             port = self._port(profile / "DevToolsActivePort")
             self._socket = connect(self._page_address(port), max_size=None)
@@ -50,14 +54,13 @@ class Browser:
         for domain in ("Network", "Page", "Runtime"):
             self.call(f"{domain}.enable")
 
-    @staticmethod
-    def _port(file: Path) -> int:
-        deadline_s = time.monotonic() + 90
-        while time.monotonic() < deadline_s:
+    def _port(self, file: Path) -> int:
+        deadline_s = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline_s and self._process.poll() is None:
             if file.is_file() and len(lines := file.read_text().splitlines()) >= 2:
                 return int(lines[0])
             time.sleep(0.1)
-        raise TimeoutError("Chromium did not open its debugging port within 30 s")
+        raise TimeoutError(f"Chromium opened no debugging port (exit status {self._process.poll()})")
 
     @staticmethod
     def _page_address(port: int) -> str:
@@ -72,35 +75,70 @@ class Browser:
         self._number += 1
         self._socket.send(json.dumps({"id": self._number, "method": method, "params": parameters}))
         while True:
-            message = json.loads(self._socket.recv(timeout=90))
-            self._note(message)
+            message = self._receive()
             if message.get("id") == self._number:
                 if "error" in message:
                     raise RuntimeError(f"{method}: {message['error']}")
                 return message["result"]
 
-    def _note(self, message: dict[str, Any]) -> None:
-        if message.get("method") == "Network.requestWillBeSent":
+    def _receive(self) -> dict[str, Any]:
+        message = json.loads(self._socket.recv(timeout=PATIENCE_S))
+        if message.get("method") == "Page.loadEventFired":
+            self._loaded = True
+        elif message.get("method") == "Network.requestWillBeSent":
             self.requests.append(message["params"]["request"]["url"])
         elif message.get("method") == "Network.webSocketCreated":
             self.requests.append(message["params"]["url"])
+        return message
 
     def open(self, address: str) -> None:
-        """Go to a page."""
+        """Go to a page and wait until it is loaded."""
+        self._loaded = False
         self.call("Page.navigate", url=address)
+        while not self._loaded:
+            self._receive()
 
-    def text(self) -> str:
-        """All text that the page shows."""
-        found = self.call("Runtime.evaluate", expression="document.body ? document.body.innerText : ''")
-        return found["result"].get("value", "")
+    def evaluate(self, expression: str) -> Any:
+        """Value of a JavaScript expression, or of the promise that it is."""
+        found = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
+        assert "exceptionDetails" not in found, found
+        return found["result"].get("value")
 
-    def wait_for(self, text: str, patience_s: float = 30.0) -> str:
+    def wait_for(self, text: str) -> str:
         """Wait until the page shows a text; returns all of its text."""
-        deadline_s = time.monotonic() + patience_s
-        while text not in (found := self.text()):
-            assert time.monotonic() < deadline_s, f"the page does not show {text!r} but {found!r}"
-            time.sleep(0.2)
+        found = self.evaluate(
+            f"""new Promise(done => {{
+                const check = late => {{
+                    const shown = document.body.innerText;
+                    if (!late && !shown.includes({json.dumps(text)})) return;
+                    observer.disconnect();
+                    done(shown);
+                }};
+                const observer = new MutationObserver(() => check(false));
+                observer.observe(document, {{subtree: true, childList: true, characterData: true, attributes: true}});
+                setTimeout(() => check(true), {900 * PATIENCE_S});
+                check(false);
+            }})"""
+        )
+        assert text in found, f"the page does not show {text!r} but {found!r}"
         return found
+
+    def canvas_centre(self) -> tuple[float, float]:
+        """Position of the middle of the scene in the window [px]."""
+        x, y, tag = self.evaluate(
+            """(() => {
+                const box = document.querySelector("canvas").getBoundingClientRect();
+                const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+                return [x, y, document.elementFromPoint(x, y).tagName];
+            })()"""
+        )
+        assert tag == "CANVAS", f"the middle of the scene is covered by {tag}"
+        return x, y
+
+    def click(self, x: float, y: float) -> None:
+        """Press and release the left button once at a position in the window [px]."""
+        for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
     def screenshot(self, path: Path) -> None:
         """Write what the page looks like as PNG."""
