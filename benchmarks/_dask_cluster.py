@@ -14,6 +14,9 @@ from typing import Any, Self
 
 __all__ = ["DaskCluster", "noted_square"]
 
+#: Ends what hangs [s]: processes start late on a busy machine.
+_PATIENCE_S = 300.0
+
 
 def noted_square(task: tuple[str, int, float]) -> tuple[int, int]:
     """A task that records its start in a folder, sleeps [s], and returns its square and its process id."""
@@ -95,9 +98,9 @@ class DaskCluster:
         import distributed
 
         try:
-            with distributed.Client(self.address, timeout="60s", set_as_default=False) as client:
+            with distributed.Client(self.address, timeout=_PATIENCE_S, set_as_default=False) as client:
                 if self.workers:
-                    client.wait_for_workers(len(self.workers), timeout=120)
+                    client.wait_for_workers(len(self.workers), timeout=_PATIENCE_S)
         except TimeoutError as error:
             state = f"scheduler {self.scheduler.poll()}, workers {[one.poll() for one in self.workers]}"
             raise TimeoutError(
@@ -112,7 +115,7 @@ class DaskCluster:
         found = psutil.Process(worker.pid).net_connections("tcp")
         return [str(one.laddr.port) for one in found if one.status == psutil.CONN_LISTEN]
 
-    def _address(self, file: Path, timeout_s: float = 120) -> str:
+    def _address(self, file: Path, timeout_s: float = _PATIENCE_S) -> str:
         """Address of the scheduler, which writes it when it listens."""
         deadline_s = time.monotonic() + timeout_s
         while time.monotonic() < deadline_s and self.scheduler.poll() is None:

@@ -30,6 +30,7 @@ import pytest
 import yaml
 from tests.cli.capture_camera import connected
 from tests.cli.help_words import examples, recorded_imports, undeclared
+from tests.patience import PATIENCE_S
 
 from visuohaptic.cli import main as command
 from visuohaptic.cli.main import VERBS
@@ -472,7 +473,7 @@ def _robot() -> Iterator[None]:
     endpoint, image = free_endpoint(), "/bumper/image/compressed"
     zero, pushed = _video(Path("rest.mp4"))[:8], _video(Path("push.mp4"))[::8]
     section = {"name": "foam", "config": "sensor.yaml", "image": image, "queue": 40, "zero_frames": len(zero)}
-    node = {"connect": [endpoint], "listen": [], "patience_s": 5.0}
+    node = {"connect": [endpoint], "listen": [], "patience_s": PATIENCE_S}
     save_yaml(Path("bridge.yaml"), {"node": node, "sensors": [section], "stale_s": 30.0})
     heard: list[float] = []
 
@@ -481,7 +482,7 @@ def _robot() -> Iterator[None]:
         camera.wait_until_heard()
         for number, picture in enumerate([*zero, *pushed]):
             camera.publish(messages.compressed_image(10.0 + number / 30, picture, "bumper", 98))
-        end = time.monotonic() + 60.0
+        end = time.monotonic() + PATIENCE_S
         while len(heard) < len(pushed) and time.monotonic() < end:
             time.sleep(0.01)
         Path("heard.json").write_text(json.dumps(heard))
@@ -498,7 +499,7 @@ def _robot() -> Iterator[None]:
         try:
             yield
         finally:
-            speaker.join(60.0)
+            speaker.join(PATIENCE_S)
 
 
 def _video(path: Path) -> list[np.ndarray]:

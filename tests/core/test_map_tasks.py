@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from benchmarks._dask_cluster import DaskCluster, noted_square
 
+from tests.patience import PATIENCE_S
 from visuohaptic.core import InputError, MissingExtraError, VisuohapticError, cluster_hosts, map_tasks
 
 SQUARES = [number * number for number in range(6)]
@@ -26,7 +27,7 @@ def _tasks(folder: Path, sleep_s: float = 0.0) -> list[tuple[str, int, float]]:
 
 def _when_begun(folder: Path, count: int) -> list[int]:
     """Processes of the tasks that have begun, as soon as there are enough of them."""
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + PATIENCE_S
     while len(found := list(folder.iterdir())) < count:
         assert time.monotonic() < deadline
         time.sleep(0.01)
@@ -63,7 +64,7 @@ def test_processes_give_the_results_of_one(tmp_path: Path) -> None:
 def _held(task: tuple[str, int, float]) -> tuple[int, int]:
     """As ``noted_square``; but it does not end before the test has killed a process, however long that takes."""
     found = noted_square(task)
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + PATIENCE_S
     while not Path(task[0]).with_suffix(".killed").exists():
         assert time.monotonic() < deadline
         time.sleep(0.01)

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.patience import PATIENCE_S
 from visuohaptic.core import DeviceError, FrameSource, InputError, StaleFrameError
 from visuohaptic.core.camera import Camera
 from visuohaptic.io import time_s
@@ -57,7 +58,7 @@ def live(backend: FakeBackend, **settings: Any) -> LiveSource:
 
 
 def settled(source: LiveSource, index: int) -> None:
-    until = time.monotonic() + 60
+    until = time.monotonic() + PATIENCE_S
     while (source._frame is None or source._frame.index < index) and time.monotonic() < until:
         time.sleep(0.002)
 
@@ -110,9 +111,9 @@ def test_gives_up_with_the_reason() -> None:
 def test_silence_is_an_error_in_time() -> None:
     """The reader does not wait for the next attempt to connect, which is minutes away."""
     backend = FakeBackend(missing=10**6)
-    with live(backend, reconnect_s=120.0) as source:
+    with live(backend, reconnect_s=2 * PATIENCE_S) as source:
         backend.queue.put(DeviceError("cable pulled"))
-        deadline_s = time.monotonic() + 60.0
+        deadline_s = time.monotonic() + PATIENCE_S
         with pytest.raises(DeviceError, match=r"no frame for 0.1 s"):
             source.read(0.1)
         assert time.monotonic() < deadline_s

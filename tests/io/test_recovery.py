@@ -14,6 +14,7 @@ from benchmarks._victim import Say, Victim
 from benchmarks.hostile_files import _unfinished
 from benchmarks.kill_faults import cut_rows, fill_disk, kill, numbers, write
 
+from tests.patience import PATIENCE_S
 from visuohaptic.cli.main import main
 from visuohaptic.core import InputError
 from visuohaptic.io import TableWriter, recover
@@ -123,7 +124,7 @@ def test_two_runs_at_once_into_one_file_are_refused(tmp_path: Path) -> None:
             [sys.executable, "-c", code, str(tmp_path / "r.csv.part")],
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=PATIENCE_S,
             check=False,
         )
         assert "another process is writing this file" in done.stderr

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.patience import PATIENCE_S
 from visuohaptic.core import DeviceError, InputError, MapPose
 from visuohaptic.core.camera import Camera, Frame, Pose
 from visuohaptic.io.maps import OccupancyMap
@@ -67,7 +68,7 @@ def test_a_mind_that_has_never_seen_the_world_drives_in_it(tmp_path: Path) -> No
     world = {"map": str(tmp_path / "room.yaml"), "start_m": [1.2, 1.4, 0.3], "objects": [stool], "seed": 2}
     done = subprocess.run(
         [sys.executable, "-c", MIND, str(tmp_path), json.dumps(world)],
-        capture_output=True, text=True, timeout=240, check=False,
+        capture_output=True, text=True, timeout=PATIENCE_S, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
@@ -155,12 +156,12 @@ def served(parts: dict[str, Any]) -> Iterator[RemoteRobot]:
     key, found = b"k" * 32, queue.Queue[tuple[str, int]]()
     serving = threading.Thread(target=serve_robot, args=(parts,), kwargs={"key": key, "ready": found.put})
     serving.start()
-    robot = RemoteRobot(found.get(timeout=60.0), key)
+    robot = RemoteRobot(found.get(timeout=PATIENCE_S), key)
     try:
         yield robot
     finally:
         robot.close()
-        serving.join(60.0)
+        serving.join(PATIENCE_S)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from tests.patience import PATIENCE_S
 from visuohaptic.core import InputError, Reason, Wrench
 from visuohaptic.io.sinks import (
     FORCE_COLUMNS,
@@ -194,7 +195,7 @@ def test_a_full_disk_leaves_no_table_with_its_final_name(tmp_path: Path) -> None
         [sys.executable, "-c", script, str(path)],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE_S,
         check=False,
         cwd=Path(__file__).parents[2],
     )

@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip("zenoh")
 
+from tests.patience import PATIENCE_S
 from tests.ports import free_port
 from visuohaptic.ros import RosNode, RosOptions
 
@@ -38,7 +39,7 @@ def ours(robot: RosNode, endpoint: str) -> Iterator[RosNode]:
         yield node
 
 
-def until(condition: Callable[[], object], timeout_s: float = 60.0) -> bool:
+def until(condition: Callable[[], object], timeout_s: float = PATIENCE_S) -> bool:
     """Wait for something that another thread does: a busy machine may take long."""
     end = time.monotonic() + timeout_s
     while time.monotonic() < end:

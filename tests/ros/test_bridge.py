@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.patience import PATIENCE_S
 from visuohaptic.cli.main import main
 from visuohaptic.core import InputError
 from visuohaptic.core.files import save_yaml
@@ -41,7 +42,7 @@ def sensor(tmp_path_factory):
 
 def write(folder: Path, endpoint: str, **more) -> Path:
     section = {"name": "foam", "config": "sensor.yaml", "image": IMAGE, "queue": 20} | more.pop("sensor", {})
-    node = {"connect": [endpoint], "listen": [], "patience_s": 60.0}
+    node = {"connect": [endpoint], "listen": [], "patience_s": PATIENCE_S}
     path = folder / "bridge.yaml"
     save_yaml(path, {"node": node, "sensors": [section], "stale_s": 0.3} | more)
     return path
@@ -175,7 +176,7 @@ def test_a_signal_ends_it_cleanly(sensor, robot: RosNode, endpoint: str, number:
     assert until(lambda: any(e.node == "visuohaptic" for e in robot.graph(0.2)))
     assert until(lambda: catches(process.pid, signal.SIGTERM))
     process.send_signal(number)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, err
     assert json.loads(out)["sensors"][0]["frames"] == 0
     assert until(lambda: not any(e.node == "visuohaptic" for e in robot.graph(0.2)))

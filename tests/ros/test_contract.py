@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.patience import PATIENCE_S
 from visuohaptic.core import DeviceError, InputError
 from visuohaptic.io.ros import ros_messages as messages
 from visuohaptic.ros import Received, RosBase, RosSink, TopicFrames, TopicNode
@@ -27,8 +28,6 @@ STRING = "std_msgs/msg/String"
 LIBRARIES = {"zenoh": "zenoh", "rclpy": "rclpy", "cyclonedds": "cyclonedds"}
 #: A domain of this process alone (0 to 232; the ports of 102 to 215 may meet those that Linux hands out).
 DOMAIN = 1 + os.getpid() % 100
-#: Discovery over DDS takes up to a second, more on a busy machine.
-PATIENCE_S = 60.0
 
 PAIRS = [(name, name) for name in LIBRARIES] + [("rclpy", "cyclonedds"), ("cyclonedds", "rclpy")]
 

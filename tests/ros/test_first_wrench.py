@@ -17,6 +17,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="rclpy is not installed")
 
+from tests.patience import PATIENCE_S
 from visuohaptic.core.files import encode_image
 from visuohaptic.rigs import VirtualSensor
 from visuohaptic.simulation.foam import PressShape, press
@@ -24,7 +25,7 @@ from visuohaptic.simulation.foam import PressShape, press
 PAGE = Path(__file__).parents[2] / "docs" / "ros.md"
 #: A platform that is none of the page's: another topic and colour.
 TOPIC, RATE_HZ = "/front_camera/rgb/image_raw/compressed", 30.0
-DOMAIN, PATIENCE_S = 61 + os.getpid() % 40, 240.0
+DOMAIN = 61 + os.getpid() % 40
 
 
 def lines_of_the_page() -> list[str]:

@@ -17,6 +17,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="rclpy is not installed")
 
+from tests.patience import PATIENCE_S
 from visuohaptic.io.ros import ros_messages as messages
 from visuohaptic.rigs import VirtualSensor
 from visuohaptic.ros import Received, TopicNode
@@ -30,7 +31,6 @@ from .conftest import until
 IMAGE = "/bumper/image/compressed"
 #: A domain of this process alone.
 DOMAIN = 101 + os.getpid() % 100
-PATIENCE_S = 90.0
 
 
 class Robot(RclpyNode):
@@ -243,7 +243,7 @@ def test_a_mistake_is_one_line_and_exit_code_2(sensor) -> None:
         (["foam", "--ros-args", "-p", "="], "ROS node: cannot be created"),
     ):
         command = [sys.executable, "-m", "visuohaptic", "ros", "node", *words]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
         lines = [line for line in done.stderr.splitlines() if line.startswith("visuohaptic: error")]
         assert (done.returncode, len(lines)) == (2, 1), (words, done.stderr)
         assert text in lines[0], lines[0]

@@ -12,6 +12,7 @@ import time
 import numpy as np
 import pytest
 
+from tests.patience import PATIENCE_S
 from tests.tasks import example_robot as right
 from visuohaptic.core.camera import Pose
 from visuohaptic.core.errors import StaleFrameError
@@ -23,8 +24,6 @@ from visuohaptic.tasks.framework import assert_robot
 from .conftest import until
 
 PERIOD_S = 0.005
-#: Messages may be delayed on a busy machine; tests/ros/test_adapters.py covers the age limit.
-PATIENCE_S = 60.0
 COVARIANCE = [0.0] * 36
 
 

@@ -10,6 +10,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from tests.patience import PATIENCE_S
+
 FLAGS = (
     "--headless",
     "--no-sandbox",
@@ -24,8 +26,6 @@ FLAGS = (
     # Pixels are drawn in software: the time of a frame grows with the area of the window.
     "--window-size=900,600",
 )
-#: Ends what hangs [s]. Every wait ends with an event: its time is that of the page on this machine.
-PATIENCE_S = 300.0
 
 
 def find_chromium() -> str | None:

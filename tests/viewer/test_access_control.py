@@ -10,6 +10,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+from tests.patience import PATIENCE_S
 
 from visuohaptic.io.meshes import PlyMesh
 from visuohaptic.viewer import BrowsePage, LivePage, SurfaceView
@@ -31,7 +32,7 @@ def place(page) -> tuple[int, str]:
 
 def ask(page, path: str, *headers: tuple[str, str]) -> int:
     """Status of an answer to exactly these headers."""
-    connection = http.client.HTTPConnection("127.0.0.1", place(page)[0], timeout=60)
+    connection = http.client.HTTPConnection("127.0.0.1", place(page)[0], timeout=PATIENCE_S)
     connection.putrequest("GET", path, skip_host=True)
     for name, value in headers:
         connection.putheader(name, value)
@@ -81,7 +82,7 @@ def test_no_foreign_page_reads_the_stream(page):
 
     port, secret = place(page)
     with connect(page, secret, f"http://127.0.0.1:{port}") as stream:
-        assert len(stream.recv(timeout=60)) > 16
+        assert len(stream.recv(timeout=PATIENCE_S)) > 16
     foreign = ("http://evil.example", "null", f"https://127.0.0.1:{port}", "http://127.0.0.1:1", "")
     for origin in foreign:
         with pytest.raises(InvalidStatus, match="403"):
@@ -110,7 +111,7 @@ def test_a_server_of_another_library_is_left_alone(page):
 
     def ask_it(port):
         with connect(f"ws://127.0.0.1:{port}/") as stream:
-            return stream.recv(timeout=60)
+            return stream.recv(timeout=PATIENCE_S)
 
     async def run():
         access = AccessControl()
@@ -160,7 +161,7 @@ def test_malformed_messages_end_their_connection_and_nothing_else(page, capfd, h
         b"GET " + b"a" * 100_000,
         b"\r\n" * 99,
     ):
-        with socket.create_connection(("127.0.0.1", port), timeout=60) as raw:
+        with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S) as raw:
             raw.sendall(garbage)
     assert ask(page, f"/{secret}/", ("Host", f"127.0.0.1:{port}")) == 200
     said = capfd.readouterr()
@@ -182,17 +183,17 @@ def test_too_many_browsers_are_refused_and_leave_room_when_they_go():
         with pytest.raises(InvalidStatus, match="503"):
             connect(page, secret, f"http://127.0.0.1:{port}")
         last.close()
-        until_s = time.monotonic() + 60
+        until_s = time.monotonic() + PATIENCE_S
         while page._access._browsers == MAX_BROWSERS:  # the server learns of it a moment later
             assert time.monotonic() < until_s
             time.sleep(0.01)
         with connect(page, secret, f"http://127.0.0.1:{port}") as again:
-            assert again.recv(timeout=60)
+            assert again.recv(timeout=PATIENCE_S)
 
 
 def test_slow_clients_keep_nobody_waiting(page):
     port, secret = place(page)
-    slow = [socket.create_connection(("127.0.0.1", port), timeout=60) for _ in range(100)]
+    slow = [socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S) for _ in range(100)]
     try:
         for number, one in enumerate(slow):
             one.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1"[: number % 30])
@@ -218,7 +219,7 @@ def test_a_value_that_no_widget_offers_is_one_line(heard, capfd):
             for updates in ({"value": "three"}, {"nothing": 1}, {"nothing": 2}):
                 update = {"type": "GuiUpdateMessage", "uuid": page._choice._impl.uuid, "updates": updates}
                 stream.send(msgspec.msgpack.encode(update))
-            until_s = time.monotonic() + 60
+            until_s = time.monotonic() + PATIENCE_S
             while len(heard.messages) < 2 and time.monotonic() < until_s:
                 time.sleep(0.02)
     assert sorted(heard.messages) == [

@@ -9,6 +9,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+from tests.patience import PATIENCE_S
 from tests.viewer import browser
 
 from visuohaptic.core import ErrorBudget, Estimate, ForceProfile, HapticTag, InputError, Reason
@@ -58,7 +59,7 @@ def other_address() -> str | None:
 def test_it_answers_on_the_loopback_and_nowhere_else(page):
     port = urlsplit(page.url).port
     assert page.url.startswith(f"http://127.0.0.1:{port}/")
-    with socket.create_connection(("127.0.0.1", port), timeout=60):
+    with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S):
         pass
     listening = Path("/proc/net/tcp")
     if listening.is_file():
