@@ -366,8 +366,8 @@ def _of_tests(apart: dict[str, dict[str, Any]], before: str = "") -> list[str]:
         for package, row in apart.get("coverage", {}).items()
     }  # fmt: skip
     lines = []
+    mistakes.pop("all", None)
     if mistakes:
-        mistakes.pop("all", None)
         numbers = {
             package: [int(cell.replace(",", "")) for cell in row[:4]] for package, row in mistakes.items()
         }

@@ -17,6 +17,7 @@ def test_rows_and_packages_without_report_stay_as_they_are(tmp_path: Path) -> No
 
     journal = Journal(None, {})
     journal.rows["8: cut"] = {"tried": 3, "lost": 0}
+    assert "## " not in reliability.markdown(journal)  # no campaign of mutants, no table of it
     covered = {"branches": 10, "taken": 9, "lines": 20, "executed": 20, "files": 1, "of files": 2}
     killed = {str(n): {"package": "database", "result": "killed" if n else "survived"} for n in range(4)}
     first = reliability.markdown(journal, {"coverage": {"core": covered}, "mutants": killed})

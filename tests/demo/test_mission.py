@@ -215,7 +215,7 @@ def with_hand(mission: Mission, zeroed: Known) -> Mission:
     return mission
 
 
-@pytest.mark.parametrize(("closed", "fill"), [(True, 0.45), (True, 0.2), (False, 0.6)])
+@pytest.mark.parametrize(("closed", "fill"), [(True, 0.45), (False, 0.6)])
 def test_a_partly_filled_bottle_is_told_as_full_as_it_is(
     tmp_path: Path, zeroed: Known, closed: bool, fill: float
 ) -> None:

@@ -15,7 +15,7 @@ from visuohaptic.reconstruction import SurfaceMesh
 from visuohaptic.reconstruction.completion import Completion, load_hole_regions
 from visuohaptic.reconstruction.fusion import SpaceGrid
 from visuohaptic.reconstruction.transparency import find_regions, mask_refracted_rays
-from visuohaptic.simulation.tabletop import DepthCamera, glass_scene
+from visuohaptic.simulation.tabletop import glass_scene
 
 SEED = 2  # a development seed
 
@@ -38,14 +38,9 @@ def wall_error_m(mesh, solid, low_m, high_m):
 
 
 @pytest.fixture(scope="module")
-def model(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("glass")
-    scene = glass_scene(SEED, kind="labelled", arc_deg=360, step_m=0.06)
-    scene.save(folder / "scan", DepthCamera.kinect(160), np.random.default_rng(SEED))
-    words = ["reconstruct", str(folder / "scan"), "--out", str(folder / "model"), "--voxel-m", "0.006"]
-    words += ["--space", "-0.4", "-0.4", "-0.02", "0.4", "0.4", "0.3"]
-    assert main(words) == 0
-    return scene, folder
+def model(world):
+    """The scene of the example of ``reconstruct``, and the folder in which the example was run."""
+    return glass_scene(SEED, kind="labelled", arc_deg=360, step_m=0.12), world.run("reconstruct")[0]
 
 
 def test_touches_answered_by_the_truth_make_the_error_fall(model, tmp_path, capsys):
