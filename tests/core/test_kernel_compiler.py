@@ -100,6 +100,31 @@ def test_the_machine_code_is_that_of_numba_alone():
     assert len(_instructions(ours)) > 50
 
 
+def _written_with_arrays(a, b):
+    """What loops over scalars never need: expressions, a comprehension, a nested function, a list, a conversion."""
+
+    def shifted(x):
+        return x + b[0]
+
+    doubled = np.sqrt(a * 2.0) + b
+    steps = np.array([shifted(i) for i in range(3)])
+    return (doubled - a).sum() + steps.sum() + np.array([1.0, a[0]]).sum()
+
+
+def test_kernels_with_array_expressions_and_nested_functions_are_as_numba_makes_them():
+    """The passes that are left out for kernels without them are done for these."""
+    made, plain = kernel(_written_with_arrays), kernel(_written_with_arrays)
+    for one in (made, plain):
+        KERNELS.remove(one)
+        one._cache = NullCache()
+    made.compile((VECTOR, VECTOR))
+    del plain.compile
+    plain.compile((VECTOR, VECTOR))
+    assert _instructions(made) == _instructions(plain)
+    a, b = np.array([1.0, 4.0]), np.array([0.5, 2.0])
+    assert made(a, b) == pytest.approx(_written_with_arrays(a, b), rel=1e-14)
+
+
 def test_options_that_change_the_code_of_library_functions_are_distinguished(monkeypatch):
     """Fast mathematics before or after strict mathematics: each kernel is compiled as it is alone."""
     monkeypatch.setattr(compiler, "_resolved", {})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import logging
 import time
@@ -9,15 +10,20 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
+import numpy as np
+from numba.core import errors, event
 from numba.core.codegen import CPUCodeLibrary
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.event import Listener, register
-from numba.core.ir import Inst, Loc, Var
+from numba.core.ir import Assign, Expr, Inst, Loc, Var
 from numba.core.lowering import BaseLower
 from numba.core.targetconfig import ConfigStack
-from numba.core.types import Type
+from numba.core.typed_passes import NopythonRewrites
+from numba.core.types import Array, Type
 from numba.core.types.functions import BaseFunction
-from numba.core.types.misc import unliteral
+from numba.core.types.misc import StringLiteral, unliteral
+from numba.core.untyped_passes import InlineClosureLikes
+from numba.np.ufunc.dufunc import DUFunc
 
 __all__ = ["call_template", "compile_kernel", "compiled_s"]
 
@@ -78,6 +84,46 @@ def _variables(statement: Any, value: Any) -> list[Var]:
     return [found for one in value for found in _variables(statement, one)]
 
 
+def _expressions(state: Any) -> list[tuple[str, Expr]]:
+    """(variable, its value) of each assignment of an expression in the function that is being compiled."""
+    return [
+        (one.target.name, one.value)
+        for block in state.func_ir.blocks.values()
+        for one in block.find_insts(Assign)
+        if isinstance(one.value, Expr)
+    ]
+
+
+def _inline_nested(compiler_pass: Any, state: Any) -> bool:
+    """Numba's inlining of nested functions, comprehensions, reductions and stencils, for functions that have any.
+
+    For all others, numba analyses and copies the function without any change.
+    """
+    has_nested = not {"reduce", "stencil"}.isdisjoint(state.func_id.code.co_names) or any(
+        value.op in ("make_function", "build_list") for _, value in _expressions(state)
+    )
+    return bool(has_nested and _inline(compiler_pass, state))
+
+
+def _rewrite_arrays(compiler_pass: Any, state: Any) -> bool:
+    """Numba's fusion of array expressions and reading of fields by name, for functions that have any of them."""
+
+    def is_rewritten(target: str, value: Expr) -> bool:
+        if value.op == "call":
+            return isinstance(getattr(state.typemap[value.func.name], "typing_key", None), (np.ufunc, DUFunc))
+        return value.op == "build_list" or (
+            isinstance(state.typemap[target], Array) and value.op in ("unary", "binop")
+        )
+
+    has_any = any(isinstance(kind, StringLiteral) for kind in state.typemap.values()) or any(
+        is_rewritten(*one) for one in _expressions(state)
+    )
+    return bool(has_any and _rewrite(compiler_pass, state))
+
+
+_inline, _rewrite = InlineClosureLikes.run_pass, NopythonRewrites.run_pass
+
+
 #: Minor version of numba whose other internals are replaced; with another one they are left as they are.
 COMPARED = "0.68."
 #: What numba does differently while a kernel of this library is compiled: class, name of the method, and method.
@@ -88,7 +134,14 @@ if numba.__version__.startswith(COMPARED):
         (Inst, "_rec_list_vars", _variables),
         # Entries for callers in C, of which there are none, also of numba's own functions.
         (BaseLower, "create_cfunc_wrapper", lambda lowering: None),
+        (InlineClosureLikes, "run_pass", _inline_nested),
+        (NopythonRewrites, "run_pass", _rewrite_arrays),
+        # Timers that nobody reads, of each nested compilation: every call of LLVM notifies all of them.
+        (event, "install_timer", lambda kind, callback: contextlib.nullcontext()),
     )
+    if hasattr(errors, "HighlightColorScheme"):  # with colorama
+        # Numba colours the messages of thousands of errors that it catches itself.
+        _CHANGES += ((errors.HighlightColorScheme, "_markup", lambda scheme, text, *style, **more: text),)
 
 
 def compile_kernel(compiled: Callable[..., Any], signature: Any) -> Any:
