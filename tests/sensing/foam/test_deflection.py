@@ -74,6 +74,19 @@ def test_two_points_are_bridged_and_not_hidden() -> None:
     assert (np.abs(found.delta_m - delta) < 3.0 * found.sigma_m)[45:47].all()
 
 
+def test_a_line_that_meets_the_end_face_is_replaced_by_the_decay_of_its_neighbours() -> None:
+    # A plate up to 8 mm from the end; the front corner recedes, so that the last line meets the end face, 3 mm too deep.
+    delta = 0.006 * np.exp(-np.maximum(GEOMETRY.s_m - GEOMETRY.s_m[-4], 0.0) / 0.004)
+    edge, unclean = delta.copy(), np.zeros(K)
+    edge[-1], unclean[-1] = edge[-1] + 0.003, 0.0008
+    found, sigma, _, _, hidden = fill_gaps(GEOMETRY, edge, SIGMA, SIGMA, unclean, np.ones(K, dtype=bool))
+    assert abs(found[-1] - delta[-1]) < sigma[-1] < 0.0008
+    assert not hidden.any()
+    # Where the front is level, the body may end before the last line: its edge is kept.
+    edge[-4:-1] = 0.006
+    assert fill_gaps(GEOMETRY, edge, SIGMA, SIGMA, unclean, np.ones(K, dtype=bool))[0][-1] == edge[-1]
+
+
 def test_texture_that_the_zero_has_too_cancels() -> None:
     rng = np.random.default_rng(4)
     noise, texture = np.full(K, 5e-6), 3e-5

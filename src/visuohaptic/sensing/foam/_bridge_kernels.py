@@ -62,7 +62,10 @@ def bridge(s, value, sigma, seen, first, stop, filled, error):
 
 @kernel(nogil=True)
 def drop_bridged(s, value, sigma, seen, filled, error, kept):
-    """Known points, except those that are interpolated from two better neighbours more accurately than measured.
+    """Known points, except those that are inferred from two better neighbours more accurately than measured.
+
+    Beside a body that presses near a free end of the strip, the front corner moves inwards by up to a sixth of the width, so that
+    the last line meets the end face instead of the front. The front there continues the exponential decay of its neighbours.
 
     Parameters
     ----------
@@ -78,4 +81,13 @@ def drop_bridged(s, value, sigma, seen, filled, error, kept):
         inner = 0 < k < len(s) - 1 and seen[k - 1] and seen[k] and seen[k + 1]
         if inner and sigma[k] > 2.0 * max(sigma[k - 1], sigma[k + 1]):
             bridge(s, value, sigma, seen, k, k + 1, filled, error)
+            kept[k] = not error[k] < sigma[k]
+    for k in (0, len(s) - 1):
+        inwards = 1 if k == 0 else -1
+        a, b, c = k + inwards, k + 2 * inwards, k + 3 * inwards
+        decays = 0.0 < value[a] < value[b] < _STEEPEST * value[a]
+        decays = decays and value[c] - value[b] > _RISES_ON * (value[b] - value[a])
+        if seen[k] and seen[a] and seen[b] and decays and sigma[k] > 2.0 * max(sigma[a], sigma[b]):
+            filled[k] = value[a] * value[a] / value[b]
+            error[k] = math.hypot(2.0 * max(sigma[a], sigma[b]), 0.5 * (value[a] - filled[k]))
             kept[k] = not error[k] < sigma[k]

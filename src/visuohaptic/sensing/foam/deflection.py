@@ -247,11 +247,15 @@ def fill_gaps(
     delta, sigma, error = delta_m.copy(), sigma_m.copy(), np.zeros(len(s_m))
     hidden, kept = np.zeros(len(s_m)), np.empty(len(s_m), dtype=bool)
     drop_bridged(s_m, delta_m, np.hypot(sigma_m, uncertainty_m), seen, delta, error, kept)
+    inferred = seen & ~kept
     delta[kept], error[kept], seen = delta_m[kept], 0.0, kept
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (~seen).astype(np.int8), [0]])))
     for first, stop in zip(edges[::2], edges[1::2], strict=True):
         gap = np.arange(first, stop)
         ends = [k for k in (first - 1, stop) if 0 <= k < len(s_m)]
+        if len(ends) == 1 and len(gap) == 1 and inferred[first]:
+            sigma[first] = sigma_m[ends[0]]
+            continue
         if len(ends) == 2 and len(gap) <= _BRIDGED_POINTS:
             bridge(s_m, delta_m, sigma_m, seen, first, stop, delta, error)
             sigma[gap] = sigma_m[ends].max()
@@ -296,7 +300,10 @@ def with_states(
     inside = np.zeros(len(cell_m), dtype=bool)
     runs, states = found.states.runs, found.states
     known = (states.foam | states.shadow) & np.isfinite(found.raw_m)
-    pressed = np.where(known, np.minimum(found.raw_m / material.width_m, 1.0), 0.0)
+    used = np.where(
+        states.foam, found.delta_m, found.raw_m
+    )  # inferred where that is more accurate than the edge
+    pressed = np.where(known, np.minimum(used / material.width_m, 1.0), 0.0)
     each_N = material.height_m * cell_m * material.stress(pressed)
     contacts = []
     for contact in reading.contacts:
