@@ -181,18 +181,21 @@ def dead_code(source: Path) -> list[str] | None:
 
 
 def public_names(module: Module) -> set[str]:
-    """What ``__all__`` lists."""
+    """Functions and classes without underscore, kernels apart; where ``__all__`` lists other names, too, what it lists."""
     for node in module.tree.body:
         if isinstance(node, ast.Assign) and any(getattr(t, "id", "") == "__all__" for t in node.targets):
             try:
                 return set(ast.literal_eval(node.value))
             except ValueError:
                 return set()
-    return set()
+    if module.is_kernel:
+        return set()
+    defined = (node for node in module.tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef))
+    return {node.name for node in defined if not node.name.startswith("_")}
 
 
 def public_functions(module: Module) -> Iterator[tuple[str, ast.FunctionDef]]:
-    """Functions of ``__all__``, and public methods of its classes."""
+    """Public functions, and public methods of public classes."""
     names = public_names(module)
     for node in module.tree.body:
         if isinstance(node, ast.FunctionDef) and node.name in names:

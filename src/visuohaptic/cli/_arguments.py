@@ -8,8 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-__all__ = ["Add"]
-
 
 class Add:
     """Declares arguments; passed to verbs as ``add``.

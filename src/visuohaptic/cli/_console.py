@@ -10,8 +10,6 @@ from collections.abc import Callable, Iterable, Iterator, Sized
 from types import TracebackType
 from typing import Any, Generic, Self, TextIO, TypeVar
 
-__all__ = ["Arguments", "Console", "LiveLine", "OutputClosedError", "Progress"]
-
 Item = TypeVar("Item")
 
 #: Seconds after which a plain progress line is due ...

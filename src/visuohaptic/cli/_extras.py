@@ -10,8 +10,6 @@ from types import ModuleType
 
 from ..core.errors import MissingExtraError, VisuohapticError
 
-__all__ = ["CORE", "OPTIONAL", "Library", "check_needs", "library_of", "missing_library_error", "needs"]
-
 
 @dataclass(frozen=True, slots=True)
 class Library:

@@ -20,18 +20,6 @@ if TYPE_CHECKING:
     from ..core.robots import FrameSource
     from ..sensing.readers.sensor_reader import SensorReader, SensorReading
 
-__all__ = [
-    "Outputs",
-    "SensorRun",
-    "add_run_arguments",
-    "force_outputs",
-    "force_text",
-    "is_live",
-    "opened_frames",
-    "run_sensor",
-    "shown_frames",
-]
-
 Measured = TypeVar("Measured")
 
 #: Longest bar of a force [characters].

@@ -7,8 +7,6 @@ from typing import Any
 from ..core.errors import InputError
 from ..core.map_tasks import available_cores
 
-__all__ = ["MAX_WORKERS", "add_worker_arguments", "chosen_workers"]
-
 #: More processes than any one machine has cores [1].
 MAX_WORKERS = 1024
 

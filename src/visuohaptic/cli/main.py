@@ -34,8 +34,6 @@ from ..core.errors import VisuohapticError
 from ._arguments import Add
 from ._console import Arguments, Console, OutputClosedError
 
-__all__ = ["VERBS", "UsageError", "main", "verb_parser"]
-
 #: Heading of the overview -> room of ``cli.verbs``, verb and one line of help; kept here so that the overview imports
 #: no verb.
 _TABLE: Mapping[str, tuple[tuple[str, str, str], ...]] = {

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .codec import Arrays, dtype_name, encode_record, read_record
+from .codec import Arrays, dtype_name, encode_record, from_dict
 from .objects import Estimate, VisuoHapticObject
 
 __all__ = ["Arrays", "arrays_digest", "card_text", "decode", "digest_of", "encode", "order_of"]
@@ -57,7 +57,7 @@ def decode(card: Any, arrays: Mapping[str, np.ndarray], where: object = "object"
     InputError
         A field is unknown or missing, or has the wrong type or shape.
     """
-    return read_record(VisuoHapticObject, card, arrays, where)
+    return from_dict(VisuoHapticObject, card, arrays=arrays, where=where)
 
 
 def card_text(card: Any) -> str:

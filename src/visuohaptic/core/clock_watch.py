@@ -6,8 +6,6 @@ import math
 import time
 from collections.abc import Callable
 
-__all__ = ["MAX_STILL_PERIODS", "MAX_STILL_S", "ClockWatch"]
-
 #: A clock counts as stopped after this many control periods without advancing (five seconds of a loop at 50 Hz), or
 #: after this time on the host's clock [s]: no robot's odometry or camera is that slow.
 MAX_STILL_PERIODS, MAX_STILL_S = 250, 5.0

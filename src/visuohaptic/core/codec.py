@@ -19,7 +19,7 @@ import sys
 import types
 import typing
 from collections.abc import Callable, Hashable, Mapping, Sequence, Sized
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from enum import Enum
 from functools import cache, partial
 from typing import Any, TypeVar, cast
@@ -27,8 +27,6 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from .errors import InputError, brief
-
-__all__ = ["from_dict", "to_dict"]
 
 #: Arrays by name, with plain numeric types.
 Arrays = dict[str, np.ndarray]
@@ -59,11 +57,18 @@ def to_dict(record: Any) -> dict[str, Any]:
     InputError
         A field contains something else; the message names the field.
     """
-    return cast("dict[str, Any]", _encode(record, "", None))
+    return cast("dict[str, Any]", encode_record(record, None))
 
 
-def from_dict(kind: type[RecordT], data: Any, *, where: object = "", place: str = "") -> RecordT:
-    """Create a dataclass instance from plain data, as written by :func:`to_dict`.
+def from_dict(
+    kind: type[RecordT],
+    data: Any,
+    *,
+    where: object = "",
+    place: str = "",
+    arrays: Mapping[str, np.ndarray] | None = None,
+) -> RecordT:
+    """Create a dataclass instance from plain data, as written by :func:`to_dict` or :func:`encode_record`.
 
     Parameters
     ----------
@@ -75,30 +80,30 @@ def from_dict(kind: type[RecordT], data: Any, *, where: object = "", place: str 
         Source file or argument, for messages; by default the name of the dataclass.
     place
         Field that ``data`` represents, for messages; empty for the top level.
+    arrays
+        Separately stored arrays by their path.
 
     Raises
     ------
     InputError
         A field is unknown, missing, of the wrong type or out of range: one line with its location.
     """
-    return read_record(kind, data, {}, where or kind.__name__, place)
-
-
-def encode_record(record: Any, arrays: Arrays, place: str = "") -> Any:
-    """Plain data of all values that differ from their defaults; arrays are stored separately under their path."""
-    return _encode(record, place, arrays)
-
-
-def read_record(
-    kind: type[RecordT], data: Any, arrays: Mapping[str, np.ndarray], where: object, place: str = ""
-) -> RecordT:
-    """Like :func:`from_dict`, with separately stored arrays."""
     reader = _reader(cast("Hashable", kind))
-    return cast(RecordT, reader(data, _Context(arrays, where), place))
+    return cast(RecordT, reader(data, _Context(arrays or {}, where or kind.__name__), place))
 
 
-def _encode(value: Any, place: str, arrays: Arrays | None) -> Any:
-    """Plain data of a value; without ``arrays``, all fields are written, and arrays become lists."""
+def encode_record(value: Any, arrays: Arrays | None, place: str = "") -> Any:
+    """Plain data of a value; without ``arrays``, all fields are written, and arrays become lists.
+
+    Parameters
+    ----------
+    value
+        As of :func:`to_dict`.
+    arrays
+        Filled: array by its path; fields with their default value are omitted.
+    place
+        Path of the value, before those of its fields.
+    """
     kind: Any = type(value)
     if kind in _PLAIN or (kind is float and math.isfinite(value)):
         return value
@@ -106,11 +111,13 @@ def _encode(value: Any, place: str, arrays: Arrays | None) -> Any:
         found = {}
         for name, default in known:
             item = getattr(value, name)
-            if arrays is None or not (item is default or (default == () and _is_empty(item))):
+            if arrays is None or not (
+                item is default or (default == () and isinstance(item, Sized) and not len(item))
+            ):
                 # Most values are plain; without this shortcut an import takes a quarter longer.
                 inner = type(item)
                 if not (inner in _PLAIN or (inner is float and math.isfinite(item))):
-                    item = _encode(item, f"{place}.{name}" if place else name, arrays)
+                    item = encode_record(item, arrays, f"{place}.{name}" if place else name)
                 found[name] = item
         return found
     if isinstance(value, (np.ndarray, bytes)):
@@ -118,11 +125,11 @@ def _encode(value: Any, place: str, arrays: Arrays | None) -> Any:
         if dtype_name(array.dtype) not in DTYPES:
             raise InputError(place, f"found an array of {array.dtype}, expected numbers")
         if arrays is None:
-            return _encode(array.tolist(), place, arrays)
+            return encode_record(array.tolist(), arrays, place)
         arrays[place] = array.astype(_little_endian(array.dtype), copy=False)
         return {"array": place}
     if isinstance(value, Enum):
-        return _encode(value.value, place, arrays)
+        return encode_record(value.value, arrays, place)
     if isinstance(value, (bool, np.bool_)):
         return bool(value)
     if isinstance(value, (int, np.integer)):
@@ -134,9 +141,9 @@ def _encode(value: Any, place: str, arrays: Arrays | None) -> Any:
     if isinstance(value, Mapping):
         items = value.items() if arrays is None else sorted(value.items())
         inside = f"{place}." if place else ""
-        return {str(name): _encode(item, f"{inside}{name}", arrays) for name, item in items}
+        return {str(name): encode_record(item, arrays, f"{inside}{name}") for name, item in items}
     if isinstance(value, (tuple, list)):
-        return [_encode(item, f"{place}.{index}", arrays) for index, item in enumerate(value)]
+        return [encode_record(item, arrays, f"{place}.{index}") for index, item in enumerate(value)]
     raise InputError(
         place or "to_dict",
         f"found {kind.__name__}, expected numbers, texts, arrays, tuples, mappings and dataclasses",
@@ -145,7 +152,13 @@ def _encode(value: Any, place: str, arrays: Arrays | None) -> Any:
 
 @cache
 def dtype_name(kind: np.dtype) -> str:
-    """Name of a numeric type; cached, because NumPy rebuilds it each time, which took a fifth of an import."""
+    """Name of a numeric type; cached, because NumPy rebuilds it each time, which took a fifth of an import.
+
+    Parameters
+    ----------
+    kind
+        Type of an array.
+    """
     return kind.name
 
 
@@ -163,18 +176,12 @@ def _defaults(kind: Any) -> tuple[tuple[str, Any], ...] | None:
     return tuple((f.name, empty.get(cast("Any", f.default_factory), f.default)) for f in fields(kind))
 
 
-def _is_empty(item: Any) -> bool:
-    return isinstance(item, Sized) and len(item) == 0
-
-
+@dataclass(frozen=True, slots=True)
 class _Context:
     """State shared by the readers."""
 
-    __slots__ = ("arrays", "where")
-
-    def __init__(self, arrays: Mapping[str, np.ndarray], where: object) -> None:
-        self.arrays = arrays
-        self.where = where
+    arrays: Mapping[str, np.ndarray]
+    where: object
 
     def refuse(self, place: str, found: Any, expected: str) -> InputError:
         return InputError(self.where, f"found {brief(found)}, expected {expected}", field=place)
@@ -321,15 +328,13 @@ def _read_array(hint: Any) -> _Reader:
     if "float64" in hint.dtypes:
         read_entry, kind = _read_float, np.float64
     elif any(name.startswith("bool") for name in hint.dtypes):
-        read_entry, kind = _read_bool, np.bool_
+        read_entry, kind = _SCALARS[bool], np.bool_
 
     def read_list(value: Any, context: _Context, place: str) -> Any:
         def numbers(entry: Any) -> Any:
-            return (
-                [numbers(one) for one in entry]
-                if isinstance(entry, (list, tuple))
-                else read_entry(entry, context, place)
-            )
+            if isinstance(entry, (list, tuple)):
+                return [numbers(one) for one in entry]
+            return read_entry(entry, context, place)
 
         try:
             array: np.ndarray = np.array(numbers(value), dtype=kind)
@@ -370,16 +375,13 @@ def _read_int(value: Any, context: _Context, place: str) -> int:
     return int(value)
 
 
-def _read_bool(value: Any, context: _Context, place: str) -> bool:
-    if not isinstance(value, bool):
-        raise context.refuse(place, value, "true or false")
-    return value
+def _read_instance(kind: type, expected: str) -> _Reader:
+    def read_instance(value: Any, context: _Context, place: str) -> Any:
+        if not isinstance(value, kind):
+            raise context.refuse(place, value, expected)
+        return value
 
-
-def _read_str(value: Any, context: _Context, place: str) -> str:
-    if not isinstance(value, str):
-        raise context.refuse(place, value, "a text")
-    return value
+    return read_instance
 
 
 def _read_bytes(value: Any, context: _Context, place: str) -> bytes:
@@ -390,8 +392,8 @@ def _read_bytes(value: Any, context: _Context, place: str) -> bytes:
 
 
 _SCALARS: dict[Any, _Reader] = {
-    str: _read_str,
-    bool: _read_bool,
+    str: _read_instance(str, "a text"),
+    bool: _read_instance(bool, "true or false"),
     int: _read_int,
     float: _read_float,
     bytes: _read_bytes,

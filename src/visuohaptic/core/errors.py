@@ -11,18 +11,6 @@ import reprlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-__all__ = [
-    "CalibrationError",
-    "DatabaseError",
-    "DeviceError",
-    "InputError",
-    "MissingExtraError",
-    "StaleFrameError",
-    "VisuohapticError",
-    "brief",
-    "needs",
-]
-
 _BRIEF = reprlib.Repr()
 _BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother, _BRIEF.maxlong = 3, 60, 60, 60
 #: Words longer than in any language or number format come from damaged files.

@@ -10,22 +10,6 @@ from typing import overload
 import numpy as np
 from jaxtyping import Float, Int
 
-__all__ = [
-    "area_vectors",
-    "compose_2d",
-    "hat",
-    "polygon_area",
-    "polygon_centroid",
-    "polygon_second_moments",
-    "relative_2d",
-    "rotation_2d",
-    "so3_exp",
-    "so3_log",
-    "sphere_directions",
-    "vertex_normals",
-    "wrap_angle",
-]
-
 #: A polygon whose area is below this fraction of its squared extent is a line up to rounding.
 _MIN_AREA = 1e-12
 

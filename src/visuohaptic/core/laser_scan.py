@@ -11,8 +11,6 @@ from .errors import InputError
 from .measurement import Reason
 from .ranges import FINITE, NON_NEGATIVE, POSITIVE, check_ranges
 
-__all__ = ["LaserScan"]
-
 MAX_BEAMS = 100_000
 
 

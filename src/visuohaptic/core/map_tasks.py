@@ -29,8 +29,6 @@ from .._version import __version__
 from .errors import InputError, VisuohapticError, needs
 from .resources import one_blas_thread
 
-__all__ = ["MAX_DEATHS", "available_cores", "cluster_hosts", "map_tasks"]
-
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 

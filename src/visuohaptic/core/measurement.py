@@ -8,17 +8,6 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Bool, Float
 
-__all__ = [
-    "Contact",
-    "ErrorBudget",
-    "Event",
-    "EventKind",
-    "ForceProfile",
-    "Motion",
-    "Reason",
-    "Wrench",
-]
-
 #: Gravitational acceleration [m/s^2] and air pressure [Pa], used if not measured.
 GRAVITY_M_S2, AIR_PA = 9.81, 101_325.0
 

@@ -13,25 +13,6 @@ from jaxtyping import Float, Int
 
 from .errors import InputError
 
-__all__ = [
-    "Appearance",
-    "Estimate",
-    "Evidence",
-    "FeatureVector",
-    "Geometry",
-    "HapticTag",
-    "Material",
-    "ObjectPart",
-    "ObjectState",
-    "Primitive",
-    "PrimitiveKind",
-    "Provenance",
-    "Sighting",
-    "StiffnessMap",
-    "VisuoHapticObject",
-]
-
-
 #: Unsigned quantities of a haptic tag.
 _MAGNITUDES = (
     "static_friction_N",

@@ -23,19 +23,6 @@ import numpy as np
 
 from .errors import InputError, brief
 
-__all__ = [
-    "FINITE",
-    "NON_NEGATIVE",
-    "POSITIVE",
-    "Ranged",
-    "above",
-    "at_least",
-    "check_numbers",
-    "check_order",
-    "check_ranges",
-    "within",
-]
-
 _KEY = "visuohaptic range"
 
 

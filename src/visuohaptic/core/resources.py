@@ -12,8 +12,6 @@ from contextlib import contextmanager
 from functools import cache
 from typing import Any, Self
 
-__all__ = ["Closing", "one_blas_thread", "reuse_memory"]
-
 
 class Closing(ABC):
     """A resource closed at the end of its ``with`` block, also after an error, so that partial results are kept."""

@@ -20,22 +20,6 @@ from .camera.model import Camera
 from .camera.pose import Pose
 from .errors import InputError
 
-__all__ = [
-    "ROBOT_CONTRACT",
-    "BaseState",
-    "DepthImage",
-    "DepthSource",
-    "FingerTouch",
-    "FrameSource",
-    "Gripper",
-    "GripperState",
-    "Localizer",
-    "MapPose",
-    "MobileBase",
-    "ProbeArm",
-    "require_members",
-]
-
 #: Version of the protocols. The major number changes if conforming robots may no longer conform.
 ROBOT_CONTRACT = "1.1"
 

@@ -17,8 +17,6 @@ from ..core.errors import DatabaseError
 from .schema import shard
 from .shards import ShardFolder, pack, unpack
 
-__all__ = ["ArrayStore"]
-
 #: Row of an object, and its arrays.
 Blob = tuple[dict[str, Any], cards.Arrays]
 

@@ -16,8 +16,6 @@ from sqlalchemy.exc import ArgumentError, DBAPIError
 
 from ..core.errors import DatabaseError, InputError, MissingExtraError
 
-__all__ = ["Connections", "connect", "connect_file", "connect_server", "shown_url"]
-
 #: How long a writer waits while no other writer commits [s].
 _WAIT_S = 60.0
 #: Interval at which a writer tries to lock [s]: about the duration of a commit, which syncs the disk four times. Longer

@@ -23,8 +23,6 @@ from .shards import file_sha256, pack, unpack
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-__all__ = ["export_object", "export_objects", "import_object", "import_objects"]
-
 _log = logging.getLogger(__name__)
 
 _FORMAT = "visuohaptic object"

@@ -13,8 +13,6 @@ from ..core.errors import DatabaseError, InputError
 from .schema import object_, shard
 from .shards import ShardFolder, file_sha256
 
-__all__ = ["Check", "check_all"]
-
 
 @dataclass(frozen=True, slots=True)
 class Check:

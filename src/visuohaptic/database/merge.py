@@ -34,8 +34,6 @@ from ..core.objects import (
     VisuoHapticObject,
 )
 
-__all__ = ["add_evidence", "combine", "estimates_of", "merge_objects"]
-
 #: Fields with mappings whose entries are merged individually.
 _MAPPINGS = ("state", "features", "parts", "states")
 

@@ -17,27 +17,6 @@ from ..core.objects import Provenance, VisuoHapticObject
 from .merge import merge_objects
 from .schema import counter, feature, object_, shard
 
-__all__ = [
-    "ALIVE",
-    "MANY",
-    "Prepared",
-    "Stored",
-    "Summary",
-    "Written",
-    "changes_of",
-    "drop_shards",
-    "feature_vectors",
-    "fetch",
-    "is_current",
-    "known_s",
-    "last_change",
-    "merged_versions",
-    "next_change",
-    "row_of",
-    "store_rows",
-    "summaries",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class Stored:

@@ -6,8 +6,6 @@ import sqlalchemy as sa
 
 from ..core.errors import DatabaseError
 
-__all__ = ["VERSION", "counter", "feature", "meta", "migrate", "object_", "peer", "shard"]
-
 _METADATA = sa.MetaData()
 
 #: Metadata of the database: schema version, and its identity for peers.
@@ -100,7 +98,15 @@ VERSION = len(MIGRATIONS)
 
 
 def version_of(connection: sa.Connection, where: str) -> int:
-    """Version of the schema; 0 for an empty database."""
+    """Version of the schema; 0 for an empty database.
+
+    Parameters
+    ----------
+    connection
+        Of the database.
+    where
+        Name of the database, for errors.
+    """
     if not sa.inspect(connection).has_table("meta"):
         return 0
     found = connection.execute(meta.select().where(meta.c.key == "schema")).first()

@@ -20,8 +20,6 @@ from jaxtyping import Float
 from ..core.errors import InputError
 from .database import ObjectDatabase
 
-__all__ = ["FeatureIndex", "Match", "index_of"]
-
 #: Levels of a quantised feature: squares of 16 differences fit into 16 bits (:func:`coarse_distances`).
 _LEVELS = 64
 #: Maximum number of features before the sums of squares overflow 32 bits.

@@ -17,11 +17,8 @@ from ..core.codec import DTYPES, Arrays, dtype_name
 from ..core.errors import DatabaseError, InputError
 from ..core.files import atomic_path
 
-__all__ = ["ShardFolder", "file_sha256", "pack", "unpack"]
-
 #: Larger arrays are rejected [bytes].
 MAX_ARRAY_BYTES = 1 << 30
-
 
 #: Objects in a row group: one per group took half of an import, and the larger groups are, the longer it takes to read one.
 _GROUP = 16

@@ -16,8 +16,6 @@ from ..core.objects import VisuoHapticObject
 from .database import BATCH, ObjectDatabase
 from .schema import peer
 
-__all__ = ["Synchronised", "synchronise"]
-
 
 @dataclass(frozen=True, slots=True)
 class Synchronised:

@@ -13,8 +13,6 @@ import numpy as np
 
 from ..core.objects import Estimate, HapticTag
 
-__all__ = ["merge_tags"]
-
 _ESTIMATES = (
     "static_friction_N", "dynamic_friction_N", "deceleration_s", "drift", "deformability", "stiffness_N_per_m",
     "rotation_rad_per_m", "contact_offset_m",

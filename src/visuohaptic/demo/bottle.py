@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from ..core.camera.model import Camera
 from ..core.camera.pose import Pose
-from ..deformation.shapes.container import Base, ContainerDescription, Section, load_container
+from ..deformation.shapes.container import Base, ContainerDescription, WallSection, load_container
 from ..deformation.shells.fourier_shell import RevolutionShell
 from ..recognition.data.data_set import FeatureSet, load_feature_set
 from ..recognition.touch.haptic_model import UNKNOWN
@@ -141,7 +141,7 @@ def container_of_outline(outline_m: Float[np.ndarray, "k 2"], wall_m: float = 4e
     return ContainerDescription(
         name=UNKNOWN,
         base=Base(radius=radii[0]),
-        sections=[Section(height=(step, step), radius=radius) for radius in radii[1:]],
+        sections=[WallSection(height=(step, step), radius=radius) for radius in radii[1:]],
         wall=(wall_m, wall_m),
     )
 

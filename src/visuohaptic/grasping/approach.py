@@ -11,8 +11,6 @@ from jaxtyping import Float
 from ..core.objects import StiffnessMap
 from .force import GripperModel
 
-__all__ = ["ApproachSpace", "GripperApproach", "find_approach"]
-
 #: Elevations of the approach above the horizontal, in the order tried [rad]: from the side to from above.
 ELEVATIONS_rad = tuple(np.radians((0.0, 30.0, 60.0, 90.0)))
 #: Length of the straight approach, and clearance to obstacles [m].

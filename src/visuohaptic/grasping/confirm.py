@@ -20,8 +20,6 @@ from ..deformation.shells.shell import ShellModel, enclosed_volume
 from ..deformation.shells.stiffness_map import DualTips, dual_tip_compliance, opposing_points
 from ..io.meshes.mesh_state import boundary_edges
 
-__all__ = ["Confirmation", "confirm_grasp", "mouth_edges", "pinch_at"]
-
 #: End of the curve as a multiple of the deformation bound, and its number of steps.
 REACH, STEPS = 1.6, 8
 

@@ -16,8 +16,6 @@ from .force import Load, required_force_N
 from .grasp_task import GraspTask
 from .score import GraspScores
 
-__all__ = ["FeasibilityMap", "Spill", "Verdict", "feasibility_map", "spill_of"]
-
 #: Minimum fraction of the finger's patch with wall in front of it.
 MIN_OVERLAP = 0.5
 #: The volume displaced by a pinch grows faster than the force: in nonlinear simulations of flat

@@ -21,15 +21,6 @@ from ..deformation.nonlinear.contents import liquid_level_m
 from ..deformation.shapes.mesher import ShellObject
 from ..deformation.shells.shell import enclosed_volume
 
-__all__ = [
-    "GripperModel",
-    "Handling",
-    "Load",
-    "object_load",
-    "required_force_N",
-    "success_probability",
-]
-
 #: Moments below this are rounding errors [N m].
 NO_MOMENT = 1e-9
 

@@ -14,8 +14,6 @@ from .confirm import Confirmation
 from .force import GripperModel, Handling, Load
 from .score import ScoreParameters
 
-__all__ = ["Grasp", "GraspTask"]
-
 
 @dataclass(frozen=True, slots=True)
 class GraspTask(Ranged):

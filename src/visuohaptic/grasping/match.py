@@ -24,8 +24,6 @@ from ..deformation.nonlinear.contents import Contents, enclosed_gradient, pinch_
 from ..deformation.shapes.mesher import ShellObject
 from .confirm import pinch_at
 
-__all__ = ["DeformedShape", "ShapeMatch", "match_shape", "predicted_shape"]
-
 #: Minimum number of points: the residual of n points with seven unknowns is known to 1 / sqrt(2 (n - 7)), here 15 %.
 MIN_POINTS = 30
 MAX_ITERATIONS = 40

@@ -26,8 +26,6 @@ from .grasp_task import Grasp, GraspTask
 from .rim import rim_grasps
 from .score import GraspScores, grasp_scores
 
-__all__ = ["GraspPlan", "multi_contact", "plan_grasps", "plan_map"]
-
 #: Duration of the arm motion [s], or another cost; infinite if the goal is not reachable.
 ArmCost = Callable[[Grasp], float]
 #: Scores under a force, spilling, and rim grasps.

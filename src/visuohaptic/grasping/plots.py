@@ -13,8 +13,6 @@ from ..core.files import atomic_path
 from ..deformation.maps.map_file import check_suffix
 from .planner import GraspPlan
 
-__all__ = ["plot_plan", "score_colours"]
-
 #: From bad to good, with uniform steps of lightness.
 _COLOURS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], float)
 

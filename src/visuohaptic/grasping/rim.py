@@ -22,8 +22,6 @@ from .force import Load, required_force_N, success_probability
 from .grasp_task import Grasp, GraspTask
 from .score import GraspScores, deformation_score
 
-__all__ = ["rim_grasps"]
-
 #: u at the required force: half of the value at which an edge of the patch lifts off.
 UNEVEN = 0.5
 #: Number of locations around the mouth: one per 30 degrees, so that an arm that reaches half of them has several options.

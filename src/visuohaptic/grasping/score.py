@@ -30,8 +30,6 @@ from ..core.ranges import NON_NEGATIVE, POSITIVE, Ranged, within
 from ..deformation.shells.shell import ShellMesh
 from ..deformation.shells.stiffness_map import DualTips, opposing_points
 
-__all__ = ["GraspScores", "ScoreParameters", "deformation_score", "grasp_scores"]
-
 #: Minimum number of points for the fit of a second-order polynomial.
 MIN_NEIGHBOURS = 10
 
@@ -113,7 +111,7 @@ def grasp_scores(
     if not (force > 0).all():
         raise InputError("grasp_scores", f"found {force.min()} N, expected > 0", field="force_N")
     p = parameters or ScoreParameters()
-    faces = outward_faces(surface)
+    faces = _outward_faces(surface)
     mesh = ShellMesh(surface.vertices_m, faces, 1e-3)
     tips = tips or opposing_points(mesh, axis_point_m=axis_point_m)
     normal = vertex_normals(mesh.vertices_m, mesh.faces)
@@ -151,7 +149,7 @@ def deformation_score(
     return np.nan_to_num(_clamped(score), nan=0.0)
 
 
-def outward_faces(surface: StiffnessMap) -> Int[np.ndarray, "f 3"]:
+def _outward_faces(surface: StiffnessMap) -> Int[np.ndarray, "f 3"]:
     """Faces with normals away from the height axis, independent of the orientation in the file."""
     points, faces = surface.vertices_m, np.asarray(surface.faces)
     if not len(faces):

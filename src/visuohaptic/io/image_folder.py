@@ -15,8 +15,6 @@ from ..core.errors import InputError
 from ..core.files import ImageMode, read_csv, read_image
 from .source import RecordedSource
 
-__all__ = ["ImageFolderSource", "natural", "seconds_in"]
-
 _log = logging.getLogger(__name__)
 
 _SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff"}

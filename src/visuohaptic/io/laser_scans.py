@@ -21,8 +21,6 @@ from ..core.files import CsvRow, atomic_path, read_csv
 from ..core.laser_scan import MAX_BEAMS, LaserScan
 from .ros.sqlite_bag import is_bag, open_bag
 
-__all__ = ["OdometryScan", "read_scans", "write_scans"]
-
 #: A scan, and the scanner's pose (x, y, yaw) from odometry [m, rad].
 OdometryScan = tuple[LaserScan, tuple[float, float, float]]
 

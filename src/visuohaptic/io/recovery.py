@@ -14,8 +14,6 @@ from .ros.mcap_records import MCAP_MAGIC
 from .ros.sqlite_bag import is_bag, open_bag, write_bag
 from .sinks.tables import pack_rows
 
-__all__ = ["Recovered", "recover"]
-
 #: Start of an Arrow message.
 _ARROW = b"\xff\xff\xff\xff"
 

@@ -14,8 +14,6 @@ from ..core.camera.model import Camera
 from ..core.errors import InputError
 from ..core.resources import Closing
 
-__all__ = ["RecordedSource", "indices_from_times"]
-
 _log = logging.getLogger(__name__)
 
 #: Intervals within this fraction of a multiple of the period count as regular.

@@ -11,8 +11,6 @@ from jaxtyping import Bool, Float, UInt8
 
 from ..core.objects import Primitive, PrimitiveKind
 
-__all__ = ["FrameNotes", "annotated_frame", "gradient_image", "primitive_outline"]
-
 #: Colours in OpenCV's order blue, green, red.
 REFERENCE_BGR = (40, 40, 230)
 FRONT_BGR = (0, 190, 255)

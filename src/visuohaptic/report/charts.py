@@ -22,16 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "ForceRun",
-    "TimeSeries",
-    "error_budget",
-    "force_against_truth",
-    "force_over_time",
-    "pressure_profile",
-    "traces_over_time",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForceRun:

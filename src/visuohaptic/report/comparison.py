@@ -12,8 +12,6 @@ from ..core.errors import InputError
 from .charts import ForceRun, force_against_truth, force_over_time
 from .html_report import Report
 
-__all__ = ["ForceComparison", "ForceRecord", "compare_forces", "write_comparison"]
-
 #: Half width of the 90 % interval of a normal distribution, in standard deviations.
 _BAND_90 = 1.6449
 #: Deviation of a normal distribution that is exceeded once in a thousand, in standard deviations.

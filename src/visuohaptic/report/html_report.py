@@ -22,8 +22,6 @@ from ..core.files import encode_image, write_text
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Report"]
-
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1c2430; --soft: #5b6675; --line: #dde2e8; --back: #f6f7f9;
   --card: #ffffff; --mark: #c2571a; }

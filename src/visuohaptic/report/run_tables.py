@@ -8,8 +8,6 @@ import numpy as np
 
 from ..core.objects import Estimate, HapticTag, Primitive, PrimitiveKind
 
-__all__ = ["estimate_text", "primitive_text", "tag_text"]
-
 
 def estimate_text(estimate: Estimate | None) -> str | None:
     """``1.23 ± 0.05``, with ``(spread 0.2)`` if it varies over contacts; ``None`` if not observed.

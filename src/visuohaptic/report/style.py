@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any, ParamSpec
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["COLOURS", "CYCLE", "draw_axes", "new_figure", "styled"]
-
 Given = ParamSpec("Given")
 
 #: Colours that are distinguishable for colour-blind readers (Okabe and Ito).

@@ -14,8 +14,6 @@ from ..navigation.grid.cost_grid import SpeedLimits, grid_layers
 from ..navigation.problem.planning_problem import MovableObject
 from ..rigs.virtual_office import BIN, ROBOT, STOOL, box, rooms, with_objects
 
-__all__ = ["OBJECTS", "building", "draw_map", "outline", "regions_of"]
-
 #: Four movable obstacles; crate and stool are in doorways.
 OBJECTS = (
     MovableObject("crate", box(7.15, 3.53, 0.5, 0.45), STOOL),

@@ -11,8 +11,6 @@ from ..deformation.shapes.container import load_container
 from ..recognition.data.readings import CurveCoefficients, fit_curve
 from ..recognition.touch.state import StateCurve, simulate_state_curves
 
-__all__ = ["NOISE_N", "NOISE_m", "curves_of", "read_curve"]
-
 #: Noise of the gripper's sensors, and distance of its readings: 5 mm/s at 30 Hz.
 NOISE_N, NOISE_m, STEP_m = 0.1, 1e-4, 0.005 / 30
 

@@ -13,8 +13,6 @@ from ..recognition.data.data_set import FeatureSet, load_feature_set, save_featu
 from .output import Output
 from .worlds.virtual_containers import GROUPS, description
 
-__all__ = ["CONFUSABLE", "DISTINCT", "FIVE", "grouped", "training_features"]
-
 FIVE = ("bottle", "cup", "cup-rim", "elliptic", "smoothie")
 CONFUSABLE = ("cien", "isana", "cleaner")
 #: Four relatively distinct classes.

@@ -13,8 +13,6 @@ from ..simulation.foam.strip_geometry import FoamStripGeometry
 from ..simulation.foam.strip_law import REFERENCE_FOAM, SOFT_FOAM, StripLaw, write_calibration_csv
 from .output import Output
 
-__all__ = ["FOAMS", "REFERENCE_SIGMA_N", "pressed"]
-
 #: Name in the figures -> law of the simulated foam.
 FOAMS: dict[str, StripLaw] = {"soft (as PUR)": SOFT_FOAM, "firm (as rubber)": REFERENCE_FOAM}
 REFERENCE_SIGMA_N = 0.05  #: of the arm's force sensor

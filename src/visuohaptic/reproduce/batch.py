@@ -14,8 +14,6 @@ from ..core.files import atomic_path, write_text
 from ..core.map_tasks import map_tasks
 from .runner import EXPERIMENTS, ExperimentOutcome, cached_outcome, known_name, reproduce
 
-__all__ = ["reproduce_all", "write_costs"]
-
 #: Experiments that share a long computation: they run sequentially, the first one computes it for all.
 SHARED_COMPUTATIONS: tuple[tuple[str, ...], ...] = (("figure-6.6", "figure-6.7", "table-6.1", "table-6.2"),)
 #: The longest experiments start first, so that none runs alone at the end.

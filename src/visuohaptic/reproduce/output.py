@@ -18,8 +18,6 @@ from ..core.files import atomic_path, write_image, write_text
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Columns", "Comparison", "Output"]
-
 
 @dataclass(frozen=True, slots=True)
 class Comparison:

@@ -9,8 +9,6 @@ from ..core.errors import InputError
 from ..core.files import read_image, write_image, write_text
 from .runner import EXPERIMENTS, read_result
 
-__all__ = ["write_gallery", "write_index"]
-
 HEADING = "# The dissertation's figures and tables, reproduced"
 #: Figures in the documentation: maximum width [px], quality of WebP.
 WIDTH_px, QUALITY = 1000, 80

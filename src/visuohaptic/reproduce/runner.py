@@ -19,8 +19,6 @@ from ..core.errors import InputError, VisuohapticError
 from ..core.files import write_text
 from .output import Output
 
-__all__ = ["EXPERIMENTS", "NEEDS", "ExperimentOutcome", "known_name", "read_result", "reproduce"]
-
 #: Figures and tables of each chapter, in the dissertation's order.
 _NUMBERS = (
     ("figure", 3, (2, 4, 7, 8, 10, 11, 12, 13)), ("table", 3, (1,)),

@@ -17,8 +17,6 @@ from ..simulation.foam.strip_geometry import FoamStripGeometry
 from ..simulation.foam.strip_law import write_calibration_csv
 from .virtual_sensor import VirtualSensor, rest_scene
 
-__all__ = ["write_example", "write_truth", "write_video"]
-
 #: The 12 cm cylinder is pressed 8 mm deep and retracted, with this number of frames each.
 _DEEPEST_M, _FRAMES = 0.008, 40
 

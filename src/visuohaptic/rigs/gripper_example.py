@@ -13,8 +13,6 @@ from .foam_example import write_truth, write_video
 from .squeeze_rig import BOTTLE
 from .virtual_gripper import GripperSensor
 
-__all__ = ["write_gripper_example"]
-
 #: The example: closing speed [m/s], and start of the recording before the contact [s].
 _CLOSE_M_S, _BEGIN_S = 0.03, 0.9
 #: Illumination and rate factor of its videos: a few megabytes each.

@@ -16,8 +16,6 @@ from ..simulation.foam.outline import Outline
 from ..simulation.tabletop.gripper import VirtualGripper
 from ..simulation.tabletop.gripper_setup import GraspObject, GripperTruth
 
-__all__ = ["BOTTLE", "FORCES_N", "Squeeze", "plot_squeeze", "squeeze", "stiffness_N_per_m"]
-
 #: Five grasping forces [N].
 FORCES_N = (10.0, 20.0, 35.0, 50.0, 70.0)
 #: A bottle with a diameter of 7 cm and a stiffness of 20 N/mm, between fingers opened by 10 cm.

@@ -28,11 +28,6 @@ from ..simulation.tabletop.probe_cell import ProbeCell
 from ..tracking.templates.template import Template
 from .foam_example import write_truth, write_video
 
-__all__ = [
-    "T_TIP_SENSOR", "BeamCamera", "VirtualBeam", "VirtualProbe", "probe_beam", "weighing_sensor", "wrist_beam",
-    "write_beam_example",
-]  # fmt: skip
-
 WRENCH_COLUMNS = ("t_s", "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 #: Templates in a typical office: uniform light with slight vignetting, sensor noise of indoor light.
 _INDOOR = CameraEffects(blur_px=0.8, noise_sigma=3.0, vignetting=0.15, gradient_x=0.1)
@@ -305,7 +300,13 @@ class VirtualProbe(ProbeCell):
 
 
 def push_and_twist(frames: int = 90) -> Float[np.ndarray, "frames 6"]:
-    """The load of the example: F_Y increasing and decreasing, then F_Z, then both with F_X and a moment about X."""
+    """The load of the example: F_Y increasing and decreasing, then F_Z, then both with F_X and a moment about X.
+
+    Parameters
+    ----------
+    frames
+        Number of frames.
+    """
     rise = np.sin(np.linspace(0, np.pi, frames // 3 + 1)[:-1]) ** 2
     loads = np.zeros((3, len(rise), 6))
     loads[0, :, 1] = 2.0 * rise

@@ -17,8 +17,6 @@ from ..simulation.tabletop.crown_cap import CrownCapCell, OpenerBeam
 from ..tasks.manipulation.crown_cap import open_crown_cap
 from ..tasks.manipulation.crown_cap_records import CapOpening, CapSettings
 
-__all__ = ["CapSensor", "OpenerTrial", "open_virtual_cap", "virtual_opener"]
-
 #: Positions of the scanning motion [m].
 SCAN_M = ((0.4, 0.0, 0.6), (0.5, 0.1, 0.5))
 

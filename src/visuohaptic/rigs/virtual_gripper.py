@@ -40,8 +40,6 @@ from ..simulation.tabletop.kitchen import KitchenTable
 from .virtual_beam import BeamCamera, VirtualBeam, wrist_beam
 from .virtual_sensor import VirtualSensor, calibrate_by_press
 
-__all__ = ["STRIP", "TRACKING", "GripperSensor", "VirtualHand", "finger_sensor"]
-
 
 @dataclass
 class GripperSensor:

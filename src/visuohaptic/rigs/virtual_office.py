@@ -15,21 +15,6 @@ from ..core.objects import Estimate, HapticTag
 from ..io.maps.occupancy_map import OccupancyMap
 from ..navigation.problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 
-__all__ = [
-    "BIN",
-    "FULL_BIN",
-    "ROBOT",
-    "STOOL",
-    "TABLE",
-    "TOWER",
-    "box",
-    "office",
-    "rooms",
-    "tag",
-    "with_objects",
-    "write_office_example",
-]
-
 ROBOT = RobotModel(0.17)
 
 

@@ -21,8 +21,6 @@ from ..simulation.rendering.effects import CameraEffects
 from ..simulation.rendering.renderer import SceneRenderer
 from ..simulation.rendering.scene import FoamScene
 
-__all__ = ["HALF_SIZE_RIG", "VirtualSensor", "calibrate_by_press", "rest_scene"]
-
 #: Imperfections of the camera in demos and benchmarks: a typical webcam in indoor light.
 WEBCAM = CameraEffects(blur_px=1.0, noise_sigma=3.0, vignetting=0.2, gradient_x=0.1)
 

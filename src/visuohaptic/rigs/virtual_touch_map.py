@@ -21,8 +21,6 @@ from ..tasks.mobile.touch_map.map_task import TouchMapping, map_by_touch
 if TYPE_CHECKING:
     from ..sensing.foam.sensor import FoamSensor
 
-__all__ = ["MapScore", "RoomTrial", "map_virtual_room", "score_map"]
-
 #: Radius around contact points in which a map is evaluated [m].
 AROUND_M = 0.3
 

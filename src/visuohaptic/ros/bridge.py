@@ -8,15 +8,12 @@ from pathlib import Path
 from typing import Any, Self
 
 from ..core.errors import InputError
-from ..core.files.plain_json import picked
 from ..core.resources import Closing
 from ..sensing.readers.load import load_reader
 from ..sensing.readers.sensor_reader import SensorReader
 from .bridge_config import BridgeConfig, SensorSection, sensor_kind
 from .channel import SensorChannel, SensorReport
 from .transports.open_node import open_node
-
-__all__ = ["Bridge"]
 
 
 class Bridge(Closing):
@@ -143,9 +140,3 @@ def open_reader(section: SensorSection, path: Path, kind: str | None = None) -> 
             reader.require_zero("set zero_frames")
         opened.pop_all()
     return reader
-
-
-def summary(reports: tuple[SensorReport, ...]) -> list[dict[str, Any]]:
-    """Convert reports to plain data."""
-    names = "name frames reasons stale lost left_out damaged"
-    return [picked(report, names) for report in reports]

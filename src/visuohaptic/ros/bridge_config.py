@@ -13,8 +13,6 @@ from .transports.open_node import Transport
 from .transports.session import ROUTER, RosOptions
 from .wire.graph import check_node, resolve_name
 
-__all__ = ["BridgeConfig", "NodeSection", "SensorSection"]
-
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
@@ -107,7 +105,13 @@ class BridgeConfig(_Section):
 
 
 def sensor_kind(path: Path) -> str:
-    """``foam``, ``beam`` or ``scene``, according to the sensor's configuration file."""
+    """``foam``, ``beam`` or ``scene``, according to the sensor's configuration file.
+
+    Parameters
+    ----------
+    path
+        Configuration file of a sensor.
+    """
     data: Any = load_yaml(path)
     found = data.get("kind") if isinstance(data, dict) else None
     if found not in ("foam", "beam", "scene"):

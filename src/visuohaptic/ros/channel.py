@@ -20,8 +20,6 @@ from .robots.mobile_base import base_state
 from .sink import RosSink
 from .transports.topic_node import TopicNode
 
-__all__ = ["SensorChannel", "SensorReport"]
-
 _log = logging.getLogger(__name__)
 
 

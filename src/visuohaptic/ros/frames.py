@@ -24,8 +24,6 @@ from ..io.ros.ros_image import decode_raw
 from .transports.topic_node import Received, TopicNode
 from .wire.graph import Qos
 
-__all__ = ["SENSOR_QOS", "TopicFrames", "info_topic"]
-
 _log = logging.getLogger(__name__)
 
 #: Quality of service of typical camera drivers.
@@ -248,13 +246,25 @@ def info_topic(image: str) -> str:
 
 
 def message_pose(message: Any) -> Pose:
-    """Convert a ``geometry_msgs/Pose``."""
+    """Convert a ``geometry_msgs/Pose``.
+
+    Parameters
+    ----------
+    message
+        With ``position`` and ``orientation``.
+    """
     place, turn = message.position, message.orientation
     return Pose.from_quaternion([turn.x, turn.y, turn.z, turn.w], [place.x, place.y, place.z])
 
 
 def planar(message: Any) -> tuple[float, float, float]:
-    """x, y [m] and heading [rad] of a ``geometry_msgs/Pose``, regardless of roll and pitch."""
+    """x, y [m] and heading [rad] of a ``geometry_msgs/Pose``, regardless of roll and pitch.
+
+    Parameters
+    ----------
+    message
+        With ``position`` and ``orientation``.
+    """
     turn = message.orientation
     heading = math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
     return message.position.x, message.position.y, heading

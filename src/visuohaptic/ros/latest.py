@@ -9,8 +9,6 @@ from ..core.errors import StaleFrameError
 from .transports.topic_node import Received, TopicNode
 from .wire.graph import Qos
 
-__all__ = ["LatestMessage"]
-
 
 class LatestMessage:
     """The latest message of a topic.

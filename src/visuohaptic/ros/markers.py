@@ -11,8 +11,6 @@ from jaxtyping import Float
 from ..core.measurement import ForceProfile
 from ..io.ros.ros_messages import header
 
-__all__ = ["LINES", "POINTS", "arrow", "contact_markers", "points_marker", "text_marker"]
-
 _ARROW, LINES, POINTS, _TEXT = 0, 5, 8, 9
 _ADD, _DELETE_ALL = 0, 3
 _COLOUR = (0.85, 0.37, 0.01, 1.0)

@@ -11,8 +11,6 @@ from .markers import contact_markers
 from .transports.topic_node import RosPublisher, TopicNode
 from .wire.graph import LATCHED
 
-__all__ = ["LATCHED_TYPES", "RosSink"]
-
 #: Maps and markers remain until they are replaced: late subscribers also receive them.
 LATCHED_TYPES = {"nav_msgs/msg/OccupancyGrid", "visualization_msgs/msg/MarkerArray"}
 

@@ -15,8 +15,6 @@ from ..core.errors import DeviceError, InputError
 from .transports.topic_node import Received, TopicNode
 from .wire.graph import Entity, EntityKind, Qos
 
-__all__ = ["MAX_VALUES", "echo", "find_topics", "plain_message"]
-
 #: Longer arrays and byte strings are represented by their number of values.
 MAX_VALUES = 128
 #: Interval at which the graph is requested [s].

@@ -8,8 +8,6 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from ..core.camera.pose import Pose
 
-__all__ = ["PoseSection", "Positive", "Section", "Vector3", "Vector4"]
-
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Vector3 = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
 Vector4 = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]

@@ -14,8 +14,6 @@ from ..core.errors import InputError
 from ..core.files import load_yaml
 from ..core.measurement import Reason
 
-__all__ = ["Measurement", "Sensor", "load_sensor"]
-
 _KINDS = ("foam", "beam", "scene")
 
 

@@ -22,14 +22,6 @@ from ..core.ranges import POSITIVE, Ranged, at_least, within
 from ..core.resources import Closing
 from ..core.robots import FrameSource
 
-__all__ = [
-    "FaultKind",
-    "FaultyFrames",
-    "FrameFaults",
-    "frame_faults",
-    "wrong_map",
-]
-
 
 class FaultKind(StrEnum):
     """Kinds of faults."""

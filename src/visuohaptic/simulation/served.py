@@ -17,8 +17,6 @@ from .floor.floor_world import FloorWorld
 from .tabletop.deformable import DeformableContainer
 from .tabletop.kitchen import KitchenTable
 
-__all__ = ["floor", "kitchen"]
-
 
 def floor(
     map: str, start_m: Sequence[float], objects: Sequence[dict[str, Any]] = (), seed: int = 0

@@ -14,8 +14,6 @@ from typing import Any
 
 from ..core.errors import VisuohapticError
 
-__all__ = ["AccessControl", "reported"]
-
 _log = logging.getLogger(__name__)
 #: Of the connections themselves: malformed requests and lost browsers are logged separately from the page's events.
 _connections_log = logging.getLogger(f"{__name__}.connections")

@@ -12,8 +12,6 @@ from .access_control import reported
 from .server import Page, markdown_text
 from .stage import Stage, View
 
-__all__ = ["BrowsePage"]
-
 _log = logging.getLogger(__name__)
 
 

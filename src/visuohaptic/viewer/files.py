@@ -18,8 +18,6 @@ from .stage import View
 from .steps_view import StepsView
 from .surface_view import SurfaceView
 
-__all__ = ["open_views"]
-
 _MAP_PICTURES = {".png", ".pgm", ".bmp"}
 _MESHES = {".stl", ".obj", ".glb", ".dae"}
 _MAX_BYTES = 64 << 20

@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int8
 
-__all__ = ["draw_map"]
-
 
 def draw_map(
     scene: Any,

@@ -10,8 +10,6 @@ from .map_layer import draw_map
 from .server import markdown_text
 from .stage import Stage
 
-__all__ = ["MapView"]
-
 #: Height of the drawn paths above the floor [m].
 _LIFT_M = 0.02
 _COLOURS = {

@@ -8,8 +8,6 @@ from jaxtyping import Float, Int, UInt8
 from ..core.errors import InputError
 from ..core.geometry import polygon_area
 
-__all__ = ["columns", "pressure_colours", "prism"]
-
 #: Colours of the foam at rest and under full pressure (red, green, blue).
 REST_RGB = np.array([226.0, 188.0, 92.0])
 FULL_RGB = np.array([176.0, 12.0, 30.0])

@@ -25,8 +25,6 @@ from .access_control import reported
 from .server import markdown_text
 from .stage import Stage, hit_face
 
-__all__ = ["ObjectView", "Picked"]
-
 _SHADES = ("stiffness", "grasp score", "contact", "curvature", "height", "deformation")
 _PICK = "Click a point of the surface to see its force-deformation curve."
 

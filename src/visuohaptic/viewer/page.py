@@ -18,8 +18,6 @@ from .map_layer import draw_map
 from .meshes import columns, pressure_colours, prism
 from .server import Page, markdown_text, quaternion
 
-__all__ = ["LivePage"]
-
 #: Width of the camera image on the page [px].
 PICTURE_WIDTH = 800
 #: Points of the force plot; older points are thinned out.

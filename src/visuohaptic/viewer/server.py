@@ -16,8 +16,6 @@ from .access_control import AccessControl
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["Page", "has_screen", "markdown_text", "quaternion"]
-
 _log = logging.getLogger(__name__)
 
 

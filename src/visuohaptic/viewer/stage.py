@@ -11,8 +11,6 @@ from jaxtyping import Float, Int, UInt8
 from ..core.errors import needs
 from .access_control import reported
 
-__all__ = ["Stage", "View", "hit_face", "scale_colours"]
-
 #: Pale to dark red: darker is worse.
 _SCALE = np.array([[255, 247, 236], [253, 212, 158], [252, 141, 89], [215, 48, 31], [127, 0, 0]], float)
 

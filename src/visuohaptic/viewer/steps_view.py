@@ -8,8 +8,6 @@ from collections.abc import Sequence
 from .server import markdown_text
 from .stage import Stage
 
-__all__ = ["StepsView"]
-
 
 class StepsView:
     """Questions with their answers as touches are made; the last question may be open.

@@ -12,8 +12,6 @@ from .access_control import reported
 from .server import markdown_text
 from .stage import Stage, scale_colours
 
-__all__ = ["SurfaceView"]
-
 _OWN, _PLAIN = "its colours", "plain"
 
 

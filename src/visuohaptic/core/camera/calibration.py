@@ -14,8 +14,6 @@ from ..geometry import so3_exp
 from ..ranges import POSITIVE, at_least, check_ranges
 from .model import Camera
 
-__all__ = ["Board", "BoardView", "CalibrationLimits", "CameraCalibration", "calibrate_camera", "detect_board"]
-
 #: Names of the estimated parameters in the order of OpenCV.
 _PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 

@@ -9,8 +9,6 @@ from jaxtyping import UInt8
 
 from ..errors import InputError
 
-__all__ = ["Frame"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:

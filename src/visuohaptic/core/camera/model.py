@@ -17,8 +17,6 @@ from ..errors import InputError
 from ..files import check_size, load_yaml_model, save_yaml
 from .pose import Pose
 
-__all__ = ["Camera", "TransferFunction"]
-
 #: Mapping from light to grey levels: linear, power of about 1 / 2.2, or unknown.
 TransferFunction = Literal["linear", "srgb", "unknown"]
 

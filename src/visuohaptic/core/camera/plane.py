@@ -10,8 +10,6 @@ from jaxtyping import Float
 from .model import Camera
 from .pose import Pose
 
-__all__ = ["PlaneView"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneView:

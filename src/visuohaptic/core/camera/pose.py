@@ -11,8 +11,6 @@ from jaxtyping import Float
 from ..errors import InputError
 from ..geometry import so3_exp
 
-__all__ = ["Pose"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:

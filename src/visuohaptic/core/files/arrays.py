@@ -14,8 +14,6 @@ import numpy as np
 from ..errors import InputError
 from .regular import file_size
 
-__all__ = ["MAX_ARRAY_BYTES", "read_npy", "read_npz"]
-
 #: Total size of the arrays of one file [bytes]; larger only if the file itself is as large.
 MAX_ARRAY_BYTES = 1 << 30
 

@@ -10,8 +10,6 @@ from pathlib import Path
 
 from ..errors import InputError
 
-__all__ = ["atomic_path", "write_text"]
-
 
 @contextmanager
 def atomic_path(target: Path | str) -> Iterator[Path]:

@@ -11,8 +11,6 @@ from pathlib import Path
 from ..errors import InputError
 from .regular import read_text
 
-__all__ = ["CsvRow", "check_columns", "read_csv"]
-
 #: Larger tables are rejected: a force table of an hour at 1 kHz is about 500 MB.
 MAX_CSV_BYTES = 1024 * 1024 * 1024
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import struct
 
-__all__ = ["pixels_per_metre"]
-
 
 def pixels_per_metre(data: bytes) -> tuple[float, float] | None:
     """Horizontal and vertical resolution from a PNG ``pHYs`` chunk or a JPEG JFIF header.

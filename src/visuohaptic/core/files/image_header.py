@@ -6,8 +6,6 @@ import struct
 
 from ..errors import InputError
 
-__all__ = ["MAX_PIXELS", "check_size", "image_size"]
-
 #: Images with more pixels are rejected before memory is allocated.
 MAX_PIXELS = 100_000_000
 #: TIFF tags: width, length, samples per pixel, width and length of a tile.

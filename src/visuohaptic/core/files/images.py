@@ -18,8 +18,6 @@ from .atomic import atomic_path
 from .image_header import image_size
 from .regular import read_bytes
 
-__all__ = ["MAX_IMAGE_BYTES", "ImageMode", "decode_image", "encode_image", "read_image", "write_image"]
-
 #: Larger files are not accepted as images [bytes].
 MAX_IMAGE_BYTES = 1 << 30
 #: Allowance for data other than pixels (comments, tables, profiles) [bytes].

@@ -10,8 +10,6 @@ from typing import Any, TypeVar
 from ..errors import InputError
 from .regular import read_text
 
-__all__ = ["MAX_JSON_BYTES", "load_json"]
-
 #: Larger files are rejected before they are parsed [bytes].
 MAX_JSON_BYTES = 256 * 1024 * 1024
 

@@ -13,8 +13,6 @@ from typing import Any
 from ..errors import InputError
 from .regular import file_size, read_bytes
 
-__all__ = ["PartFile", "check_unlocked", "csv_line", "lock", "whole_lines"]
-
 _log = logging.getLogger(__name__)
 
 

@@ -10,8 +10,6 @@ from enum import Enum
 from pathlib import PurePath
 from typing import Any
 
-__all__ = ["dumps", "picked", "plain"]
-
 
 def plain(value: Any) -> Any:
     """Convert a result to mappings, lists, numbers, strings and ``None``.

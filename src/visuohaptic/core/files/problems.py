@@ -11,8 +11,6 @@ from ..errors import brief
 if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
 
-__all__ = ["field_problems"]
-
 #: Bounds in pydantic's errors -> their wording here.
 _BOUNDS = {"gt": "more than", "ge": "at least", "lt": "less than", "le": "at most"}
 _LENGTHS = {"min_length": "at least", "max_length": "at most"}

@@ -9,8 +9,6 @@ from pathlib import Path
 
 from ..errors import InputError
 
-__all__ = ["file_size", "read_bytes", "read_head", "read_text", "similar_names"]
-
 #: Maximum number of files of a folder that are considered.
 MAX_BESIDE = 1000
 

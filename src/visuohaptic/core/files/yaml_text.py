@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     Model = TypeVar("Model", bound=BaseModel)
 
-__all__ = ["checked_model", "load_yaml", "load_yaml_model", "parse_yaml", "save_yaml"]
-
 #: Larger files are rejected before they are parsed [bytes].
 MAX_YAML_BYTES = 16 * 1024 * 1024
 #: Limit of the size that the expansion of aliases may add: number of values plus characters. Nine levels of

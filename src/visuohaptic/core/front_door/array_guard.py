@@ -17,8 +17,6 @@ import numpy as np
 
 from ..errors import InputError, VisuohapticError, brief
 
-__all__ = ["guarded"]
-
 _ARRAY = re.compile(
     r"(Float|Float32|Int|Int8|UInt8|Bool)\[np\.ndarray, ['\"]([^'\"]*)['\"]\]((?: \| (?:float|int|None|Sequence\[[\w\[\], ]*\]))*)"
 )

@@ -17,8 +17,6 @@ from ..shapes.container import ContainerDescription, class_names, load_container
 from ..shapes.variants import draw_variant
 from .features import HEIGHTS
 
-__all__ = ["BUILD_FORMAT", "BuildJob", "BuildPlan", "load_plan", "plan_jobs"]
-
 #: Format version; incremented when the meaning of the results changes, so that older results are recomputed.
 BUILD_FORMAT = 2
 

@@ -31,8 +31,6 @@ from .confidence_band import object_map
 from .curve_features import nonlinear_features
 from .features import HEIGHTS, StiffnessFeatures, linear_features
 
-__all__ = ["BuildReport", "build", "compute"]
-
 _log = logging.getLogger(__name__)
 
 

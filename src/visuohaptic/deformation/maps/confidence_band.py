@@ -17,8 +17,6 @@ from ..shells.shell import ShellMesh, ShellModel
 from ..shells.shell_material import IsotropicMaterial
 from ..shells.stiffness_map import DualTips, dual_tip_map, opposing_points
 
-__all__ = ["object_map", "object_stiffness"]
-
 #: Relative step of the finite differences.
 STEP = 0.02
 
@@ -122,6 +120,17 @@ def nearest_value(
     """Map value at the surface point nearest to a point, and that surface point.
 
     Between vertices the compliance is interpolated linearly: it is finite where the wall is fixed.
+
+    Parameters
+    ----------
+    vertices_m
+        Vertices of the surface [m], (v, 3).
+    faces
+        Their triangles, (f, 3).
+    values
+        Stiffness at the vertices, infinite where the wall is fixed, (v,).
+    point_m
+        Position [m], (3,).
     """
     corners = vertices_m[faces]
     fraction = _nearest_in_triangles(corners, point_m)

@@ -35,8 +35,6 @@ from .features import (
 )
 from .grasp_curves import DEFORMATIONS_m, GraspCurve, PinchPlane
 
-__all__ = ["nonlinear_features"]
-
 #: Maximum Newton iterations for one curve: three times what most curves need. A wall that snaps through repeatedly
 #: gets the coefficients of the part that was computed.
 MAX_ITERATIONS = 100

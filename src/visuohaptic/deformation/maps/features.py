@@ -22,16 +22,6 @@ from ..shells.shell import ShellModel
 from ..shells.stiffness_map import DualTips, dual_tip_compliance, opposing_points
 from .grasp_patterns import own_compliance
 
-__all__ = [
-    "HEIGHTS",
-    "SIDES",
-    "StiffnessFeatures",
-    "curve_coefficients",
-    "feature_locations",
-    "linear_features",
-    "normalised",
-]
-
 HEIGHTS = 16
 SIDES = ("x+", "x-", "y+", "y-")
 #: Limit of low deformation [m]; nominal force [N] and deformation [m] of the quadratic coefficient.

@@ -26,8 +26,6 @@ from ..shells.corotational import CorotationalShell, PressureLaw, Tangent
 from ..shells.stiffness_map import DualTips, opposing_points, tip_loads
 from ..shells.surface_stress import surface_stress
 
-__all__ = ["DEFORMATIONS_m", "GraspCurve", "PinchPlane", "grasp_curve", "nearest_vertex", "side_vertex"]
-
 #: Mean deformations of both tips at which a curve is computed by default [m].
 DEFORMATIONS_m = (0.0005, 0.001, 0.002, 0.003, 0.005, 0.008)
 

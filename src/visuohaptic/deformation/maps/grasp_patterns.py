@@ -13,8 +13,6 @@ from ...core.ranges import NON_NEGATIVE, check_numbers
 from ..shells.shell import ShellModel
 from ..shells.stiffness_map import DualTips, tip_loads
 
-__all__ = ["GraspCoupling", "contact_loads", "couple", "own_compliance"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspCoupling:

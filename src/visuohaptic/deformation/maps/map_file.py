@@ -14,14 +14,11 @@ from ...core.errors import InputError
 from ...core.files import atomic_path, read_npz
 from ...core.objects import StiffnessMap
 
-__all__ = ["check_suffix", "colours", "load_map", "plot_map", "save_map"]
-
 _ARRAYS = ("vertices_m", "faces", "stiffness_N_per_m", "stiffness_sigma_N_per_m")
 #: From soft to stiff: viridis, which is perceptually uniform.
 _COLOURS = np.array(
     [[68, 1, 84], [65, 68, 135], [42, 120, 142], [34, 168, 132], [122, 209, 81], [253, 231, 37]], float
 )
-
 
 #: File suffixes of maps and figures.
 MAP_SUFFIXES, PLOT_SUFFIXES = (".npz", ".vtu", ".glb"), (".png", ".pdf", ".svg")

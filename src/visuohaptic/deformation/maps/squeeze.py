@@ -18,8 +18,6 @@ from ..shells.stiffness_map import opposing_points
 from .confidence_band import object_stiffness
 from .grasp_curves import GraspCurve, grasp_curve, nearest_vertex, side_vertex
 
-__all__ = ["SqueezeResult", "plot_squeeze", "save_squeeze", "squeeze"]
-
 #: Relative deviation of the secant stiffness from the initial stiffness, above which the curve is not linear.
 LINEAR_FRACTION = 0.1
 #: Default number of points of a curve.

@@ -13,8 +13,6 @@ from ...core.files import read_csv
 from ..shapes.mesher import ShellObject
 from ..shells.shell import ShellMesh
 
-__all__ = ["load_thickness_map", "with_thickness_map"]
-
 #: Columns of a height profile, and of a table of points.
 PROFILE, PLACES = ("z_m", "thickness_m"), ("x_m", "y_m", "z_m", "thickness_m")
 MAX_BYTES = 16 * 1024 * 1024

@@ -23,15 +23,6 @@ from .equilibrium_path import EquilibriumPath
 from .pinch import pinch_curve
 from .self_contact import SelfContactGuard
 
-__all__ = [
-    "AMBIENT_PRESSURE_Pa",
-    "Contents",
-    "closed_compliance",
-    "contained_curve",
-    "enclosed_gradient",
-    "liquid_level_m",
-]
-
 #: P_0 in the dissertation.
 AMBIENT_PRESSURE_Pa = 1e5
 
@@ -149,7 +140,17 @@ def tip_approach(
     displacement: Float[np.ndarray, "v 6"],
     vertices_m: Float[np.ndarray, "v 3"] | None = None,
 ) -> Float[np.ndarray, "m"]:
-    """f . u: approach of the tips of each pair towards each other [m], as in :func:`.tip_loads`."""
+    """f . u: approach of the tips of each pair towards each other [m], as in :func:`.tip_loads`.
+
+    Parameters
+    ----------
+    tips
+        Pairs of tips.
+    displacement
+        Displacements and rotations of the vertices, (v, 6).
+    vertices_m
+        Vertices [m], (v, 3); without them, displacements are linear across a face.
+    """
     first = np.einsum("mi,mi->m", tips.direction, displacement[tips.first, :3])
     second = np.einsum("mki,mki->m", bent_loads(tips, vertices_m), displacement[tips.second])
     return first - second
@@ -229,6 +230,16 @@ def liquid_level_m(container: ShellObject, fill: float) -> float:
 
 
 def pinch_load(model: ShellModel, tips: DualTips, which: int) -> Float[np.ndarray, "v 6"]:
-    """The load of 1 N on both tips of one pair."""
+    """The load of 1 N on both tips of one pair.
+
+    Parameters
+    ----------
+    model
+        Shell model.
+    tips
+        Pairs of tips.
+    which
+        Index of the pair.
+    """
     out: np.ndarray = tip_loads(model.nodes, tips, model.mesh.vertices_m)[:, [which]].toarray().reshape(-1, 6)
     return out

@@ -9,8 +9,6 @@ from jaxtyping import Float
 
 from ..shells.corotational import ShellState
 
-__all__ = ["EquilibriumPath", "PathPoint"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathPoint:

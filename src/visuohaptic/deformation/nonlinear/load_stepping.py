@@ -20,12 +20,6 @@ from ...core.errors import InputError
 from ..shells.corotational import CorotationalShell, ShellState, Tangent
 from .equilibrium_path import EquilibriumPath, PathPoint
 
-__all__ = [
-    "follow_arc",
-    "follow_displacement",
-    "reach_loads",
-]
-
 _log = logging.getLogger(__name__)
 
 #: Iterations after which a step is rejected and halved.

@@ -10,8 +10,6 @@ from ..shells.stiffness_map import DualTips, tip_loads
 from .equilibrium_path import EquilibriumPath
 from .load_stepping import follow_displacement
 
-__all__ = ["pinch_curve"]
-
 
 def pinch_curve(
     shell: CorotationalShell,

@@ -9,8 +9,6 @@ from ...core.geometry import area_vectors, vertex_normals
 from ..shapes.mesher import ShellObject
 from ..shells.stiffness_map import DualTips, opposing_points
 
-__all__ = ["SelfContactGuard", "wall_gap_m"]
-
 #: Walls are in contact when their distance is below the wall thickness, at most this [m].
 TOUCH_m = 1e-3
 #: An initially narrow gap counts as closed when this fraction of it is left.

@@ -19,8 +19,6 @@ from ...core.files import load_yaml_model
 from ..shells.shell_material import MATERIALS
 from .quantities import Angle, Fraction, Length, Pressure
 
-__all__ = ["ContainerDescription", "class_names", "load_container"]
-
 
 class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -47,7 +45,7 @@ class Base(_Part):
         return self
 
 
-class Section(_Part):
+class WallSection(_Part):
     """A section of the side wall; sections are listed from below upwards."""
 
     height: Length  #: of this section
@@ -97,7 +95,9 @@ class ContainerDescription(_Part):
 
     name: str = Field("container", pattern=r"^[A-Za-z0-9_.-]{1,64}$")  #: of the container or class
     base: Base  #: cross-section at the foot
-    sections: list[Section] = Field(min_length=1, max_length=64)  #: of the side wall, from the foot upwards
+    sections: list[WallSection] = Field(
+        min_length=1, max_length=64
+    )  #: of the side wall, from the foot upwards
     blend: Length = (0.0, 0.0)  #: length over which adjacent sections are blended
     top: Top = Top()  #: closure of the upper end
     rim: Rim | None = None  #: thicker band at the upper end

@@ -10,8 +10,6 @@ from ...core.geometry import area_vectors
 from ...io.meshes.mesh_state import MeshState, face_parts, inspect_mesh
 from .resample import Wall
 
-__all__ = ["check_container", "check_represented", "has_top", "represented_fraction", "represented_parts"]
-
 #: Sample points on the mesh: a fraction of one half has the standard error 0.5 / sqrt(10 000) = 0.5 %.
 SAMPLES = 10_000
 #: Heights and angles at which the wall is sampled.

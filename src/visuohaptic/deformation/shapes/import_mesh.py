@@ -26,8 +26,6 @@ from .mesher import ShellObject, mesh_rings, rim_zones, ring_counts, ring_lid
 from .resample import Wall, find_wall
 from .wall_properties import WallProperties, wall_thickness
 
-__all__ = ["MeshConvention", "import_container"]
-
 #: Metres per unit.
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "in": 0.0254}
 #: Bounds of the largest extent of a hand-held container [m].

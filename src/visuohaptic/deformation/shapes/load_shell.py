@@ -13,8 +13,6 @@ from .mesher import ShellObject, mesh_container, with_elastic_base
 from .variants import draw_variant
 from .wall_properties import WallProperties
 
-__all__ = ["load_object"]
-
 
 def load_object(
     source: Path | str,

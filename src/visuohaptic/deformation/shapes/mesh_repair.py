@@ -18,8 +18,6 @@ from ...io.meshes.local_remesh import (
 )
 from ...io.meshes.mesh_state import MeshState, boundary_loops, face_parts
 
-__all__ = ["clamped_foot", "repair_mesh", "why_not_as_it_is"]
-
 #: Requirements on triangles: their number, largest angle, and number of edges around. The error of a triangle is
 #: bounded by its largest angle, not by its smallest (Babuska and Aziz 1976). On a tube, right-angled needles
 #: of 4 degrees are within 2.3 % of the Fourier series, obtuse ones of 150 degrees have errors up to 19 %, of 164 degrees 80 %.

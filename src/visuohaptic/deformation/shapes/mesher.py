@@ -18,16 +18,6 @@ from .container import ContainerDescription
 from .patches import grid_faces
 from .wall_profile import WallProfile
 
-__all__ = [
-    "ShellObject",
-    "mesh_container",
-    "mesh_rings",
-    "rim_zones",
-    "ring_counts",
-    "ring_lid",
-    "with_elastic_base",
-]
-
 #: Default thickness of a stiff cap [m].
 STIFF_CAP_M = 0.005
 #: Refinement towards a free rim: distance in cells of the wall, relative height of the cells, number of doublings around.

@@ -7,8 +7,6 @@ from jaxtyping import Int
 
 from ..shells.shell import ShellMesh
 
-__all__ = ["grid_faces", "tube_mesh"]
-
 
 def grid_faces(
     columns: int, rows: int, *, closed: bool = False, crossed: bool = False

@@ -8,8 +8,6 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator
 
-__all__ = ["Angle", "Fraction", "Length", "Pressure", "Span", "quantity"]
-
 #: Factor to SI units, by kind of quantity.
 UNITS: dict[str, dict[str, float]] = {
     "length": {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "in": 0.0254},

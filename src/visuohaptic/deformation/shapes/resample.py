@@ -15,8 +15,6 @@ from ...core.errors import InputError
 from . import _slice_kernels as kernels
 from .wall_properties import harmonics, measured_thickness, row_median
 
-__all__ = ["Wall", "find_wall"]
-
 #: Heights and angles of the first sampling.
 LEVELS, ANGLES = 160, 96
 #: Number of stored intersections per ray.

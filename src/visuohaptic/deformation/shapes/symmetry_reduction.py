@@ -16,8 +16,6 @@ from ..shells.laminate import Laminate
 from ..shells.shell import ShellMesh, ShellModel
 from .mesher import ShellObject
 
-__all__ = ["SymmetricPart", "Symmetry", "detect_symmetry", "symmetric_part", "turned"]
-
 #: Vertices and their images may differ by this fraction of the object's size.
 TOLERANCE = 1e-6
 

@@ -8,8 +8,6 @@ from ...core.errors import InputError
 from .container import ContainerDescription
 from .wall_profile import WallProfile
 
-__all__ = ["draw_variant", "draw_variants"]
-
 #: Maximum number of points of the sequence tried for one variant.
 ATTEMPTS = 16
 #: Length of the sequence: scipy's generator has 30 bits, more than any class needs.

@@ -12,8 +12,6 @@ from ...core.errors import InputError
 from ...core.geometry import wrap_angle
 from .container import ContainerDescription
 
-__all__ = ["WallProfile", "unit_section"]
-
 #: Number of heights at which the shape is evaluated between its break points.
 FINE = 24
 

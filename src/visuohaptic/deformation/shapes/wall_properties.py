@@ -17,16 +17,6 @@ from ..shells.laminate import Laminate, Ply
 from ..shells.shell_material import IsotropicMaterial, material_constants
 from .quantities import Angle, Length, Pressure
 
-__all__ = [
-    "WallProperties",
-    "harmonics",
-    "load_laminate",
-    "measured_thickness",
-    "row_median",
-    "thickness_range",
-    "wall_thickness",
-]
-
 #: Default wall thickness if neither mesh nor user specify it [m], and its relative standard deviation.
 USUAL_WALL_m, USUAL_SPREAD = 0.0005, 0.1
 

@@ -21,8 +21,6 @@ from ._front_kernels import constrain
 from .factor import Factor, factorise
 from .shell import ShellModel, enclosed_volume, volume_gradient
 
-__all__ = ["CorotationalShell", "PressureLaw", "ShellState"]
-
 #: Gauge pressure [Pa] by enclosed volume [m^3], and its derivative [Pa/m^3].
 PressureLaw = Callable[[float], tuple[float, float]]
 
@@ -246,7 +244,13 @@ class Tangent:
         return self.factor.negative * (1 if 1 + s * (a @ self.factor.solve(a)) >= 0 else -1)
 
     def solve(self, loads: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n m"]:
-        """Sherman-Morrison formula applied to the sparse factor."""
+        """Sherman-Morrison formula applied to the sparse factor.
+
+        Parameters
+        ----------
+        loads
+            Right-hand sides, (n, m).
+        """
         if self.rank_one is None:
             return self.factor.solve(loads)
         a, s = self.rank_one

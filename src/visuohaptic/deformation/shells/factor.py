@@ -22,8 +22,6 @@ from ...core.resources import one_blas_thread
 from . import _front_kernels as kernels
 from .ordering import FrontTree
 
-__all__ = ["Factor", "factorise", "sparse_matrix"]
-
 #: Number of columns that are processed together; bounds the memory of a map.
 BLOCK_COLUMNS = 2048
 

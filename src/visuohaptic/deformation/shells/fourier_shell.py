@@ -17,8 +17,6 @@ from ...core.errors import InputError
 from ...core.objects import Material
 from .shell_material import IsotropicMaterial
 
-__all__ = ["RevolutionShell", "pinch_stiffness"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RevolutionShell:

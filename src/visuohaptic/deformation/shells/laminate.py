@@ -14,8 +14,6 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ...core.ranges import FINITE, POSITIVE, check_ranges
 
-__all__ = ["Laminate", "Ply", "turned_law", "wall_directions"]
-
 #: A face with a smaller inclination has no direction along the height [rad]: single-precision coordinates of 0.3 m on
 #: triangles of 1 mm cause inclinations up to 5e-5.
 LEVEL_rad = 1e-4

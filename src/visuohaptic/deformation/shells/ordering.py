@@ -15,8 +15,6 @@ from jaxtyping import Float, Int
 
 from . import _front_kernels as kernels
 
-__all__ = ["FrontTree", "front_tree"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrontTree:

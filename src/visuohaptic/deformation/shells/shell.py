@@ -22,8 +22,6 @@ from .laminate import Laminate, wall_directions
 from .ordering import FrontTree, front_tree
 from .shell_material import IsotropicMaterial
 
-__all__ = ["ShellMesh", "ShellModel", "enclosed_volume", "plane_stress", "volume_gradient"]
-
 #: A triangle is rejected if its height is below this fraction of its longest side.
 FLATTEST = 1e-6
 

@@ -9,8 +9,6 @@ from ...core.errors import InputError
 from ...core.objects import Estimate, Material
 from ...core.ranges import POSITIVE, check_numbers
 
-__all__ = ["MATERIALS", "IsotropicMaterial", "YIELD_Pa", "material", "material_constants"]
-
 
 @dataclass(frozen=True, slots=True)
 class IsotropicMaterial:
@@ -109,7 +107,6 @@ MATERIALS = MappingProxyType(
         )
     }
 )
-
 
 #: Yield strength of a thin wall [Pa], for brittle materials the fracture strength: common data sheets, known to about 20 %.
 YIELD_Pa = MappingProxyType(

@@ -18,15 +18,6 @@ from ...core.errors import InputError
 from ...core.geometry import vertex_normals
 from .shell import ShellMesh, ShellModel
 
-__all__ = [
-    "DualTips",
-    "antipodal_points",
-    "dual_tip_compliance",
-    "dual_tip_map",
-    "opposing_points",
-    "tip_loads",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DualTips:
@@ -162,6 +153,13 @@ def bent_loads(
     ``w = sum N_i w_i + sum_ij (L_i^2 L_j + L_1 L_2 L_3 / 2) dw_i . (x_j - x_i)`` with
     ``N_i = L_i + sum_j (L_i^2 L_j - L_i L_j^2)``: on the edges it is that of the element. In the plane of the face
     it is linear, as everywhere without ``vertices_m``.
+
+    Parameters
+    ----------
+    tips
+        Pairs of tips.
+    vertices_m
+        Vertices [m], (v, 3); ``None`` for linear displacements across a face.
     """
     fraction = tips.weights
     out = np.zeros((len(tips), 3, 6))

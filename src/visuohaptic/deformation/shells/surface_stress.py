@@ -15,8 +15,6 @@ from .laminate import Laminate
 from .shell import ShellMesh, plane_stress
 from .shell_material import IsotropicMaterial
 
-__all__ = ["surface_stress"]
-
 
 def surface_stress(
     mesh: ShellMesh, material: IsotropicMaterial | Laminate, points_m: Float[np.ndarray, "v 3"]

@@ -18,8 +18,6 @@ from jaxtyping import Float, UInt8
 from ...core.errors import InputError
 from ...core.files import check_size
 
-__all__ = ["decode_exr"]
-
 _MAGIC = b"v/1\x01"
 #: Flags of the version field that mark tiled, deep and multi-part files.
 _OTHER_LAYOUTS = 0x200 | 0x800 | 0x1000

@@ -13,8 +13,6 @@ from ...core.files import MAX_IMAGE_BYTES, decode_image, image_size, read_bytes,
 from ...core.ranges import NON_NEGATIVE, POSITIVE, check_ranges, within
 from ._exr import decode_exr
 
-__all__ = ["DEPTH_SUFFIXES", "DepthEncoding", "read_depth", "write_depth"]
-
 #: Supported file formats.
 DEPTH_SUFFIXES = (".png", ".exr")
 

@@ -43,8 +43,6 @@ from .depth_sequence import DepthFrame, _image_files, _matched
 from .depth_sequence_out import write_sequence
 from .poses import StampedPose, read_poses, stamped_matrix
 
-__all__ = ["LAYOUTS", "ImportedSequence", "import_sequence"]
-
 _log = logging.getLogger(__name__)
 
 LAYOUTS = ("arm", "apc", "cleargrasp", "plain")

@@ -22,8 +22,6 @@ from ...core.errors import DeviceError, InputError, needs
 from ...core.resources import Closing
 from .depth_sequence import DepthFrame
 
-__all__ = ["DepthColorImage", "LiveDepthSource", "OrbbecSource", "RealSenseSource", "open_depth_camera"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthColorImage:

@@ -32,8 +32,6 @@ from ..image_folder import natural, seconds_in
 from .depth_images import DEPTH_SUFFIXES, DepthEncoding, read_depth
 from .poses import StampedPose, interpolate_pose, read_poses
 
-__all__ = ["DepthFrame", "DepthSequence", "SequenceFile"]
-
 _log = logging.getLogger(__name__)
 
 _COLOR_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp"}

@@ -11,8 +11,6 @@ from .depth_images import write_depth
 from .depth_sequence import DepthFrame
 from .poses import POSE_HEADER, pose_line, read_poses
 
-__all__ = ["recover_sequence", "write_sequence"]
-
 #: Name of the description until the sequence is complete.
 DESCRIPTION_PART = "sequence.yaml.part"
 

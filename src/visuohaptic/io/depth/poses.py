@@ -15,8 +15,6 @@ from ...core.errors import InputError
 from ...core.files import read_head, read_text, write_text
 from ..ros.sqlite_bag import is_bag, open_bag
 
-__all__ = ["POSE_HEADER", "StampedPose", "interpolate_pose", "pose_line", "read_poses", "write_poses"]
-
 POSE_HEADER = "# t_s tx_m ty_m tz_m qx qy qz qw, camera to world\n"
 
 #: Larger text files are not accepted as lists of poses [bytes].
@@ -119,7 +117,15 @@ def _tum(row: Sequence[float], where: str) -> StampedPose:
 
 
 def stamped_matrix(matrix: Float[np.ndarray, "rows 4"], where: str) -> StampedPose:
-    """Pose of a matrix with three or four rows; without pose if it is not a rigid transformation."""
+    """Pose of a matrix with three or four rows; without pose if it is not a rigid transformation.
+
+    Parameters
+    ----------
+    matrix
+        Rotation and translation [m] of the camera, (3, 4) or (4, 4).
+    where
+        Name of the matrix, for the reason.
+    """
     if not np.isfinite(matrix).all():
         return StampedPose(np.nan, None, f"{where} is not finite")
     if len(matrix) == 4 and not np.allclose(matrix[3], [0, 0, 0, 1], atol=1e-6):

@@ -83,7 +83,17 @@ def _listed(found: Sequence[FoundCamera]) -> str:
 
 
 def choose(which: str, settings: CameraSettings, *, uvc_only: bool) -> CameraBackend:
-    """The best driver for a camera given by number, part of its name, device file, stream address or vendor."""
+    """The best driver for a camera given by number, part of its name, device file, stream address or vendor.
+
+    Parameters
+    ----------
+    which
+        Number, name, device file, address or vendor.
+    settings
+        Of the camera.
+    uvc_only
+        Warn if libuvc is not available.
+    """
     maker, depth, serial = which.partition(":")
     if depth and maker in ("realsense", "orbbec"):
         return DepthCameraBackend(maker, serial, settings)
@@ -104,7 +114,17 @@ def choose(which: str, settings: CameraSettings, *, uvc_only: bool) -> CameraBac
 
 
 class UvcBackend:
-    """A UVC camera via libuvc: fixed focus and exposure, hardware timestamps."""
+    """A UVC camera via libuvc: fixed focus and exposure, hardware timestamps.
+
+    Parameters
+    ----------
+    uvc
+        The module ``uvc``.
+    which
+        Number of the camera, or part of its name.
+    settings
+        Of the camera.
+    """
 
     def __init__(self, uvc: Any, which: str, settings: CameraSettings) -> None:
         self._uvc, self._which, self._settings = uvc, which, settings
@@ -181,7 +201,17 @@ class UvcBackend:
 
 
 class DepthCameraBackend:
-    """Colour images of a depth camera via the vendor's package, which provides the camera model."""
+    """Colour images of a depth camera via the vendor's package, which provides the camera model.
+
+    Parameters
+    ----------
+    maker
+        ``realsense`` or ``orbbec``.
+    serial
+        Serial number; empty for any.
+    settings
+        Of the camera.
+    """
 
     def __init__(self, maker: str, serial: str, settings: CameraSettings) -> None:
         self._maker, self._serial, self._settings = maker, serial, settings
@@ -219,7 +249,15 @@ class DepthCameraBackend:
 
 
 class OpenCvBackend:
-    """Any camera or stream that OpenCV opens; timestamped on arrival, later than the exposure."""
+    """Any camera or stream that OpenCV opens; timestamped on arrival, later than the exposure.
+
+    Parameters
+    ----------
+    device
+        Number, device file or address.
+    settings
+        Of the camera.
+    """
 
     def __init__(self, device: int | str, settings: CameraSettings) -> None:
         self._device, self._settings = device, settings

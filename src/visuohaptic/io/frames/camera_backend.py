@@ -9,8 +9,6 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import UInt8
 
-__all__ = ["CameraBackend", "CameraSettings", "FoundCamera", "time_s"]
-
 
 @dataclass(frozen=True, slots=True)
 class CameraSettings:

@@ -16,8 +16,6 @@ from .live import camera_of, open_camera
 from .mcap_frames import McapSource
 from .video import VideoSource
 
-__all__ = ["open_source"]
-
 _TOPIC = re.compile(r"^(.+\.(?:mcap(?:\.part)?|db3)):(/.*)$")
 
 

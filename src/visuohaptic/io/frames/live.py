@@ -17,8 +17,6 @@ from ...core.errors import DeviceError, StaleFrameError
 from ...core.resources import Closing
 from .camera_backend import CameraBackend, CameraSettings, FoundCamera, time_s
 
-__all__ = ["LiveSource", "camera_of", "find_cameras", "open_camera"]
-
 _log = logging.getLogger(__name__)
 
 #: ``realsense:`` or ``orbbec:SERIAL``; ``camera:0`` and ``uvc:NAME``; a bare number; a device file; the address of a stream.

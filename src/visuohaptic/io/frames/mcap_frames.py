@@ -19,8 +19,6 @@ from ..ros.ros_image import decode_raw
 from ..ros.sqlite_bag import open_bag
 from ..source import RecordedSource
 
-__all__ = ["McapSource", "camera_from_message"]
-
 _log = logging.getLogger(__name__)
 
 _IMAGE, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"

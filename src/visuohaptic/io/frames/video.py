@@ -15,8 +15,6 @@ from ...core.errors import InputError, needs
 from ...core.files import MAX_PIXELS, check_size
 from ..source import RecordedSource
 
-__all__ = ["VideoSource"]
-
 _log = logging.getLogger(__name__)
 
 

@@ -16,8 +16,6 @@ from ...core.errors import InputError
 from ...core.files import MAX_IMAGE_BYTES, check_size, decode_image, image_size, read_bytes
 from ...core.ranges import check_numbers, within
 
-__all__ = ["FREE", "OCCUPIED", "UNKNOWN", "MapImage", "cells_from_image", "read_map_image"]
-
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 
 #: Block size for the conversion of text to numbers [bytes].

@@ -49,7 +49,13 @@ class MapFile(BaseModel):
 
 
 def load(path: Path) -> tuple[Int8[np.ndarray, "rows columns"], float, tuple[float, float, float]]:
-    """Cells, resolution [m] and origin (x, y, yaw) [m, m, rad] of a YAML file with its image."""
+    """Cells, resolution [m] and origin (x, y, yaw) [m, m, rad] of a YAML file with its image.
+
+    Parameters
+    ----------
+    path
+        YAML file of the map.
+    """
     if path.is_file() and path.suffix.lower() in (".pgm", ".png", ".bmp", ".jpg", ".jpeg"):
         raise InputError(
             path,
@@ -109,7 +115,19 @@ def save(
     resolution_m: float,
     origin: tuple[float, float, float],
 ) -> None:
-    """Write YAML and PGM, the image first: a YAML file never refers to a missing image."""
+    """Write YAML and PGM, the image first: a YAML file never refers to a missing image.
+
+    Parameters
+    ----------
+    path
+        YAML file; the image next to it has the same name.
+    cells
+        -1 unknown, 0 free to 100 occupied, (rows, columns).
+    resolution_m
+        Edge of a cell [m].
+    origin
+        x [m], y [m] and yaw [rad] of the lower left corner.
+    """
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(path, "expected a name that ends in .yaml")
     trinary = bool(np.isin(cells, (UNKNOWN, FREE, OCCUPIED)).all())

@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 import struct
 
-__all__ = ["diagnose", "first_zero_index"]
-
 
 def diagnose(kind: str, data: bytes) -> str:
     """The first defect of an OBJ or STL file; empty if none is found.

@@ -16,8 +16,6 @@ from jaxtyping import Bool, Float, Int
 from ...core.geometry import area_vectors, vertex_normals
 from . import _collapse_kernels as kernels
 
-__all__ = ["collapse_edges", "flip_edges", "largest_angles", "mesh_edges", "orient_faces", "split_edges"]
-
 #: Minimum angle of a crease [rad]. A cylindrical wall with at least 12 facets is smooth.
 CREASE_rad = np.radians(31.0)
 #: Maximum number of flip passes; each flips at least one edge, and the largest angles only decrease.

@@ -18,8 +18,6 @@ from ...core.files import read_bytes
 from ._mesh_diagnosis import diagnose, first_zero_index
 from .ply import parse_ply
 
-__all__ = ["FORMATS", "TriangleMesh", "load_mesh"]
-
 FORMATS = (".stl", ".ply", ".obj", ".glb", ".dae")
 #: Larger files [bytes] and meshes are rejected before they exhaust the memory.
 MAX_BYTES = 256 * 1024 * 1024

@@ -10,8 +10,6 @@ from jaxtyping import Float, Int
 from ...core.errors import InputError
 from .local_remesh import mesh_edges
 
-__all__ = ["MeshState", "boundary_edges", "boundary_loops", "face_parts", "inspect_mesh"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshState:

@@ -12,8 +12,6 @@ from jaxtyping import Float, Int, UInt8
 from ...core.errors import InputError
 from ...core.files import atomic_path, read_bytes
 
-__all__ = ["PlyMesh", "read_ply", "write_ply"]
-
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
     "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
@@ -65,7 +63,15 @@ def read_ply(path: Path | str) -> PlyMesh:
 
 
 def parse_ply(path: Path, data: bytes) -> PlyMesh:
-    """Parse a complete file, including non-finite vertices; ``path`` is for messages."""
+    """Parse a complete file, including non-finite vertices; ``path`` is for messages.
+
+    Parameters
+    ----------
+    path
+        File name, for errors.
+    data
+        Content of the file.
+    """
     try:
         kind, elements, place = _header(path, data)
         if kind == "ascii":

@@ -23,8 +23,6 @@ from ...core.robots import ROBOT_CONTRACT, Gripper, MapPose, MobileBase, ProbeAr
 from . import server
 from .wire import MAX_MESSAGE_BYTES, PROTOCOLS, RemoteDepth, RemoteTouch, pack, unpack
 
-__all__ = ["RemoteRobot", "start_robot"]
-
 #: Time-out of a reply [s]: a simulated world renders, a robot's driver waits.
 PATIENCE_S = 60.0
 

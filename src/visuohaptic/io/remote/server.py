@@ -15,8 +15,6 @@ from ...core.errors import InputError, VisuohapticError
 from ...core.robots import ROBOT_CONTRACT
 from .wire import MAX_MESSAGE_BYTES, PROTOCOLS, RemoteTouch, pack, unpack
 
-__all__ = ["serve_robot"]
-
 _log = logging.getLogger(__name__)
 
 

@@ -16,12 +16,10 @@ import numpy as np
 from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
-from ...core.codec import DTYPES, encode_record, read_record
+from ...core.codec import DTYPES, encode_record, from_dict
 from ...core.errors import DeviceError, InputError
 from ...core.measurement import Wrench
 from ...core.robots import BaseState, GripperState, MapPose
-
-__all__ = ["KINDS", "MAX_MESSAGE_BYTES", "PROTOCOLS", "RemoteDepth", "RemoteTouch", "pack", "unpack"]
 
 #: Larger messages are rejected before memory is allocated: about ten 4K images.
 MAX_MESSAGE_BYTES = 256 * 1024 * 1024
@@ -151,6 +149,5 @@ def _value(data: Any, arrays: list[np.ndarray]) -> Any:
         return tuple(_value(item, arrays) for item in data["tuple"])
     if "items" in data:
         return {name: _value(item, arrays) for name, item in data["items"].items()}
-    return read_record(
-        KINDS[data["kind"]], json.loads(data["fields"]), _value(data["apart"], arrays), "remote"
-    )
+    apart = _value(data["apart"], arrays)
+    return from_dict(KINDS[data["kind"]], json.loads(data["fields"]), arrays=apart, where="remote")

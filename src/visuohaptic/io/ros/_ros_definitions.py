@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from ...core.errors import InputError
 
-__all__ = ["definition"]
-
 _PARTS = {
     "builtin_interfaces/Duration": "int32 sec\nuint32 nanosec",
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",

@@ -19,8 +19,6 @@ from typing import IO, Any, NamedTuple
 from ...core.errors import InputError, MissingExtraError, needs
 from ...core.files import read_head
 
-__all__ = ["McapDamage", "McapFile", "McapMessage", "RecordedChannel", "RecordedSchema", "Topic"]
-
 _log = logging.getLogger(__name__)
 
 #: First bytes of a file.

@@ -10,8 +10,6 @@ from jaxtyping import Float32, UInt8
 from ...core.errors import InputError
 from ...core.files import check_size
 
-__all__ = ["decode_depth", "decode_raw"]
-
 #: ROS encoding -> channels, bytes per channel, and name of OpenCV's conversion to grey or BGR.
 _ENCODINGS: dict[str, tuple[int, int, str]] = {
     "mono8": (1, 1, ""),

@@ -19,22 +19,6 @@ from ...core.errors import InputError
 from ...core.files import encode_image
 from ...core.measurement import Contact, ForceProfile, Wrench
 
-__all__ = [
-    "camera_info",
-    "cloud",
-    "compressed_image",
-    "contact_cloud",
-    "diagnostics",
-    "force_wrench",
-    "header",
-    "image",
-    "pose",
-    "profile_cloud",
-    "stamp",
-    "stamp_ns",
-    "wrench",
-]
-
 Message = dict[str, Any]
 
 #: ``sensor_msgs/PointField`` code of each type.
@@ -195,7 +179,7 @@ def cloud(t_s: float, frame: str, fields: Sequence[tuple[str, str, np.ndarray]])
     }
 
 
-def contact_pressure_Pa(profile: ForceProfile, contact: Contact) -> Float[np.ndarray, "k"]:
+def _contact_pressure_Pa(profile: ForceProfile, contact: Contact) -> Float[np.ndarray, "k"]:
     """Pressure at the points of a contact, taken from the profile at the same positions along the strip."""
     count = len(contact.delta_m)
     slack = 1e-9 + 1e-6 * abs(contact.s_end_m - contact.s_start_m)
@@ -220,7 +204,7 @@ def contact_cloud(profile: ForceProfile, frame: str) -> Message:
     """
     contacts = profile.contacts
     points = np.concatenate([np.zeros((0, 2)), *(np.reshape(c.points_foam_m, (-1, 2)) for c in contacts)])
-    pressure = [contact_pressure_Pa(profile, contact) for contact in contacts]
+    pressure = [_contact_pressure_Pa(profile, contact) for contact in contacts]
     numbers = [np.full(len(contact.delta_m), place) for place, contact in enumerate(contacts)]
 
     def joined(parts: list[np.ndarray]) -> np.ndarray:

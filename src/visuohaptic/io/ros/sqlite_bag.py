@@ -16,8 +16,6 @@ from ...core.files.plain_json import dumps
 from ._ros_definitions import definition
 from .mcap_records import McapDamage, McapFile, McapMessage, RecordedChannel, RecordedSchema
 
-__all__ = ["SqliteBag", "is_bag", "open_bag", "write_bag"]
-
 _log = logging.getLogger(__name__)
 
 _MAGIC = b"SQLite format 3\0"

@@ -12,8 +12,6 @@ from ..ros import ros_messages as ros
 from ..ros._ros_definitions import definition
 from .measurement_sink import MeasurementSink
 
-__all__ = ["MeasurementWriter"]
-
 
 class MeasurementWriter(MeasurementSink, Closing):
     """Writes an MCAP file during the measurement.

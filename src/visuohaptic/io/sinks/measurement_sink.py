@@ -20,8 +20,6 @@ from ..ros import ros_messages as ros
 if TYPE_CHECKING:
     from ..maps.occupancy_map import OccupancyMap
 
-__all__ = ["MeasurementSink"]
-
 _CONTACT_NUMBERS = ("s_start_m", "s_end_m", "force_N", "force_sigma_N")
 
 

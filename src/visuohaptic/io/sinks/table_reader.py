@@ -16,8 +16,6 @@ from ...core.files import CsvRow, check_columns, file_size, read_csv
 from ...core.measurement import Reason, Wrench
 from .tables import FORCE_COLUMNS, PROFILE_COLUMNS, WRENCH_COLUMNS, arrow
 
-__all__ = ["ForceTable", "read_columns", "read_force_table", "read_reference_table", "read_wrench_table"]
-
 #: Columns of a reference recording: the value, its standard deviation, and newtons per unit.
 _REFERENCE_COLUMNS = (
     ("force_N", "force_sigma_N", 1.0),

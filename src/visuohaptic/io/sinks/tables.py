@@ -14,8 +14,6 @@ from ...core.files import PartFile, atomic_path, csv_line
 from ...core.measurement import ErrorBudget, ForceProfile, Wrench
 from ...core.resources import Closing
 
-__all__ = ["FORCE_COLUMNS", "WRENCH_COLUMNS", "TableWriter"]
-
 _BUDGET = tuple(part.name for part in fields(ErrorBudget))
 FORCE_COLUMNS = ("t_s", "valid", "reason", "force_N", "force_sigma_N", "contacts", *_BUDGET)
 AXES = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")

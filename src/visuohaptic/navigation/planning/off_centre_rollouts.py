@@ -62,7 +62,19 @@ class Rollout:
 def rollouts(
     domain: SearchDomain, start: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"], margin_m: float
 ) -> list[Rollout]:
-    """Collision-free drives against every body from all sides."""
+    """Collision-free drives against every body from all sides.
+
+    Parameters
+    ----------
+    domain
+        Search domain.
+    start
+        Position of the platform [cells], (2,).
+    goal
+        Goal [cells], (2,).
+    margin_m
+        Safety margin [m].
+    """
 
     still = np.zeros((len(domain.bodies), 2))
     clearance = domain.clearance_with(still)
@@ -188,13 +200,33 @@ def _rollouts_of(
 def drive_of(
     scene: OffCentreScene, ahead: Float[np.ndarray, "2"], approach_at: Float[np.ndarray, "2"], length_m: float
 ) -> Float[np.ndarray, "k 3"]:
-    """Poses of the drive relative to the body's centre [m]."""
+    """Poses of the drive relative to the body's centre [m].
+
+    Parameters
+    ----------
+    scene
+        Body and its surroundings.
+    ahead
+        Unit vector of the drive, (2,).
+    approach_at
+        Start of the platform [cells], (2,).
+    length_m
+        Length of the drive [m].
+    """
     begin_m = (approach_at - scene.body.centre) * scene.domain.map.resolution_m
     return line_path(begin_m, begin_m + length_m * ahead)
 
 
 def fits(scene: OffCentreScene, poses: Float[np.ndarray, "k 3"]) -> Bool[np.ndarray, "k"]:
-    """Whether the body is collision-free at each pose; points that start in an obstacle are ignored."""
+    """Whether the body is collision-free at each pose; points that start in an obstacle are ignored.
+
+    Parameters
+    ----------
+    scene
+        Body and its surroundings.
+    poses
+        x [m], y [m] and rotation [rad] of the body, relative to its present pose, (k, 3).
+    """
     rows, columns = scene.blocked.shape
 
     def hit(points: Float[np.ndarray, "*k 2"]) -> Bool[np.ndarray, "*k"]:
@@ -210,6 +242,13 @@ def fits(scene: OffCentreScene, poses: Float[np.ndarray, "k 3"]) -> Bool[np.ndar
 
 
 def retreat(rollout: Rollout) -> Float[np.ndarray, "2"]:
+    """Position to which the platform backs off after a drive [cells].
+
+    Parameters
+    ----------
+    rollout
+        Simulated drive.
+    """
     back = max(rollout.length_m - BACK_OFF_M, 0.0) / rollout.scene.domain.map.resolution_m
     return rollout.approach_at + back * rollout.direction
 
@@ -229,7 +268,15 @@ def _reached(
 
 
 def opens_passage(rollout: Rollout, pose: np.ndarray) -> bool:
-    """Whether the goal can be reached after the body has moved by a pose."""
+    """Whether the goal can be reached after the body has moved by a pose.
+
+    Parameters
+    ----------
+    rollout
+        Simulated drive.
+    pose
+        x [m], y [m] and rotation [rad] of the body, relative to its present pose, (3,).
+    """
 
     domain = rollout.scene.domain
     clearance, reached = _reached(rollout, pose)
@@ -238,7 +285,13 @@ def opens_passage(rollout: Rollout, pose: np.ndarray) -> bool:
 
 
 def contacts_after(rollout: Rollout) -> int:
-    """Number of straight pushes of the body afterwards whose approach the robot can reach."""
+    """Number of straight pushes of the body afterwards whose approach the robot can reach.
+
+    Parameters
+    ----------
+    rollout
+        Simulated drive.
+    """
     domain = rollout.scene.domain
     _, reached = _reached(rollout, rollout.pose)
     shape = rollout.scene.domain.clearance.shape

@@ -28,8 +28,6 @@ from ...tasks.mobile.explore import ExploreStep, explore_obstacle
 from ...tasks.mobile.explore_records import ExploreSettings
 from ..output import Columns, Output
 
-__all__ = ["run"]
-
 #: Distance of the foam's undeformed front from the platform's centre [m], and the initial gap.
 FRONT_m, GAP_m = 0.19, 0.01
 
@@ -44,7 +42,7 @@ class TouchedObject:
     radius_m: float = math.nan
 
 
-def touched_objects() -> tuple[TouchedObject, ...]:
+def _touched_objects() -> tuple[TouchedObject, ...]:
     """In the order of the figure; the circles are of 4, 8 and 15 cm."""
     ahead = FRONT_m + GAP_m
     heavy: dict[str, Any] = {"mass_kg": 6.0, "friction": 0.4}
@@ -87,7 +85,7 @@ def run(out: Output) -> None:
     import cv2
 
     virtual, rng = VirtualSensor(rig=HALF_SIZE_RIG if out.quick else SensorRig()), out.rng()
-    chosen = touched_objects()[1:2] if out.quick else touched_objects()
+    chosen = _touched_objects()[1:2] if out.quick else _touched_objects()
     rows = Columns("letter thing primitive score force_N radius_m true_radius_m")
     with tempfile.TemporaryDirectory() as folder:
         sensor = virtual.build(folder, rng)

@@ -17,8 +17,6 @@ from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_touch_map import RoomTrial, map_virtual_room
 from ..output import Output
 
-__all__ = ["run"]
-
 CONTACTS = 22
 
 

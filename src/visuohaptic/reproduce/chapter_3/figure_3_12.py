@@ -14,8 +14,6 @@ from ...rigs import squeeze_rig as squeezing
 from ...rigs.virtual_gripper import GripperSensor
 from ..output import Columns, Output
 
-__all__ = ["run"]
-
 
 def run(out: Output) -> None:
     """Squeeze, draw the contours, and compare them with ground truth.

@@ -25,8 +25,6 @@ from ...simulation.foam.outline import Outline
 from ...simulation.tabletop.gripper_setup import GraspObject
 from ..output import Columns, Output
 
-__all__ = ["run"]
-
 #: Heights h_1 .. h_6 as fractions of the bottle's.
 HEIGHTS = (0.08, 0.2, 0.33, 0.45, 0.6, 0.85)
 DEFORMATIONS_m = (0.0005, 0.001, 0.002, 0.003, 0.0045, 0.006, 0.008)

@@ -18,8 +18,6 @@ from ...sensing.foam.material.records import StrainStress
 from .._press import FOAMS, pressed
 from ..output import Output
 
-__all__ = ["run"]
-
 
 def run(out: Output) -> None:
     """Press, fit, draw; and test a foam with decreasing stress.

@@ -16,8 +16,6 @@ from ...sensing.foam.material.section import Section, section_material, sensitiv
 from .._press import FOAMS, pressed
 from ..output import Output
 
-__all__ = ["run"]
-
 _SECTIONS: tuple[Section, ...] = ("rectangle", "trapezoid", "triangle")
 
 

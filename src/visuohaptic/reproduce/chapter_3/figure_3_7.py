@@ -19,8 +19,6 @@ from ...rigs.virtual_sensor import VirtualSensor
 from ...simulation.foam.press_rig import PressShape, press, press_path
 from ..output import Columns, Output
 
-__all__ = ["run"]
-
 NAMES = {
     "A4": "A, cylinder of 4 cm",
     "A12": "A, cylinder of 12 cm",

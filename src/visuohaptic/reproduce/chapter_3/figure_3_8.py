@@ -18,8 +18,6 @@ from ...rigs.virtual_beam import VirtualBeam
 from ...simulation.beam.rod_rig import RodRig
 from ..output import Output
 
-__all__ = ["run"]
-
 AXES = ("F_X", "F_Y", "F_Z", "M_X", "M_Y", "M_Z")
 UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
 TOP_N = 2.8  #: 3.3 N bend the rod permanently

@@ -18,8 +18,6 @@ from ...rigs.virtual_crown_cap import OpenerTrial, open_virtual_cap, virtual_ope
 from ...tasks.manipulation.crown_cap_records import CapState
 from ..output import Output
 
-__all__ = ["run"]
-
 #: Step -> input and goal, as printed.
 STEPS = {
     CapState.FIND: ("features (V)", "find object", "1 cm, 1 cm, > 1 cm"),

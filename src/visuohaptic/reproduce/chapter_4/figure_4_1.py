@@ -13,8 +13,6 @@ from ...rigs.virtual_office import ROBOT
 from .._building import building, regions_of
 from ..output import Output
 
-__all__ = ["run"]
-
 
 def run(out: Output) -> None:
     """Build the graph of the floor and draw it.

@@ -20,8 +20,6 @@ from ...rigs.virtual_office import ROBOT
 from .._building import OBJECTS, building, draw_map, regions_of, with_all
 from ..output import Output
 
-__all__ = ["run"]
-
 
 def run(out: Output) -> None:
     """Build both graphs and report which parts the nodes connect.

@@ -18,8 +18,6 @@ from ..output import Output
 from ..pushes.goal_maps import GoalMap, blocked_parts, goal_map
 from ..pushes.local_costmap import FootprintSamples, LocalCostmap
 
-__all__ = ["run"]
-
 REACH_m = 1.6
 
 

@@ -27,8 +27,6 @@ from .._building import draw_map, outline
 from ..output import Columns, Output
 from ..pushes.floor_push import FloorBody, FloorPush
 
-__all__ = ["run"]
-
 FRICTION, FLOOR, HEIGHT_m, ROUND_m = 0.2, 0.3, 0.03, 0.005
 LENGTH_m = 1.0
 #: Of the simulated drive: friction stops what slides at it within v^2 / (2 mu g) = 0.4 mm; twice it, 1.7 mm.
@@ -47,7 +45,7 @@ class Scene:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
+class _Candidate:
     """One straight drive."""
 
     path_m: np.ndarray
@@ -55,7 +53,7 @@ class Candidate:
     trace: PushTrace | None
 
 
-def scenes() -> tuple[Scene, Scene]:
+def _scenes() -> tuple[Scene, Scene]:
     """A round object in a wide passage, a box in a narrow one."""
     angle = np.linspace(0, 2 * math.pi, 24, endpoint=False)
     disc = 0.16 * np.column_stack([np.cos(angle), np.sin(angle)]) + (1.5, 1.05)
@@ -78,7 +76,7 @@ def run(out: Output) -> None:
     rows = Columns("scene x0_m y0_m x1_m y1_m outcome")
     shown, off, agree = [], [], []
     counts = dict.fromkeys(SidewardOutcome, 0)
-    for scene in scenes()[:1] if out.quick else scenes():
+    for scene in _scenes()[:1] if out.quick else _scenes():
         found, model, at = _candidates(scene)
         for one in found:
             counts[one.outcome] += 1
@@ -104,7 +102,7 @@ def run(out: Output) -> None:
     out.compare("shown drives: drop predicted as in MuJoCo", sum(agree), f"of {len(agree)}")
 
 
-def _candidates(scene: Scene) -> tuple[list[Candidate], PushModel, tuple[float, float, float]]:
+def _candidates(scene: Scene) -> tuple[list[_Candidate], PushModel, tuple[float, float, float]]:
     enter_m, leave_m = np.array(scene.enter_m), np.array(scene.leave_m)
     obstacle = MovableObject(scene.name, scene.footprint_m)
     centre = obstacle.centre_m
@@ -125,11 +123,11 @@ def _candidates(scene: Scene) -> tuple[list[Candidate], PushModel, tuple[float, 
             placed = path + at
             if trace is not None:
                 trace = replace(trace, platform_m=placed, object_m=trace.object_m + at)
-            found.append(Candidate(placed, outcome, trace))
+            found.append(_Candidate(placed, outcome, trace))
     return found, model, (float(centre[0]), float(centre[1]), 0.0)
 
 
-def _two(found: list[Candidate]) -> list[Candidate]:
+def _two(found: list[_Candidate]) -> list[_Candidate]:
     """The success that moves the object most, and a failure: a collision before contact at the end."""
     good = [one for one in found if one.outcome is SidewardOutcome.RELEASED]
     chosen = sorted(good, key=lambda one: -one.trace.moved_m if one.trace else 0.0)[:1]
@@ -140,7 +138,7 @@ def _two(found: list[Candidate]) -> list[Candidate]:
     return chosen
 
 
-def _driven(model: PushModel, at: tuple[float, float, float], one: Candidate, speed_m_s: float) -> Any:
+def _driven(model: PushModel, at: tuple[float, float, float], one: _Candidate, speed_m_s: float) -> Any:
     obstacle = FloorBody(
         model.outline_m, model.support_m, model.round_m, mass_kg=2.0, push_height_m=HEIGHT_m,
         floor_friction=FLOOR, contact_friction=FRICTION,
@@ -168,7 +166,7 @@ def _draw(axes: Any, shown: list[Any]) -> None:
             axis.set_title(f"{letter}  {one.outcome}")
 
 
-def _drive(axis: Any, one: Candidate, truth: Any, model: PushModel) -> None:
+def _drive(axis: Any, one: _Candidate, truth: Any, model: PushModel) -> None:
     trace = one.trace
     assert trace is not None
     axis.plot(*one.path_m[:, :2].T, color=COLOURS["blue"], lw=1.2)

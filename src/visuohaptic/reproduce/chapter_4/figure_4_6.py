@@ -24,8 +24,6 @@ from ...rigs.virtual_office import ROBOT, office
 from .._building import draw_map, outline, regions_of
 from ..output import Output
 
-__all__ = ["run"]
-
 
 def run(out: Output) -> None:
     """Plan with and without pushing, and report lengths and times.

@@ -32,8 +32,6 @@ from ...tasks.mobile.explore import ExploreStep, explore_obstacle
 from ...tasks.mobile.explore_records import ExploreSettings
 from ..output import Columns, Output
 
-__all__ = ["run"]
-
 FRONT_m, GAP_m = 0.19, 0.012
 #: Slow: the water in the vase breaks away after less than a millimetre, which has to be observed at 30 frames per second.
 SPEED_m_s, PUSH_m = 0.0125, 0.04

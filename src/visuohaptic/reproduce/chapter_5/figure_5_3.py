@@ -19,8 +19,6 @@ from ...simulation.tabletop.depth_camera import DepthCamera
 from ...simulation.tabletop.glass_scenes import glass_scene
 from ..output import Output
 
-__all__ = ["run"]
-
 #: Views 2 cm apart over 0.2 m, with a gap of 16 cm behind the current one.
 STEP_m, VIEWS, GAP = 0.02, 8, 8
 

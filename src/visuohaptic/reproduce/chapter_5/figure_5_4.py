@@ -17,8 +17,6 @@ from .._solid import figure_3d, frame_3d, shaded
 from ..output import Columns, Output
 from ..worlds.virtual_glass import HIGH_M, LOW_M, detected, judged, rendered
 
-__all__ = ["run"]
-
 VOXEL_m = 0.005
 
 

@@ -19,8 +19,6 @@ from .._solid import figure_3d, frame_3d, shaded
 from ..output import Columns, Output
 from ..worlds.virtual_glass import detected, judged, rendered
 
-__all__ = ["run"]
-
 
 def run(out: Output) -> None:
     """One scene of each kind, with the published detector and with this library's.

@@ -19,8 +19,6 @@ from .._solid import figure_3d, frame_3d, shaded
 from ..output import Columns, Output
 from ..worlds.virtual_completion import SIGMA_M, errors_m, scene, true_points
 
-__all__ = ["run"]
-
 SHOWN = (0, 3, 10)
 
 

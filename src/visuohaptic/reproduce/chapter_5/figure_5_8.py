@@ -16,8 +16,6 @@ from ...simulation.tabletop.bottles import random_bottle
 from ..output import Output
 from ..worlds.virtual_completion import TOUCHES, explore, touches_to_tenth
 
-__all__ = ["run"]
-
 #: Of the dissertation's 700. Three seconds each; the mean over fifty separates planned from random touches.
 OBJECTS = 50
 

@@ -17,8 +17,6 @@ from ...report.style import COLOURS, draw_axes
 from .._curves import curves_of, read_curve
 from ..output import Columns, Output
 
-__all__ = ["run"]
-
 PLACES = ("y+5", "x+4")
 
 

@@ -15,8 +15,6 @@ from ...report.style import draw_axes
 from .._curves import curves_of
 from ..output import Columns, Output
 
-__all__ = ["run"]
-
 NAMES = ("isana", "palmo", "cien", "smoothie")
 #: Nominal deformation [m] and force [N] of II.
 NOMINAL_m, NOMINAL_N = 0.003, 50.0

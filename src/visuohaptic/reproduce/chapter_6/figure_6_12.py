@@ -19,8 +19,6 @@ from ...grasping.planner import GraspPlan, plan_grasps
 from ...report.style import COLOURS, draw_axes
 from ..output import Columns, Output
 
-__all__ = ["CASES", "best_vertex", "run"]
-
 
 @dataclass(frozen=True)
 class Case:

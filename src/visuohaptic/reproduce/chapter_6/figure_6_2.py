@@ -19,8 +19,6 @@ from ...grasping.confirm import confirm_grasp
 from .._solid import figure_3d, frame_3d, shaded
 from ..output import Columns, Output
 
-__all__ = ["run"]
-
 FORCE_N, HEIGHT = 3.0, 0.9
 
 

@@ -14,8 +14,6 @@ from ...grasping.planner import plan_grasps
 from ...grasping.plots import plot_plan
 from ..output import Columns, Output
 
-__all__ = ["run"]
-
 #: Object -> force [N].
 TASKS = {"cleaner": 20.0, "cup-rim": 20.0, "cup": 5.0}
 

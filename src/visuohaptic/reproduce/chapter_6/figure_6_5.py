@@ -13,8 +13,6 @@ from ...deformation.shapes.load_shell import load_object
 from .._solid import figure_3d, frame_3d
 from ..output import Columns, Output
 
-__all__ = ["run"]
-
 NAMES = ("elliptic", "cleaner", "cien", "bottle", "cup", "cup-rim")
 
 

@@ -13,8 +13,6 @@ from ...recognition.trees.tree_plots import class_correlation, plot_correlation
 from .._features import CONFUSABLE, training_features
 from ..output import Output
 
-__all__ = ["run"]
-
 
 def run(out: Output) -> None:
     """Correlate all classes.

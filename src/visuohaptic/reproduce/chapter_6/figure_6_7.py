@@ -15,8 +15,6 @@ from ...recognition.trees.tree_plots import plot_tree
 from .._features import DISTINCT, grouped, training_features
 from ..output import Columns, Output
 
-__all__ = ["run"]
-
 
 def run(out: Output) -> None:
     """Train on four classes and draw.

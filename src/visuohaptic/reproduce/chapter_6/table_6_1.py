@@ -16,8 +16,6 @@ from .._features import CONFUSABLE, FIVE, training_features
 from ..output import Columns, Output
 from ..worlds.virtual_containers import GROUPS
 
-__all__ = ["TREES", "run"]
-
 #: Number -> classes, scheme, printed loss [%], printed count of different features.
 TREES: dict[int, tuple[tuple[str, ...], str, float, int]] = {
     1: (("cup", "cup-rim"), "centre", 0.0, 1),

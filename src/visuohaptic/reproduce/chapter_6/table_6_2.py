@@ -22,8 +22,6 @@ from ..output import Output
 from ..worlds import virtual_containers as world
 from .table_6_1 import TREES
 
-__all__ = ["run"]
-
 #: Rows of the table: 1 right, 0 wrong, 2/3, NaN not trained.
 _N = float("nan")
 PRINTED = {

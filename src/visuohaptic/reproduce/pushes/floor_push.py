@@ -13,8 +13,6 @@ from jaxtyping import Bool, Float
 from ...core.errors import InputError, needs
 from ...core.measurement import GRAVITY_M_S2
 
-__all__ = ["FloorBody", "FloorPush", "FloorTrace"]
-
 FOOT_M = 0.004
 #: Deformation of the feet's springs under the object's weight (m), and mass of a foot (kg).
 #: With more than three rigid feet, the load distribution would be indeterminate; springs determine it.

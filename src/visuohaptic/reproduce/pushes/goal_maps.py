@@ -9,8 +9,6 @@ from jaxtyping import Bool, Float, Float32, Int
 
 from .local_costmap import FootprintSamples, LocalCostmap, distance_from
 
-__all__ = ["GoalMap", "are_goals", "blocked_parts", "goal_map", "in_collision"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GoalMap:
@@ -60,7 +58,7 @@ def goal_map(
     near = np.hypot(*(places - object_m[:2]).T) <= reach_m
     cells, poses = cells[near], np.column_stack([places[near], np.full(near.sum(), object_m[2])])
     free[tuple(cells.T)] = in_collision(costmap, footprint, poses) == 0
-    path = path_distance(costmap, blocked_path_m)
+    path = _path_distance(costmap, blocked_path_m)
     goal[tuple(cells.T)] = are_goals(costmap, footprint, poses, radius_m, path)
     return GoalMap(goal, free, object_m[2])
 
@@ -111,7 +109,7 @@ def are_goals(
     costmap, footprint, poses, radius_m
         As of :func:`blocked_parts`.
     from_path
-        From :func:`path_distance`.
+        From :func:`_path_distance`.
     """
     beside = LocalCostmap(costmap.map, from_path).distance_at(_placed(footprint.border_m, poses))
     free = (in_collision(costmap, footprint, poses) == 0) & (beside >= radius_m).all(axis=1)
@@ -125,7 +123,7 @@ def _placed(
     return points_m @ np.stack([c, s, -s, c], axis=-1).reshape(-1, 2, 2) + poses[:, None, :2]
 
 
-def path_distance(
+def _path_distance(
     costmap: LocalCostmap, path_m: Float[np.ndarray, "k 2"] | None
 ) -> Float32[np.ndarray, "rows columns"]:
     """Distance of every cell from a path; infinite without one, and outside the window."""

@@ -13,8 +13,6 @@ from ...core.geometry import compose_2d
 from ...io.maps.occupancy_map import FREE, OccupancyMap
 from ...navigation.grid.cost_grid import OBSTACLE_FROM, window_distance
 
-__all__ = ["FootprintSamples", "LocalCostmap"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootprintSamples:
@@ -188,7 +186,15 @@ def _covered_cells(
 def distance_from(
     map: OccupancyMap, blocked: Bool[np.ndarray, "rows columns"]
 ) -> Float32[np.ndarray, "rows columns"]:
-    """Distance of every cell from the nearest occupied one [m]; infinite if there is none."""
+    """Distance of every cell from the nearest occupied one [m]; infinite if there is none.
+
+    Parameters
+    ----------
+    map
+        Map of the cells.
+    blocked
+        Occupied cells, (rows, columns).
+    """
     import cv2
 
     if not blocked.any():

@@ -13,8 +13,6 @@ from ...deformation.shells.factor import Factor, factorise
 from ...deformation.shells.ordering import front_tree
 from ...deformation.shells.shell_material import IsotropicMaterial
 
-__all__ = ["mitc4_factor", "mitc4_stiffness"]
-
 #: Drilling stiffness, as a fraction of the plate's; small, for a degree of freedom that bilinear quads lack.
 DRILLING = 1e-3
 

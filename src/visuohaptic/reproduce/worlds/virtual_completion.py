@@ -20,17 +20,6 @@ from ...reconstruction.completion.touch import Touch
 from ...reconstruction.mesh import SurfaceMesh
 from ...simulation.tabletop.bottles import Bottle
 
-__all__ = [
-    "HOLE",
-    "SIGMA_M",
-    "TOUCHES",
-    "errors_m",
-    "explore",
-    "scene",
-    "touches_to_tenth",
-    "true_points",
-]
-
 TOUCHES = 20
 #: Noise of a contact in each direction [m].
 SIGMA_M = 0.0003

@@ -22,20 +22,6 @@ from ...deformation.shells.shell_material import IsotropicMaterial
 from ...recognition.data.places import HEIGHTS
 from .mitc4 import mitc4_factor, mitc4_stiffness
 
-__all__ = [
-    "GROUPS",
-    "REAL",
-    "UNKNOWN",
-    "RealObject",
-    "both_sides",
-    "description",
-    "draw_curve",
-    "explore_container",
-    "perturbed",
-    "real_object",
-    "sample_real_object",
-]
-
 #: The elliptic bottles of Table 6.2 are one class, as there.
 GROUPS = {
     "elliptic": ("elliptic", "isana", "cien", "cleaner", "palmo"),

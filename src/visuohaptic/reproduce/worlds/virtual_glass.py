@@ -16,8 +16,6 @@ from ...reconstruction.transparency.regions import TransparentRegion
 from ...simulation.tabletop.depth_camera import DepthCamera
 from ...simulation.tabletop.glass_scenes import GlassScene
 
-__all__ = ["HIGH_M", "LOW_M", "VOXEL_M", "detected", "judged", "rendered"]
-
 #: (1 m)^3, restricted to the space above the table.
 LOW_M, HIGH_M, VOXEL_M = (-0.5, -0.5, 0.0), (0.5, 0.5, 0.4), 0.008
 

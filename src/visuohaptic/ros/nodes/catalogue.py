@@ -8,8 +8,6 @@ from collections.abc import Mapping
 from ...core.errors import InputError, brief
 from .component import Component
 
-__all__ = ["NODES", "node_kind"]
-
 #: Name -> module and class.
 NODES: Mapping[str, tuple[str, str]] = {
     "foam": ("sensor_node", "FoamNode"),

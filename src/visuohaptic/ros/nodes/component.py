@@ -18,8 +18,6 @@ from ..transports.topic_node import Execute, RosPublisher, TopicNode
 from ..wire.graph import Qos
 from .parameters import NodeParameters
 
-__all__ = ["WAIT_S", "Component", "Host", "Status", "Worker"]
-
 _log = logging.getLogger(__name__)
 
 

@@ -15,8 +15,6 @@ from pathlib import Path
 from ...core.errors import DeviceError, InputError, brief
 from ...core.files import read_text
 
-__all__ = ["read_launch", "run_launch"]
-
 _MAX_BYTES = 1_000_000
 _VARIABLE = re.compile(r"\$\(var ([\w-]+)\)")
 #: Supported elements and attributes, with the same meaning as in ``ros2 launch``.

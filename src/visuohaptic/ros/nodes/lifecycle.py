@@ -14,8 +14,6 @@ from .component import Component
 from .parameters import Parameter, declared
 from .running import Running
 
-__all__ = ["LifecycleProcess"]
-
 
 def _entity(steps: Mapping[str, Callable[[], bool]]) -> Any:
     """The component as a managed entity of rclpy's lifecycle."""

@@ -35,15 +35,6 @@ from ..wire.graph import LATCHED
 from .component import Status, Worker
 from .parameters import NodeParameters
 
-__all__ = [
-    "LayersNode",
-    "LayersParameters",
-    "MapNode",
-    "MapParameters",
-    "felt_obstacles",
-    "objects_text",
-]
-
 _GRID, _MARKERS = "nav_msgs/msg/OccupancyGrid", "visualization_msgs/msg/MarkerArray"
 
 

@@ -27,8 +27,6 @@ from ..wire.graph import LATCHED
 from .component import Component, Status
 from .parameters import NodeParameters
 
-__all__ = ["ClassifyNode", "ClassifyParameters", "GraspNode", "GraspParameters"]
-
 
 class ClassifyParameters(NodeParameters):
     """Parameters of the node classify."""

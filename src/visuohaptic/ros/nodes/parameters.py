@@ -11,8 +11,6 @@ from pydantic import BaseModel, ConfigDict
 from ...core.errors import InputError
 from ...core.files import checked_model, parse_yaml
 
-__all__ = ["NodeParameters", "Parameter", "declared", "given"]
-
 
 class NodeParameters(BaseModel):
     """Base of a node's parameters: numbers, strings, booleans and lists of them, each with a default.

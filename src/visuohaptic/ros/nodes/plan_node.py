@@ -24,8 +24,6 @@ from ..wire.graph import LATCHED
 from .component import WAIT_S, Status
 from .map_nodes import MapNode, MapParameters
 
-__all__ = ["PlanNode", "PlanParameters"]
-
 
 class PlanParameters(MapParameters):
     """Parameters of the node plan."""

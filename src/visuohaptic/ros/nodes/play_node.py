@@ -20,8 +20,6 @@ from ..wire.message_types import message_type, parse_definition
 from .component import Status, Worker
 from .parameters import NodeParameters
 
-__all__ = ["CameraNode", "CameraParameters", "PlayNode", "PlayParameters"]
-
 _DELAY = "before the first message of a recording: others find the topics"
 
 

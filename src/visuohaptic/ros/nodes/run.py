@@ -13,8 +13,6 @@ from .lifecycle import LifecycleProcess
 from .parameters import given
 from .running import Running
 
-__all__ = ["run_node"]
-
 
 def run_node(
     name: str,

@@ -14,8 +14,6 @@ from ..transports.topic_node import TopicNode
 from .component import Component, Host, Status
 from .parameters import checked
 
-__all__ = ["Running"]
-
 
 class Running(Closing):
     """Configures, activates, deactivates and cleans up a component, and publishes its diagnostics.

@@ -21,11 +21,6 @@ from ..channel import SensorChannel
 from .component import Component, Status
 from .parameters import NodeParameters
 
-__all__ = [
-    "BeamNode", "FoamNode", "ImageNode", "ImageParameters", "SceneNode", "SensorParameters", "TemplateNode",
-    "TemplateParameters",
-]  # fmt: skip
-
 
 class ImageParameters(NodeParameters):
     """Parameters of all nodes that use a camera."""

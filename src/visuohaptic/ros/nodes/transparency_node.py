@@ -26,8 +26,6 @@ from ..wire.graph import LATCHED, Qos
 from .component import Component, Status
 from .parameters import NodeParameters
 
-__all__ = ["TransparencyParameters", "TransparentPartsNode"]
-
 
 class TransparencyParameters(NodeParameters):
     """Parameters of the node transparency."""

@@ -23,8 +23,6 @@ from ..wire.graph import LATCHED
 from .component import Status
 from .map_nodes import MapNode, MapParameters, objects_text
 
-__all__ = ["TravelNode", "TravelParameters"]
-
 
 class TravelParameters(MapParameters):
     """Parameters of the node travel."""

@@ -13,8 +13,6 @@ from ...io.ros.ros_messages import header, stamp
 from ..latest import LatestMessage
 from ..transports.topic_node import Received, TopicNode
 
-__all__ = ["RosGripper"]
-
 
 class RosGripper(Closing, Gripper):
     """Implements :class:`visuohaptic.core.robots.Gripper`.

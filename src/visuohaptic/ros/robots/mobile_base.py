@@ -11,8 +11,6 @@ from ..frames import planar
 from ..latest import LatestMessage
 from ..transports.topic_node import Received, TopicNode
 
-__all__ = ["RosBase"]
-
 
 class RosBase(RepeatedBase):
     """Implements :class:`visuohaptic.core.robots.MobileBase`.
@@ -90,7 +88,13 @@ class RosBase(RepeatedBase):
 
 
 def base_state(received: Received) -> BaseState:
-    """Convert a ``nav_msgs/Odometry``."""
+    """Convert a ``nav_msgs/Odometry``.
+
+    Parameters
+    ----------
+    received
+        Message with its time.
+    """
     message = received.message
     speed = message.twist.twist
     return BaseState(received.t_s, *planar(message.pose.pose), speed.linear.x, speed.angular.z)

@@ -20,8 +20,6 @@ from ..frames import message_pose
 from ..latest import LatestMessage
 from ..transports.topic_node import TopicNode
 
-__all__ = ["RosArm"]
-
 
 class RosArm(Closing, ProbeArm):
     """Implements :class:`visuohaptic.core.robots.ProbeArm`.

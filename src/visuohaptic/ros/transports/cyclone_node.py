@@ -20,8 +20,6 @@ from ..wire.message_types import Field, MessageType, Shape, parse_definition
 from .session import RosOptions, shown_error
 from .topic_node import Outlet, RosSubscription, TopicNode
 
-__all__ = ["CycloneNode"]
-
 #: Maximum number of nodes and endpoints read from the graph.
 _MAX_TOLD = 10_000
 

@@ -8,8 +8,6 @@ from ...core.errors import InputError, brief
 from .session import RosOptions
 from .topic_node import TopicNode
 
-__all__ = ["TRANSPORTS", "Transport", "open_node"]
-
 Transport = Literal["zenoh", "rclpy", "cyclonedds"]
 TRANSPORTS: tuple[str, ...] = get_args(Transport)
 

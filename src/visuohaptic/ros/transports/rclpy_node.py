@@ -20,8 +20,6 @@ from ..wire.message_types import MessageType
 from .session import RosOptions, shown_error
 from .topic_node import Execute, Outlet, RosSubscription, TopicNode
 
-__all__ = ["RclpyNode", "RclpyProcess", "RclpyTopics", "import_rclpy", "interface"]
-
 #: rclpy does not provide the sender of a message.
 _GID = bytes(16)
 #: If none of these is set, Fast DDS gets buffers large enough for raw images: with its default, nine of ten were lost.

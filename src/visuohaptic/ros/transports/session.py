@@ -11,8 +11,6 @@ from typing import Any
 from ...core.errors import DeviceError, InputError, needs
 from ...core.ranges import check_ranges, within
 
-__all__ = ["RosOptions", "environment_domain", "open_session", "shown_error"]
-
 #: Address of the router of rmw_zenoh (``ros2 run rmw_zenoh_cpp rmw_zenohd``) on the same machine.
 ROUTER = "tcp/127.0.0.1:7447"
 

@@ -21,8 +21,6 @@ from ..wire.graph import Entity, EntityKind, Qos, check_node, resolve_name
 from ..wire.message_types import MessageType, message_type
 from .session import RosOptions, environment_domain, shown_error
 
-__all__ = ["Execute", "Outlet", "Received", "RosPublisher", "RosSubscription", "TopicNode"]
-
 _log = logging.getLogger(__name__)
 
 #: Goal, feedback function, whether it was cancelled -> whether the goal was reached.

@@ -19,8 +19,6 @@ from .topic_node import Outlet, RosSubscription, TopicNode
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["RosNode"]
-
 _log = logging.getLogger(__name__)
 
 

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import struct
 
-__all__ = ["publisher_gid", "xxh3_128"]
-
 _M32, _M64 = 0xFFFFFFFF, 0xFFFFFFFFFFFFFFFF
 _P32 = (0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D)
 _P64 = (

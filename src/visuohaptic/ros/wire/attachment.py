@@ -12,8 +12,6 @@ from typing import Self
 
 from ...core.errors import InputError
 
-__all__ = ["Attachment"]
-
 _LAYOUT = struct.Struct("<qqB16s")
 #: The first releases for Jazzy precede each part with its name.
 _NAMED = struct.Struct("<16sq17sq11sB16s")

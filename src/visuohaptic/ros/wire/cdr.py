@@ -16,8 +16,6 @@ import numpy as np
 from ...core.errors import InputError
 from .message_types import Field, MessageType, Shape
 
-__all__ = ["decode", "encode"]
-
 #: Primitive type -> NumPy's code; all ROS implementations write little-endian.
 _CODES = {
     "bool": "u1",

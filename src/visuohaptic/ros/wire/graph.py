@@ -15,8 +15,6 @@ from typing import Self
 from ...core.errors import InputError
 from ...core.ranges import check_ranges, within
 
-__all__ = ["LATCHED", "Entity", "EntityKind", "Qos", "resolve_name", "topic_key"]
-
 _SPACE = "@ros2_lv"
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 #: Default queue length of rmw_zenoh; omitted in tokens.
@@ -131,7 +129,13 @@ class Entity:
 
 
 def all_tokens(domain: int) -> str:
-    """Key expression of all tokens in a domain."""
+    """Key expression of all tokens in a domain.
+
+    Parameters
+    ----------
+    domain
+        ROS_DOMAIN_ID.
+    """
     return f"{_SPACE}/{domain}/**"
 
 
@@ -187,7 +191,15 @@ def resolve_name(name: str, namespace: str = "/", node: str = "") -> str:
 
 
 def check_node(namespace: str, node: str) -> None:
-    """Reject names that ROS does not allow."""
+    """Reject names that ROS does not allow.
+
+    Parameters
+    ----------
+    namespace
+        Absolute namespace of the node.
+    node
+        Name of the node.
+    """
     if not _WORD.fullmatch(node) or "__" in node:
         raise InputError("node name", f"found {node!r}, expected letters, digits and _, no digit first")
     if namespace != "/":

@@ -14,8 +14,6 @@ from typing import Any
 from ...core.errors import InputError
 from ...io.ros._ros_definitions import definition
 
-__all__ = ["NO_HASH", "Field", "MessageType", "Shape", "message_type", "parse_definition"]
-
 #: Placeholder for the hash in Humble, which has none.
 NO_HASH = "TypeHashNotSupported"
 

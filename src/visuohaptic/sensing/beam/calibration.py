@@ -23,8 +23,6 @@ from .mechanics import Beam, compliance
 from .observation import SectionMotion
 from .records import LoadRecord
 
-__all__ = ["AXES", "BeamCalibration", "calibrate_beam"]
-
 AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 #: Minimum number of rows, and of loaded rows among them.
 MIN_ROWS, MIN_LOADED = 8, 4
@@ -96,7 +94,7 @@ def calibrate_beam(
     load = record.load * scale
     reach = float(np.abs(load).max())
     _refuse_few(record, load)
-    read = model_wrenches(record, beam, xi) * scale
+    read = _model_wrenches(record, beam, xi) * scale
     loaded = np.ptp(load, axis=0) > 0.05 * reach
     free, free_rest, free_sigma = _free_fit(load, read, loaded)
     # Reading at the largest load: another beam has its scatter in its own scale.
@@ -134,7 +132,7 @@ def calibrate_beam(
     )
 
 
-def model_wrenches(record: LoadRecord, beam: Beam, xi: float) -> Float[np.ndarray, "n 6"]:
+def _model_wrenches(record: LoadRecord, beam: Beam, xi: float) -> Float[np.ndarray, "n 6"]:
     """Wrenches of the beam model for the observations.
 
     Parameters

@@ -17,8 +17,6 @@ from .mechanics import Beam
 from .sensor import BeamSetup
 from .zero import BeamDriftSettings
 
-__all__ = ["BeamSensorConfig", "load_beam", "save_beam"]
-
 Row6 = Annotated[list[FiniteFloat], Field(min_length=6, max_length=6)]
 Matrix6 = Annotated[list[Row6], Field(min_length=6, max_length=6)]
 

@@ -16,8 +16,6 @@ from jaxtyping import Float
 from ...core.geometry import hat
 from .mechanics import Beam, compliance
 
-__all__ = ["Correction", "prior_correction"]
-
 #: Minimum standard deviation of an element of E in units of force: effects that the parts in
 #: ``Beam`` do not include (glue, ends of the clamp, a rod that is not exactly round).
 FLOOR = 0.003

@@ -14,8 +14,6 @@ from .mechanics import Beam, compliance, shortening, stress_ratio
 from .observation import SectionMotion
 from .rod import base_wrench, rod_from_base
 
-__all__ = ["LINEAR_LIMIT", "BeamEstimate", "BeamModel", "estimate_wrench", "setup_variance"]
-
 BeamModel = Literal["auto", "linear", "exact"]
 
 #: The exact rod is used if the error of the linear beam exceeds this many standard deviations of any component.

@@ -22,8 +22,6 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 
-__all__ = ["Beam", "compliance", "shortening", "stress_ratio"]
-
 
 @dataclass(frozen=True, slots=True)
 class Beam:

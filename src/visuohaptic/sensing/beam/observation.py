@@ -20,15 +20,6 @@ from ...core.errors import InputError
 from ...core.geometry import hat, so3_log
 from ...core.measurement import Reason
 
-__all__ = [
-    "RelativePoses",
-    "SectionMotion",
-    "TemplateMeasurement",
-    "TemplateObservation",
-    "relative_poses",
-    "section_motion",
-]
-
 
 class TemplateObservation(Protocol):
     """Interface of a tracked template; any tracker may provide it."""

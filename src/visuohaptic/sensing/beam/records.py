@@ -16,8 +16,6 @@ from ...core.files import CsvRow, read_csv
 from ...core.measurement import Reason
 from .observation import TemplateMeasurement
 
-__all__ = ["POSE_COLUMNS", "LoadRecord", "read_loads", "read_template_poses"]
-
 #: Larger files are rejected (bytes).
 MAX_BYTES = 256 * 1024 * 1024
 

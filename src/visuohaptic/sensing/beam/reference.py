@@ -9,8 +9,6 @@ from ...core.camera.pose import Pose
 from ...core.geometry import so3_log
 from ...core.measurement import Reason
 
-__all__ = ["SteadyReference"]
-
 
 class SteadyReference:
     """Mean pose of the reference while camera and sensor base are rigidly connected.

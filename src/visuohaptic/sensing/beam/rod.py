@@ -25,8 +25,6 @@ from ...core.geometry import hat
 from . import _kernels
 from .mechanics import Beam
 
-__all__ = ["RodShape", "base_wrench", "rod_from_base"]
-
 #: Runge-Kutta steps; the error of the tip is below 1e-9 of the length at the yield limit.
 STEPS = 24
 

@@ -20,8 +20,6 @@ from .observation import RelativePoses, TemplateObservation, relative_poses, sec
 from .reference import SteadyReference
 from .zero import BeamDriftSettings, BeamZero, BeamZeroWatch
 
-__all__ = ["BeamReading", "BeamSensor", "BeamSetup"]
-
 #: Probability that a valid frame is rejected because its templates disagree.
 _DISAGREEMENT = 1e-7
 #: Probability that the templates of a valid frame disagree by more than the declared noise, without inflation.

@@ -17,8 +17,6 @@ from .config import BeamSensorConfig
 from .sensor import BeamReading, BeamSensor, BeamSetup
 from .zero import BeamZero
 
-__all__ = ["TrackedBeam", "TrackedReading"]
-
 #: chi^2 of 2 degrees of freedom that one valid pose in ten thousand exceeds.
 _GOOD_CHI2 = 18.4
 

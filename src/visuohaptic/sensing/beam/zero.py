@@ -18,8 +18,6 @@ from ...core.geometry import so3_log
 from ..config_fields import PoseSection, Section
 from .observation import RelativePoses
 
-__all__ = ["BeamDriftSettings", "BeamZero", "BeamZeroWatch"]
-
 #: Ratio of scatter during zeroing to declared sigma, above which it is motion, not noise.
 MAX_SCATTER = 4.0
 #: Slow drift by less than this many sigmas of a single frame, declared or measured, is included in the covariance.

@@ -21,8 +21,6 @@ from scipy.special import ndtr, ndtri
 
 from .push_record import PushRecord
 
-__all__ = ["FoamCurve", "Rest", "rest_hypotheses"]
-
 #: Prior standard deviations: compliance, with stone, cardboard, thin cardboard and cushions equally probable [m/N];
 #: scale error, from half a percent for the deflection and a third of a percent for the wheels; position [m].
 COMPLIANCES_M_N, SCALE, PLACE_M = (1e-6, 1e-4, 3e-4, 1e-3), 0.006, 1.0

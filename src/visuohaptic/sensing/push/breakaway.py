@@ -29,8 +29,6 @@ from ...core.objects import Estimate
 from .at_rest import EXCESS_SIGMA, STATIC_EXCESS, UNIFORM, FoamCurve, Rest
 from .push_record import PushRecord
 
-__all__ = ["breakaway_force", "mixture_moments", "static_friction"]
-
 #: Numbers of grid points of time and mass, and of integration steps between two frames.
 TIMES, MASSES, STEPS = 48, 40, 40
 #: Prior of the mass from the dynamic friction: the coefficient of a sliding object is 0.4, with 0.2 and 0.8 at two standard

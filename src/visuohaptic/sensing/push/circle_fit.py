@@ -7,8 +7,6 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 
-__all__ = ["fit_circle_algebraic"]
-
 
 def fit_circle_algebraic(points_m: Float[np.ndarray, "K 2"]) -> Float[np.ndarray, "3"]:
     """Taubin's circle fit: minimises sum (z - 2ax - 2by + c)², z = x² + y², normalised by the mean squared gradient.

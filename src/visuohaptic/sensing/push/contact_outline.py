@@ -23,9 +23,6 @@ from jaxtyping import Bool, Float
 from ._primitive_kernels import BENT, ROUND, STRAIGHT, profile_and_jacobian
 from .outline_hypotheses import Hypothesis, Impression
 
-__all__ = ["FlankPrior", "OutlineFit", "fit_outline", "integrate_drop"]
-
-
 #: Drops over which a tip is marginalised, in standard deviations of the prior, and iterations of the descent at each.
 _DROPS, _DROP_STEPS = (-2.0, -1.0, 0.0, 1.0, 2.0), 12
 #: Relative error of the flank law where the flanks end, because foam bulges there, in units of the largest deflection.

@@ -23,8 +23,6 @@ import numpy as np
 from ...core.errors import InputError
 from ...core.measurement import Event, EventKind, ForceProfile, Reason
 
-__all__ = ["ContactEvents", "DeflectionEvents", "EventSettings"]
-
 #: Reasons for which the force is invalid but the contour is valid, and ``OK``.
 _CONTOUR_SEEN = frozenset({Reason.OK, Reason.UNLOADING, Reason.SATURATED})
 #: Frames of the last travel that are kept. At 30 Hz and the default travel of two windows of 2 mm each, a platform faster

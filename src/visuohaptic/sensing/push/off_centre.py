@@ -19,8 +19,6 @@ from jaxtyping import Float
 
 from ...core.objects import Estimate, Primitive, PrimitiveKind
 
-__all__ = ["straight_push_factor", "to_straight_push"]
-
 #: Lever by the width of the face, and its relative standard deviation: a square bottom has 0.33 if it rests evenly and 0.53 on
 #: feet at its corners, uniform in between; a factor of 1.4 between depth and width is one standard deviation.
 LEVER, LEVER_SIGMA = 0.43, 0.27

@@ -13,8 +13,6 @@ from jaxtyping import Bool, Float
 from ._primitive_kernels import BENT, ROUND, STRAIGHT
 from .circle_fit import fit_circle_algebraic
 
-__all__ = ["Hypothesis", "Impression", "hypotheses"]
-
 #: Position of an absent tip in the parameters of the kernels [m].
 FAR_M = 1e3
 

@@ -13,8 +13,6 @@ from ...core.objects import Primitive, PrimitiveKind
 from .contact_outline import OutlineFit
 from .outline_hypotheses import Impression
 
-__all__ = ["outline_kind", "outline_primitive"]
-
 #: Standard deviation of the end of a segment that is beyond the strip [m].
 UNSEEN_END_SIGMA_M = 0.1
 #: Standard deviation of the direction of an untouched edge of a corner: uniform over the possible directions [rad].

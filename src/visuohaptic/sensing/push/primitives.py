@@ -26,16 +26,6 @@ from .contact_outline import FlankPrior, OutlineFit, fit_outline, integrate_drop
 from .outline_hypotheses import Impression, hypotheses
 from .outline_primitive import outline_kind, outline_primitive
 
-__all__ = [
-    "PrimitiveCandidate",
-    "PrimitiveFit",
-    "PrimitiveSettings",
-    "fit_contact",
-    "fit_primitive",
-    "primitive_distance_m",
-    "score_primitive",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class PrimitiveSettings:

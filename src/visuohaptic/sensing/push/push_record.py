@@ -14,17 +14,6 @@ from ...core.errors import InputError
 from ...core.measurement import Contact, Event, EventKind, ForceProfile, Reason
 from .events import DeflectionEvents, EventSettings
 
-__all__ = [
-    "Phases",
-    "PushRecord",
-    "StopLimits",
-    "StopReason",
-    "find_phases",
-    "reaches_limit",
-    "record_push",
-    "stop_reason",
-]
-
 
 class StopReason(StrEnum):
     """Why the platform has to stop (Alt 2016, Sec. 3.6.2)."""

@@ -37,8 +37,6 @@ from .events import EventSettings
 from .off_centre import straight_push_factor, to_straight_push
 from .push_record import Phases, PushRecord, StopReason, find_phases
 
-__all__ = ["TagSettings", "fixed_probability", "predictive_interval", "tag_from_push"]
-
 #: Prior of objects on floors: median [N] and logarithmic standard deviation of the static friction, and fraction of fastened
 #: objects. Of the nine objects of Table 4.1 eight slid, at 8.1, 1.5, 6.5, 15.9, 2.8, 0.6, 0.9 and 1.3 N, and one did
 #: not: (1 + 1/2) / (9 + 1) by Jeffreys' prior.

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from ...tracking.templates.template_tracker import TemplatePose
     from ..beam.tracked import TrackedBeam, TrackedReading
 
-__all__ = ["BeamReader", "write_templates"]
-
 
 class BeamReader(SensorReader["TrackedReading"]):
     """Force and moment, six axes, from templates on a bending rod.

@@ -14,8 +14,6 @@ from .sensor_reader import DIAGNOSTICS, WRENCH, SensorReader, SensorReading
 if TYPE_CHECKING:
     from ..foam.sensor import FoamSensor
 
-__all__ = ["FoamReader"]
-
 
 class FoamReader(SensorReader[ForceProfile]):
     """Force and shape of a foam strip, with contact events.

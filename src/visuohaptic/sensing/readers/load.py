@@ -11,8 +11,6 @@ from .foam_reader import FoamReader
 from .scene_reader import SceneReader
 from .sensor_reader import SensorReader
 
-__all__ = ["load_reader"]
-
 
 def load_reader(path: Path, name: str) -> SensorReader[Any]:
     """The reader of a sensor's file, for live use.

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from ..scene.scene_file import SceneSensor
     from ..scene.scene_tracker import SceneReading
 
-__all__ = ["SceneReader"]
-
 
 class SceneReader(SensorReader["SceneReading"]):
     """Obstacles ahead, the motion of the floor and the platform's pose; with a foam sensor its force, too.

@@ -20,8 +20,6 @@ from ...core.resources import Closing
 from ...core.robots import BaseState
 from ...io.sinks.measurement_sink import MeasurementSink
 
-__all__ = ["SensorReader", "SensorReading"]
-
 Measured = TypeVar("Measured")
 
 #: Types of the topics of more than one sensor.

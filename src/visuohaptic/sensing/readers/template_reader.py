@@ -14,8 +14,6 @@ from .sensor_reader import SensorReader, SensorReading
 if TYPE_CHECKING:
     from ...tracking.templates.template_tracker import TemplatePose, TemplateTracker
 
-__all__ = ["TemplateReader"]
-
 _POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
 

@@ -12,8 +12,6 @@ from ...core.errors import InputError
 from ...core.measurement import Contact
 from ...core.objects import Primitive, PrimitiveKind
 
-__all__ = ["cast_to_face", "contact_face", "face_curvature"]
-
 #: Width of a contact at which its line has the same weight as the assumption that the face is perpendicular to the push [m].
 NARROW_M = 0.04
 

@@ -19,8 +19,6 @@ from ...core.ranges import POSITIVE, Ranged
 from ...core.robots import BaseState
 from .floor_motion import chain, chain_covariance
 
-__all__ = ["EgoMotionFilter", "EgoMotionSettings"]
-
 
 @dataclass(frozen=True, slots=True)
 class EgoMotionSettings(Ranged):

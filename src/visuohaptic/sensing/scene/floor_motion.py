@@ -28,8 +28,6 @@ from ...core.measurement import Motion, Reason
 from ...core.ranges import Ranged, at_least, within
 from ...tracking.points.flow import FlowStep
 
-__all__ = ["FloorMotionSettings", "FloorTracker", "PlanarFit", "chain", "fit_planar_motion", "inverse"]
-
 
 @dataclass(frozen=True, slots=True)
 class FloorMotionSettings(Ranged):

@@ -16,8 +16,6 @@ from ...core.camera.pose import Pose
 from ...core.measurement import Event, EventKind, Reason
 from ...core.ranges import POSITIVE, Ranged, at_least, within
 
-__all__ = ["ObjectEvents", "ObjectMotion", "ObjectMotionSettings"]
-
 
 @dataclass(frozen=True, slots=True)
 class ObjectMotionSettings(Ranged):

@@ -17,8 +17,6 @@ from ...core.geometry import so3_log
 from ...tracking.points.homography import decompose_homography, estimate_homography_robust, facing_motions
 from ...tracking.pose.plane_pose import lens_numbers
 
-__all__ = ["STANDING", "BodyFit", "BodyFitter", "turn_about_vertical", "turn_angle", "upright"]
-
 #: Degrees of freedom of (rotation vector, shift) of an object on the floor.
 STANDING = np.array([2, 3, 4])
 

@@ -27,8 +27,6 @@ from .contact_surface import cast_to_face
 from .object_events import ObjectEvents, ObjectMotion, ObjectMotionSettings
 from .object_fit import STANDING, BodyFit, BodyFitter, turn_about_vertical, turn_angle, upright
 
-__all__ = ["ObjectTracker"]
-
 
 class ObjectTracker:
     """The object's motion from tracked points on its face, and its events.

@@ -36,8 +36,6 @@ from ...core.measurement import Motion, Reason
 from .floor_motion import chain, inverse
 from .obstacle_parallax import FaceCells, FramePair, ObstacleSettings, StripImage
 
-__all__ = ["Obstacle", "ObstacleDetector"]
-
 #: Number of comparisons per baseline: closer frames show the same pixels again.
 _COMPARISONS = 6
 #: Frames per minute of a typical camera: an upper bound of the number of comparisons.

@@ -14,8 +14,6 @@ from dataclasses import dataclass, replace
 from ...core.measurement import Motion
 from .obstacle_mask import Obstacle
 
-__all__ = ["ObstacleMemory", "ObstacleMemorySettings"]
-
 
 @dataclass(frozen=True, slots=True)
 class ObstacleMemorySettings:

@@ -24,8 +24,6 @@ from ...core.camera.plane import PlaneView
 from ...core.errors import InputError
 from ...core.ranges import POSITIVE, Ranged, above, at_least, within
 
-__all__ = ["FaceCells", "FramePair", "ObstacleSettings", "StripImage"]
-
 #: Edge of the square whose mean is removed [bins]: a few times the maximum parallax, so that no texture that it
 #: could show is removed, and smaller than the penumbra of moving shadows.
 _MEAN_BINS = 15

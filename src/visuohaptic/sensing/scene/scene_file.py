@@ -29,10 +29,8 @@ from .obstacle_parallax import ObstacleSettings
 from .scene_regions import SceneSettings
 from .scene_tracker import SceneReading, SceneTracker
 
-__all__ = ["Odometry", "SceneConfig", "SceneSensor", "SceneSetup", "read_odometry"]
 
-
-class StripSection(Section):
+class SceneStripSection(Section):
     """The foam as an occluder of the floor."""
 
     length_m: Positive = 0.25  #: along the robot
@@ -50,7 +48,7 @@ class SceneConfig(Section):
     sensor: str | None = None  #: sensor.yaml of the foam, instead of camera and T_camera_foam
     camera: str | None = None  #: ROS camera_info
     T_camera_foam: PoseSection | None = None  #: maps the strip's frame F to the camera
-    strip: StripSection = StripSection()  #: the foam as an occluder of the floor
+    strip: SceneStripSection = SceneStripSection()  #: the foam as an occluder of the floor
     floor_below_m: Positive = 0.05  #: height of the foam's visible edge above the floor
     foam_ahead_m: Annotated[float, Field(ge=0, allow_inf_nan=False)] = (
         0.17  #: from the platform's centre to F

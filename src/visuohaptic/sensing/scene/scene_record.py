@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from ...io.sinks.measurement_sink import MeasurementSink
     from .scene_tracker import SceneReading
 
-__all__ = ["SCENE_COLUMNS", "SceneTable", "write_scene"]
-
 SCENE_COLUMNS = (
     "t_s", "valid", "reason", "x_m", "y_m", "heading_rad", "x_sigma_m", "y_sigma_m", "heading_sigma_rad",
     "floor_valid", "floor_points", "object_valid", "object_reason", "object_angle_rad", "object_angle_sigma_rad",

@@ -19,8 +19,6 @@ from .object_motion import ObjectTracker
 from .obstacle_mask import Obstacle
 from .obstacle_parallax import ObstacleSettings
 
-__all__ = ["FLOOR", "OBJECT", "SceneRegions", "SceneSettings"]
-
 FLOOR, OBJECT = 1, 2
 #: Edge of the cells that store where points are not on the floor, or not on the object [px].
 _CELL_PX = 16

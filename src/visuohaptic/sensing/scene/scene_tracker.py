@@ -35,8 +35,6 @@ from .scene_regions import FLOOR, OBJECT, SceneRegions, SceneSettings
 if TYPE_CHECKING:
     from ..foam.strip.config import FoamSetup
 
-__all__ = ["SceneReading", "SceneTracker"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneReading:

@@ -18,8 +18,6 @@ from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...core.geometry import so3_exp, so3_log
 
-__all__ = ["ElasticRod", "RodState"]
-
 
 @dataclass(frozen=True, slots=True)
 class ElasticRod:

@@ -11,8 +11,6 @@ from jaxtyping import Float32, UInt8
 from ...core.errors import InputError
 from ..rendering.textures import fractal_noise
 
-__all__ = ["Print", "collage", "print_of_image", "print_of_tag"]
-
 #: Cells of a tag of family 36h11 along its side, with its black border; half a cell of white around it.
 _CELLS = 8
 #: Subpixels per cell.

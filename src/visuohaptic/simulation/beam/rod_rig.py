@@ -12,8 +12,6 @@ from jaxtyping import Float
 from ...core.camera.pose import Pose
 from .rod import ElasticRod, RodState
 
-__all__ = ["POSE_NOISE", "PoseNoise", "RodRig", "noisy_pose"]
-
 
 @dataclass(frozen=True, slots=True)
 class PoseNoise:
@@ -53,7 +51,6 @@ POSE_NOISE: Mapping[float, PoseNoise] = {
     0.6: PoseNoise.of(2.4, 84, 7, 17),
     1.2: PoseNoise.of(11, 539, 31, 77),
 }
-
 
 #: A print that faces up along Z: its x along X, its y along -Y, its z (into the paper) along -Z.
 _FACE_UP = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))

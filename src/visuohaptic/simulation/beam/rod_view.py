@@ -24,8 +24,6 @@ from .rod import RodState
 from .rod_prints import Print
 from .rod_rig import RodRig
 
-__all__ = ["RodRenderer", "hand_held"]
-
 _FINE = 3
 #: Rows computed together: the arrays of 900 numbers of 8 bytes in a row, the rays through a print, fit the processor's cache.
 _BAND_ROWS = 64

@@ -14,8 +14,6 @@ from ...core.geometry import polygon_centroid
 from ...core.measurement import GRAVITY_M_S2
 from ...io.maps.occupancy_map import OccupancyMap
 
-__all__ = ["FloorObject", "FloorRobot", "floor_mjcf"]
-
 #: Height of the rim's equator and of the objects' outlines: they meet there (m).
 PUSH_HEIGHT_M = 0.04
 #: Outlines are rounded by this, feet are spheres of that radius (m).

@@ -9,8 +9,6 @@ import numpy as np
 
 from .floor_world import FloorWorld
 
-__all__ = ["FloorSenses", "SensorErrors"]
-
 
 @dataclass(frozen=True, slots=True)
 class SensorErrors:

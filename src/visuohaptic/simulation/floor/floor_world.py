@@ -25,8 +25,6 @@ from ..mobile.platform import CommandedBase, towards
 from .floor_model import FloorObject, FloorRobot, floor_mjcf
 from .walls import wall_boxes
 
-__all__ = ["FloorBase", "FloorTouch", "FloorWorld"]
-
 #: Physics is computed while the rim is nearer than this to anything (m).
 NEAR_M = 0.03
 #: The drive stalls when the reaction is too large for this time (s).

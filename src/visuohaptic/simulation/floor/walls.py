@@ -7,8 +7,6 @@ from jaxtyping import Bool, Float
 
 from ...io.maps.occupancy_map import OccupancyMap
 
-__all__ = ["merged_rectangles", "wall_boxes"]
-
 
 def wall_boxes(map: OccupancyMap, *, depth_cells: int = 2) -> Float[np.ndarray, "n 4"]:
     """Occupied cells that can be touched, merged.

@@ -11,8 +11,6 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ...core.geometry import rotation_2d, wrap_angle
 
-__all__ = ["Outline"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outline:

@@ -17,8 +17,6 @@ from .strip import FoamStrip, StripState
 from .strip_geometry import FoamStripGeometry
 from .strip_law import SOFT_FOAM, StripLaw
 
-__all__ = ["PressSample", "PressShape", "calibration_press", "press", "press_outline", "press_path"]
-
 #: Maximum motion of the plate per step (m).
 STEP_M = 1e-4
 #: Speed of the press (m/s).

@@ -12,8 +12,6 @@ from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...core.files import save_yaml
 
-__all__ = ["SensorRig"]
-
 
 @dataclass(frozen=True, slots=True)
 class SensorRig:

@@ -14,8 +14,6 @@ from .outline import Outline
 from .strip_geometry import FoamStripGeometry
 from .strip_law import FREE_STRAIN, SOFT_FOAM, TABLE_END, TABLE_SIZE, TABLE_START, StripLaw
 
-__all__ = ["FoamStrip", "StripState"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StripState:

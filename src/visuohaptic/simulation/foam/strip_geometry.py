@@ -10,8 +10,6 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 
-__all__ = ["FoamStripGeometry"]
-
 
 @dataclass(frozen=True, slots=True)
 class FoamStripGeometry:

@@ -19,8 +19,6 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 
-__all__ = ["REFERENCE_FOAM", "SOFT_FOAM", "StripLaw"]
-
 #: Range and number of the tables that the kernel reads; strain below 0 is tension.
 TABLE_START, TABLE_END, TABLE_SIZE = -0.6, 0.95, 6201
 #: Below this strain (0.2 um of 20 mm) foam counts as unloaded and its memory is reset.
@@ -131,7 +129,15 @@ class StripLaw:
 
 
 def write_calibration_csv(path: Path | str, rows: Sequence[tuple[float, float, str]]) -> None:
-    """Write press rows as the calibration file ``strain,stress_Pa,direction``."""
+    """Write press rows as the calibration file ``strain,stress_Pa,direction``.
+
+    Parameters
+    ----------
+    path
+        CSV file to write.
+    rows
+        Strain, stress [Pa] and direction (``loading`` or ``unloading``) of each sample.
+    """
     from ...core.files import write_text
 
     lines = ["strain,stress_Pa,direction", *(f"{e:.6f},{s:.3f},{d}" for e, s, d in rows)]

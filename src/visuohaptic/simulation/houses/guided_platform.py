@@ -14,8 +14,6 @@ from ..mobile.laser import SimulatedLaser
 from ..mobile.odometry import DriftingBase
 from .house import House
 
-__all__ = ["GuidedPlatform"]
-
 #: Speed of the platform [m/s].
 SPEED_M_S = 0.3
 

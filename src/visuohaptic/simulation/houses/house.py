@@ -14,8 +14,6 @@ from ..mobile.obstacles import SimulatedObstacle
 from ..mobile.odometry import OdometryErrors
 from ..mobile.office import furnished_office
 
-__all__ = ["House", "door_row", "office_house"]
-
 #: Ratio of the resolution of the laser's grid to that of the walls.
 FINER = 4
 

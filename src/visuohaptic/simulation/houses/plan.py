@@ -16,8 +16,6 @@ from scipy import ndimage
 
 from ...io.maps.occupancy_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
-__all__ = ["FloorPlan", "draw_plan"]
-
 CELL_M = 0.05
 #: Solid border of a plan, and unknown cells beyond it [m].
 WALL_M, MARGIN_M = 0.1, 0.2

@@ -15,8 +15,6 @@ from ..mobile.odometry import OdometryErrors
 from .house import House, door_row
 from .plan import FloorPlan, draw_plan
 
-__all__ = ["random_house"]
-
 #: Odometry with a scale error of 2 %, and slip.
 ODOMETRY = OdometryErrors(scale=0.02, scale_turn=0.005, slip_m=0.004)
 #: A gap that is too narrow for any platform of 34 cm, and one that is wide enough [m].

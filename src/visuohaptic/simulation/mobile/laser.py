@@ -12,8 +12,6 @@ from ...core.geometry import rotation_2d
 from ...core.laser_scan import LaserScan
 from ...io.maps.occupancy_map import OccupancyMap
 
-__all__ = ["LaserConfig", "SimulatedLaser"]
-
 
 @dataclass(frozen=True, slots=True)
 class LaserConfig:

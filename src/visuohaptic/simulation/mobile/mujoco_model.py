@@ -11,8 +11,6 @@ from ...core.measurement import GRAVITY_M_S2
 from .obstacles import FOOT_M, ObstacleKind, SimulatedObstacle
 from .platform import PlatformConfig
 
-__all__ = ["feet_mjcf", "obstacle_mjcf", "platform_mjcf", "world_mjcf"]
-
 
 def feet_mjcf(obstacle: SimulatedObstacle) -> str:
     """Contact of the feet with the floor.

@@ -16,18 +16,6 @@ from ...core.measurement import GRAVITY_M_S2
 from ..foam.outline import Outline
 from ..rendering.scene import Solid
 
-__all__ = [
-    "ObstacleKind",
-    "SimulatedObstacle",
-    "box",
-    "cylinder",
-    "door",
-    "leaning_solid",
-    "section",
-    "table",
-    "wall",
-]
-
 #: Feet on which movable obstacles stand: radius (m). A flat bottom would rest on arbitrary points.
 FOOT_M = 0.004
 #: Tilt above which the cross section is cut from the solid instead of the upright outline (rad).

@@ -9,8 +9,6 @@ import numpy as np
 
 from ...core.robots import BaseState, MobileBase
 
-__all__ = ["DriftingBase", "OdometryErrors"]
-
 
 @dataclass(frozen=True, slots=True)
 class OdometryErrors:

@@ -17,8 +17,6 @@ from ...core.errors import InputError
 from ...core.geometry import compose_2d, wrap_angle
 from .obstacles import SimulatedObstacle, box, cylinder, table
 
-__all__ = ["ApproachPath", "Office", "furnished_office", "obstacles_for_map"]
-
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 #: Clearance on both sides of a path, free gap between foam and obstacle at its start, and free length behind [m].
 ROBOT_RADIUS_M, APPROACH_M, PUSH_M = 0.2, 0.35, 0.35

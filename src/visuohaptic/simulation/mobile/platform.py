@@ -10,8 +10,6 @@ from ...core.errors import InputError
 from ...core.robots import BaseState, MobileBase
 from ..foam.strip_geometry import FoamStripGeometry
 
-__all__ = ["CommandedBase", "DrivenWorld", "PlatformConfig", "SimulatedBase", "towards"]
-
 
 @dataclass(frozen=True, slots=True)
 class PlatformConfig:

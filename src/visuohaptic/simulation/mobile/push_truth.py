@@ -10,8 +10,6 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ..foam.strip import StripState
 
-__all__ = ["BodyTruth", "PushTruth"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyTruth:

@@ -28,8 +28,6 @@ from .obstacles import (
 from .platform import PlatformConfig, SimulatedBase
 from .push_truth import BodyTruth, PushTruth
 
-__all__ = ["FoamPushWorld"]
-
 #: Target interval of the foam's equilibrium (s); MuJoCo takes two steps in it.
 FOAM_STEP_S = 0.002
 #: Objects nearer than this to the strip are in the scene (m).

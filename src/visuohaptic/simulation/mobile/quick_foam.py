@@ -19,8 +19,6 @@ from ..foam.strip import StripState
 from ..rendering.blank_frames import BlankFrames
 from .platform import PlatformConfig
 
-__all__ = ["QuickFoam", "QuickFrames", "StripWorld"]
-
 
 class _Truth(Protocol):
     @property

@@ -25,8 +25,6 @@ from ..foam.strip_law import SOFT_FOAM, StripLaw
 from .obstacles import ObstacleKind, SimulatedObstacle
 from .platform import CommandedBase, PlatformConfig, towards
 
-__all__ = ["QuickTruth", "QuickWorld"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QuickTruth:

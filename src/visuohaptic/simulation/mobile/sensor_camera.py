@@ -16,8 +16,6 @@ from ...core.resources import Closing
 from ..rendering.scene import FoamScene
 from .push_world import FoamPushWorld
 
-__all__ = ["Renderer", "SimulatedSensorCamera"]
-
 
 class Renderer(Protocol):
     """Renders a scene as the camera's image."""

@@ -10,8 +10,6 @@ from jaxtyping import Bool, Float
 
 from .obstacles import ObstacleKind, SimulatedObstacle, box, cylinder, wall
 
-__all__ = ["TouchRoom", "touch_room"]
-
 WALL_M = 0.1
 
 

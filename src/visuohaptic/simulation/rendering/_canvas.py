@@ -16,8 +16,6 @@ from .effects import in_bands
 from .rolling_view import ray_table
 from .textures import MATERIALS, TILE_TEXELS, blurred_texels
 
-__all__ = ["Canvas", "Coverage", "Hole", "Parts", "Plane", "coverage"]
-
 #: Number of cached coverages.
 _KEPT_COVERS = 24
 

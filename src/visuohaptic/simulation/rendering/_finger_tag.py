@@ -11,8 +11,6 @@ from jaxtyping import Float, Float32, Int16, UInt8
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 
-__all__ = ["FingerTag", "paint_tag"]
-
 #: Cells of a tag of family 36h11 along its side, with its black border; a white cell goes around it.
 CELLS = 8
 #: Samples per pixel along each axis.

@@ -14,19 +14,6 @@ from ...core.camera.pose import Pose
 from ...core.geometry import polygon_area, wrap_angle
 from .rolling_view import NEAR_M, cut_polygon, following
 
-__all__ = [
-    "Face",
-    "at_height",
-    "closed",
-    "hidden_from",
-    "hidden_parts",
-    "prism_faces",
-    "silhouette",
-    "solid_faces",
-    "turned_left",
-]
-
-
 #: Neighbouring edges whose directions differ by less share one face and its texture.
 SMOOTH_RAD = 0.15
 

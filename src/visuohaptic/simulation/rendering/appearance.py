@@ -10,8 +10,6 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from .textures import MATERIALS
 
-__all__ = ["Look", "Occluder", "Surface"]
-
 
 @dataclass(frozen=True, slots=True)
 class Surface:

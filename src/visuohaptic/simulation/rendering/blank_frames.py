@@ -13,8 +13,6 @@ from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
 from ...core.resources import Closing
 
-__all__ = ["BlankFrames"]
-
 
 class BlankFrames(Closing):
     """A ``robots.FrameSource`` that advances the world by one frame period per frame; worlds implement :meth:`advance`."""

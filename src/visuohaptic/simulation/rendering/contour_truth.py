@@ -7,8 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-__all__ = ["ContourTruth", "crossings"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContourTruth:

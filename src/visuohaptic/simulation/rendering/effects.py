@@ -16,8 +16,6 @@ from ...core.map_tasks import available_cores
 from ...core.ranges import NON_NEGATIVE, Ranged, at_least, within
 from ._render_kernels import develop
 
-__all__ = ["CameraEffects", "in_bands"]
-
 
 @dataclass(frozen=True, slots=True)
 class CameraEffects(Ranged):

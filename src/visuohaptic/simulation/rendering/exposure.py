@@ -15,8 +15,6 @@ from ._solids import turned_left
 from .rolling_view import RollingView
 from .scene import FoamScene
 
-__all__ = ["CameraShake", "ExposedScene", "SceneLike", "inner_edge", "observe"]
-
 #: A static scene, or one that depends on time [s].
 SceneLike = FoamScene | Callable[[float], FoamScene]
 

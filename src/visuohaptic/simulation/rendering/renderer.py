@@ -37,8 +37,6 @@ from .scene import FoamScene
 from .shadow import shade_floor
 from .textures import MATERIALS
 
-__all__ = ["SceneRenderer"]
-
 #: Light comes from above, behind and the left; a face's brightness grows with its normal along this direction.
 _LIGHT = np.array([-0.5, 0.3, 1.0])
 _MEAN_LIGHT = 0.5

@@ -17,8 +17,6 @@ from jaxtyping import Float, Int
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 
-__all__ = ["RollingView", "ray_table"]
-
 #: Nothing nearer to the camera than this is drawn [m].
 NEAR_M = 0.02
 
@@ -251,6 +249,13 @@ def cut_polygon(points: np.ndarray, inside: np.ndarray) -> np.ndarray:
 
     ``points`` (n, ...) may carry any attributes, which are interpolated; disconnected
     parts stay joined by lines without area.
+
+    Parameters
+    ----------
+    points
+        Corners with any attributes, (n, ...).
+    inside
+        Values of the function at the corners, (n,).
     """
     keep = inside >= 0
     if keep.all():
@@ -267,7 +272,13 @@ def cut_polygon(points: np.ndarray, inside: np.ndarray) -> np.ndarray:
 
 
 def following(points: np.ndarray) -> np.ndarray:
-    """The next point of each point of a polygon."""
+    """The next point of each point of a polygon.
+
+    Parameters
+    ----------
+    points
+        Corners in order, (n, ...).
+    """
     return np.concatenate([points[1:], points[:1]])
 
 

@@ -9,8 +9,6 @@ from jaxtyping import Float
 
 from ...core.camera.pose import Pose
 
-__all__ = ["FoamScene", "SceneObject", "Solid"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solid:

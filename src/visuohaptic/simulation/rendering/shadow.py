@@ -10,8 +10,6 @@ from .appearance import Look
 from .rolling_view import RollingView
 from .scene import FoamScene
 
-__all__ = ["shade_floor"]
-
 #: The shadow is soft: it is computed on an image this many times smaller.
 _REDUCTION = 8
 

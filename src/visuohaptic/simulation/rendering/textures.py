@@ -13,8 +13,6 @@ from jaxtyping import Float, UInt8, UInt32
 
 from ...core.errors import InputError
 
-__all__ = ["MATERIALS", "TILE_MEAN", "TILE_SIGMA", "TILE_TEXELS", "blurred_texels", "texture_tile"]
-
 TILE_MEAN = 128.0
 TILE_SIGMA = 42.0
 #: Edge length of a tile.
@@ -45,6 +43,10 @@ def fractal_noise(
 
     Parameters
     ----------
+    rng
+        Random numbers.
+    size
+        Texels along each side.
     slope
         Exponent of the amplitude; 0 is white, 1 is cloudy.
     stretch

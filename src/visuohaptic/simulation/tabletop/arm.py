@@ -11,8 +11,6 @@ from ...core.geometry import so3_log
 from ...core.ranges import NON_NEGATIVE, POSITIVE, check_numbers
 from ...core.robots import ProbeArm
 
-__all__ = ["SimulatedArm"]
-
 
 class SimulatedArm(ProbeArm):
     """A ``robots.ProbeArm`` with straight tip motions; time passes by :meth:`advance`.

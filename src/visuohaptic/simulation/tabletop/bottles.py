@@ -13,8 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-__all__ = ["SECTIONS", "Bottle", "random_bottle"]
-
 #: Kinds of base area.
 SECTIONS = ("round", "elliptic", "flattened")
 

@@ -22,8 +22,6 @@ from ...core.errors import InputError
 from ..rendering.blank_frames import BlankFrames
 from .arm import SimulatedArm
 
-__all__ = ["CapSeen", "CrownCapCell", "Opener", "OpenerBeam"]
-
 #: Outline (r, z) of a crown cap on a bottle's neck [m]; z = 0 is its top (ISO 12821, 26 mm finish).
 CAPPED = 1e-3 * np.array(
     [(0.0, 0.0), (13.3, 0.0), (15.0, -1.0), (16.05, -6.0), (13.0, -6.0), (13.0, -16.0), (14.5, -18.0),

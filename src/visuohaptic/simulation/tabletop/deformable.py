@@ -16,8 +16,6 @@ from ...core.ranges import check_numbers, within
 if TYPE_CHECKING:
     from ...deformation.shells.fourier_shell import RevolutionShell
 
-__all__ = ["GRAIN_FILL", "WATER_FILL", "BulkFill", "DeformableContainer"]
-
 
 @dataclass(frozen=True, slots=True)
 class BulkFill:

@@ -20,8 +20,6 @@ from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from .refraction import RefractingScene
 
-__all__ = ["DepthCamera", "DepthCameraOptics"]
-
 
 @dataclass(frozen=True, slots=True)
 class DepthCameraOptics:

@@ -22,8 +22,6 @@ from ...core.errors import InputError
 from .depth_camera import DepthCamera
 from .refraction import GLASS, PET, Band, Box, RefractingScene, Revolution
 
-__all__ = ["SCENE_KINDS", "GlassScene", "GlassView", "disturb_pose", "glass_scene"]
-
 GlassKind = Literal["thin", "thick", "labelled", "filled"]
 SCENE_KINDS: tuple[GlassKind, ...] = ("thin", "thick", "labelled", "filled")
 

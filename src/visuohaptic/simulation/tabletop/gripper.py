@@ -29,9 +29,6 @@ from ..rendering.renderer import SceneRenderer
 from ..rendering.scene import FoamScene, SceneObject
 from .gripper_setup import ROD, RUBBER_FOAM, FingerView, GraspObject, GripperDrive, GripperTruth
 
-__all__ = ["VirtualGripper"]
-
-
 #: Maximum motion of the finger per step [m], and maximum step [s].
 STEP_M, STEP_S = 1e-4, 0.005
 

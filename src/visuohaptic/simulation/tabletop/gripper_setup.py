@@ -18,17 +18,6 @@ from ..rendering._finger_tag import FingerTag
 from ..rendering.appearance import Look, Occluder, Surface
 from ..rendering.effects import CameraEffects
 
-__all__ = [
-    "GRIPPER_RIG",
-    "ROD",
-    "RUBBER_FOAM",
-    "FingerView",
-    "GraspObject",
-    "GripperDrive",
-    "GripperTruth",
-    "gripper_look",
-]
-
 #: Rubber foam (EPDM): slope about 0.4 MPa per unit strain, a 7 cm bottle reaches 100 N.
 RUBBER_FOAM = StripLaw(mu_Pa=(200e3, 5e3), alpha=(3.0, -2.0))
 #: The rod on the finger: cross section 1.5 x 1 cm.

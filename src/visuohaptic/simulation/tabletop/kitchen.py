@@ -20,8 +20,6 @@ from ..rendering.blank_frames import BlankFrames
 from .arm import SimulatedArm
 from .deformable import DeformableContainer
 
-__all__ = ["FingerObservation", "KitchenTable"]
-
 
 @dataclass(frozen=True, slots=True)
 class FingerObservation:

@@ -13,8 +13,6 @@ from ..rendering.blank_frames import BlankFrames
 from .arm import SimulatedArm
 from .bottles import Bottle
 
-__all__ = ["ProbeCell"]
-
 
 @dataclass
 class ProbeCell(BlankFrames):

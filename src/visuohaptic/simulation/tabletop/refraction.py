@@ -15,8 +15,6 @@ from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
 
-__all__ = ["AIR", "GLASS", "PET", "WATER", "Band", "Box", "RefractingScene", "Revolution"]
-
 #: Refractive indices at the 850 nm of the usual projectors [1].
 AIR, WATER, GLASS, PET = 1.0, 1.33, 1.51, 1.57
 

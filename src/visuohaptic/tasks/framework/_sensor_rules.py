@@ -12,17 +12,6 @@ from ...core.camera.frame import Frame
 from ...core.geometry import wrap_angle
 from ...core.robots import DepthSource, FingerTouch, FrameSource, Localizer, MapPose, MobileBase
 
-__all__ = [
-    "FRESH_s",
-    "TouchReader",
-    "camera_rules",
-    "clock_rules",
-    "depth_rules",
-    "localizer_rules",
-    "rule",
-    "touch_rules",
-]
-
 #: Test commands of a base: speed [m/s], turn rate [rad/s], and their duration [s].
 SPEED_m_s, TURN_rad_s, HOLD_s = 0.05, 0.25, 2.0
 #: Accepted ratio of measured to commanded motion: a ramp of a quarter of the time loses an eighth of the distance.
@@ -63,7 +52,7 @@ def rule(promise: str, kept: object, found: str) -> tuple[str, str]:
     return promise, "" if kept else f"found {found}"
 
 
-def fresh_rule(time_s: Callable[[], float], wait: Callable[[float], None]) -> tuple[str, str]:
+def _fresh_rule(time_s: Callable[[], float], wait: Callable[[float], None]) -> tuple[str, str]:
     """Check that readings are recent enough for stopping in time.
 
     Parameters
@@ -102,7 +91,7 @@ def clock_rules(
     passed = time_s() - before
     found = f"{passed:.4g} s in its times while {waited_s:.4g} s passed"
     yield rule("time advances, in seconds", MIN_RATIO * waited_s <= passed <= MAX_RATIO * waited_s, found)
-    yield fresh_rule(time_s, wait)
+    yield _fresh_rule(time_s, wait)
 
 
 def camera_rules(camera: FrameSource) -> Iterator[tuple[str, str]]:
@@ -160,7 +149,7 @@ def localizer_rules(
     yield rule("locate() is a MapPose", isinstance(start, MapPose), type(start).__name__)
     numbers = (start.t_s, start.x_m, start.y_m, start.heading_rad)
     yield rule("its numbers are finite", np.isfinite(numbers).all(), f"{start}")
-    yield fresh_rule(lambda: localizer.locate().t_s, wait)
+    yield _fresh_rule(lambda: localizer.locate().t_s, wait)
     if base is None or not motion:
         return
     start, before = localizer.locate(), base.state()

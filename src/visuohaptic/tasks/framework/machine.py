@@ -23,8 +23,6 @@ from ...core.codec import from_dict, to_dict
 from ...core.errors import InputError
 from .trace import Ending, Step, Trace
 
-__all__ = ["Machine", "Observation", "Rule", "replay"]
-
 
 class Observation(Protocol):
     """Fields common to all observations."""

@@ -20,8 +20,6 @@ from ...core.errors import InputError
 from ...core.geometry import so3_log
 from ...reconstruction.mesh import SurfaceMesh
 
-__all__ = ["Capsule", "KnownObstacles", "PathClearance"]
-
 Point = tuple[float, float, float]
 
 

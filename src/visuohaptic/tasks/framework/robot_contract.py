@@ -45,8 +45,6 @@ from ._sensor_rules import (
     touch_rules,
 )  # fmt: skip
 
-__all__ = ["ContractRule", "RobotParts", "assert_robot", "check_robot"]
-
 #: Test distances of arm and fingers [m].
 LIFT_m, SQUEEZE_m = 0.02, 0.01
 #: Maximum motion of a stopped part [m], [rad], and tolerance of a reached position [m].

@@ -9,8 +9,6 @@ from typing import Any
 from ...core.errors import DeviceError
 from .machine import CommandT, Machine, ObservationT
 
-__all__ = ["run_machine"]
-
 
 def run_machine(
     task: Machine[Any, ObservationT, CommandT],

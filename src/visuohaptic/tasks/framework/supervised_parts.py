@@ -25,8 +25,6 @@ from .path_clearance import KnownObstacles
 from .supervisor import SupervisorCore
 from .watched_sensors import WatchedFrames, WatchedSenses, WatchedSensor, force_of
 
-__all__ = ["Supervisor"]
-
 ReadingT = TypeVar("ReadingT")
 #: Minimum distance from its target of a commanded part whose constant readings mean that they are frozen, or that it is held [m].
 STANDING_M = 1e-3

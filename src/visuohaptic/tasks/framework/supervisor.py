@@ -28,8 +28,6 @@ from ...core.errors import DeviceError
 from ...core.ranges import POSITIVE, Ranged
 from ...core.resources import Closing
 
-__all__ = ["SafetyHold", "SafetyLimits", "SupervisedPart", "SupervisorCore"]
-
 RequestT = TypeVar("RequestT")
 Point = tuple[float, float, float]
 #: Rate of the checks by the supervisor's own thread [Hz].

@@ -13,8 +13,6 @@ from ...core.errors import InputError
 from ...core.files import write_text
 from ...core.ranges import FINITE, check_ranges
 
-__all__ = ["Ending", "Step", "Trace"]
-
 #: Maximum size of a trace file (bytes), about a million steps; checked before parsing.
 MAX_TRACE_BYTES = 512 * 1024 * 1024
 

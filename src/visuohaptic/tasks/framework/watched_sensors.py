@@ -15,8 +15,6 @@ from ...core.resources import Closing
 from ...core.robots import FrameSource
 from .supervisor import SupervisorCore
 
-__all__ = ["WatchedFrames", "WatchedSenses", "WatchedSensor", "force_of"]
-
 
 def force_of(reading: Any) -> float:
     """Magnitude of the force in a reading [N]; NaN if invalid, infinite if the foam is saturated without a force.

@@ -18,8 +18,6 @@ from ...recognition.touch.refinement import correct_map
 from .hand import Place
 from .squeeze_task import SqueezeCurve
 
-__all__ = ["BayesSqueezer", "correct_by_squeezes", "curve_fit"]
-
 #: Standard deviation of the mean of the readings at one force level: force [N] and surface position [m] of the finger.
 NOISE = TouchNoise(0.05, 5e-5)
 #: Number of levels at both ends of an object that are not squeezed: an error of the object's height has most effect there.

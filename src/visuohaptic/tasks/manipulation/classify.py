@@ -13,14 +13,6 @@ from ..framework.trace import Ending, Trace
 from .hand import Hand, Place
 from .squeeze_task import SqueezeCurve, SqueezeOutcome, SqueezeSettings, squeeze
 
-__all__ = [
-    "Classification",
-    "ClassifyOutcome",
-    "ClassifySettings",
-    "SqueezeClassifier",
-    "classify_by_squeezing",
-]
-
 
 class SqueezeClassifier(Protocol):
     """Interface of a classifier with an exploration plan."""

@@ -24,17 +24,6 @@ from .hand import as_vector
 if TYPE_CHECKING:
     from ...reconstruction.completion.surface_completion import Completion
 
-__all__ = [
-    "CompleteOutcome",
-    "CompleteSettings",
-    "CompleteState",
-    "CompleteTask",
-    "CompletionByTouch",
-    "ProbeCommand",
-    "ProbeObservation",
-    "complete_by_touch",
-]
-
 Vector = tuple[float, float, float]
 _NOWHERE = (math.nan, math.nan, math.nan)
 

@@ -20,8 +20,6 @@ from .grasp import LiftPlan, grasp_and_lift
 from .hand import Hand, Place
 from .squeeze_task import SqueezeCurve, SqueezeOutcome, SqueezeSettings, squeeze
 
-__all__ = ["ContentsFinding", "identify_contents", "weigh"]
-
 #: Minimum probability of a claimed lid state; maximum number of squeezes; number of frames read at each level.
 CONFIDENCE, MAX_SQUEEZES, HOLD_FRAMES = 0.98, 6, 12
 #: Minimum number of force levels of a large-deformation curve.

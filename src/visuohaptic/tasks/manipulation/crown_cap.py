@@ -18,8 +18,6 @@ from .crown_cap_records import CapCommand, CapObservation, CapOpening, CapOutcom
 from .crown_cap_task import CrownCapTask
 from .hand import as_vector
 
-__all__ = ["open_crown_cap", "tool_wrench"]
-
 
 def open_crown_cap(
     arm: ProbeArm,

@@ -12,17 +12,6 @@ from jaxtyping import Float
 from ...core.ranges import FINITE, POSITIVE, check_ranges
 from ..framework.trace import Ending, Trace
 
-__all__ = [
-    "CapCommand",
-    "CapObservation",
-    "CapOpening",
-    "CapOutcome",
-    "CapSettings",
-    "CapSighting",
-    "CapState",
-    "Vector",
-]
-
 Vector = tuple[float, float, float]
 
 

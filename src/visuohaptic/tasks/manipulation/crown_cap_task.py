@@ -24,8 +24,6 @@ from ..framework.machine import Machine, Rule
 from .crown_cap_records import CapCommand, CapObservation, CapOutcome, CapSettings, CapState, Vector
 from .hand import as_vector
 
-__all__ = ["CrownCapTask"]
-
 _STOP = CapCommand(False)
 
 

@@ -15,8 +15,6 @@ from ...core.robots import Gripper
 from ...sensing.foam.finger import FingerReading, FingerSensor
 from ...sensing.foam.sensor import FoamSensor
 
-__all__ = ["FoamFinger", "FoamFingerOnDrive", "FoamTouch"]
-
 
 @dataclass(frozen=True, slots=True)
 class FoamTouch:

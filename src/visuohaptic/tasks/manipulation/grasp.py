@@ -14,8 +14,6 @@ from ..framework.machine import Rule
 from ..framework.trace import Ending, Trace
 from .hand import Hand, HandCommand, HandObservation, HandTask, Place, run_hand
 
-__all__ = ["GraspAndLift", "GraspAndLiftTask", "GraspOutcome", "GraspState", "LiftPlan", "grasp_and_lift"]
-
 
 class GraspState(StrEnum):
     """What the hand is doing."""

@@ -16,8 +16,6 @@ from ...core.robots import FingerTouch, FrameSource, Gripper, ProbeArm, require_
 from ..framework.machine import Machine, StateT
 from ..framework.run import run_machine
 
-__all__ = ["Hand", "HandCommand", "HandObservation", "HandTask", "Place", "as_vector", "run_hand"]
-
 
 @dataclass(frozen=True, slots=True)
 class Hand:

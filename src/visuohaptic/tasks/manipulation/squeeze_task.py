@@ -16,16 +16,6 @@ from ..framework.machine import Rule
 from ..framework.trace import Ending, Trace
 from .hand import Hand, HandCommand, HandObservation, HandTask, Place, run_hand
 
-__all__ = [
-    "SqueezeCurve",
-    "SqueezeOutcome",
-    "SqueezeSettings",
-    "SqueezeState",
-    "SqueezeTask",
-    "Squeezing",
-    "squeeze",
-]
-
 
 class SqueezeState(StrEnum):
     """What the hand is doing."""

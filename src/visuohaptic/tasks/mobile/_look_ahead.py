@@ -6,8 +6,6 @@ import math
 
 from .explore_records import ExploreSettings
 
-__all__ = ["LookAhead"]
-
 
 class LookAhead:
     """Speed limit of the platform from the free distance seen ahead of the foam.

@@ -15,8 +15,6 @@ from ...sensing.push.primitives import PrimitiveFit, fit_contact
 from ...sensing.push.push_record import StopReason, record_push
 from ...sensing.push.tag import tag_from_push
 
-__all__ = ["PushRecording"]
-
 
 class PushRecording:
     """Force profiles and odometry of one push, until the platform retreats."""

@@ -11,8 +11,6 @@ from jaxtyping import Float
 from ...core.geometry import rotation_2d
 from .floor_outline import DEPTH_FACTOR
 
-__all__ = ["heading_across", "join_sides"]
-
 #: Two standard deviations of laser and map between scans of the same side [m].
 SIDE_DISTANCE_M = 0.03
 

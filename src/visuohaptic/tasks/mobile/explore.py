@@ -33,8 +33,6 @@ from .explore_task import ExploreTask
 if TYPE_CHECKING:
     from ...sensing.scene.scene_tracker import SceneReading, SceneTracker
 
-__all__ = ["ExploreStep", "ObstacleExploration", "explore_obstacle"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExploreStep:

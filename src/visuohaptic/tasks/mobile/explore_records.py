@@ -14,8 +14,6 @@ from ...core.ranges import POSITIVE, Ranged
 if TYPE_CHECKING:
     from ...sensing.foam.material.foam_material import FoamMaterial
 
-__all__ = ["ExploreCommand", "ExploreObservation", "ExploreOutcome", "ExploreSettings", "ExploreState"]
-
 #: A depth, or an array of several.
 DepthT = TypeVar("DepthT", float, np.ndarray)
 

@@ -17,8 +17,6 @@ from .explore_records import (
 )
 from .force_guard import ForceGuard, GuardState, ReactionTime
 
-__all__ = ["ExploreTask"]
-
 
 class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
     """Drive straight on until contact, push the obstacle, stand still, retreat.

@@ -17,8 +17,6 @@ from jaxtyping import Float
 
 from ...core.geometry import compose_2d, rotation_2d
 
-__all__ = ["DEPTH_FACTOR", "FloorOutline", "fit_outlines", "log_depth_prior"]
-
 #: Standard deviation of laser points from their outline [m]: 9.3 +- 0.8 mm over twenty objects of random houses, for a laser
 #: of 10 mm. Errors of points of one scan are correlated: for the choice between shapes, a group counts as this many independent
 #: points, because the root mean square of a group varies by 21 % = 1 / sqrt(2 * 11) over 142 objects.

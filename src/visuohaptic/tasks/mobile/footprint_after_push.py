@@ -12,8 +12,6 @@ from ...core.objects import Primitive, PrimitiveKind
 from .explore import ObstacleExploration
 from .floor_outline import FloorOutline
 
-__all__ = ["footprint_after_push"]
-
 
 def footprint_after_push(found: ObstacleExploration, seen: FloorOutline, *, front_m: float) -> FloorOutline:
     """Outline of the object where it was left after the push.

@@ -15,8 +15,6 @@ from ...sensing.push.push_record import reaches_limit
 from ..framework.supervisor import CHECK_RATE_HZ, SafetyLimits
 from .explore_records import ExploreSettings
 
-__all__ = ["FoamLimit", "ForceGuard", "GuardState", "ReactionTime"]
-
 #: Number of readings whose median distinguishes friction from the impacts of a rattling contact.
 MEDIAN_OF = 5
 #: Maximum number of consecutive invalid readings before the sensor counts as failed: half a second at 50 Hz.

@@ -18,8 +18,6 @@ import numpy as np
 from ...core.objects import HapticTag, VisuoHapticObject
 from .floor_outline import SIDE_M, FloorOutline, log_depth_prior
 
-__all__ = ["recognise", "remembered_outline"]
-
 #: A stored object is used from this probability on.
 CONFIDENT_PROBABILITY = 0.9
 #: Widths of objects that were never observed: half of them round, uniform in the logarithm between these limits [m].

@@ -39,8 +39,6 @@ from ...navigation.pushing.push_failure import CENTRE_FRACTION
 from ...navigation.pushing.push_model import CONTACT_FRICTION
 from .force_guard import ForceGuard, GuardState
 
-__all__ = ["PushEnd", "PushSettings", "SteeredPush"]
-
 Pose = Float[np.ndarray, "3"]
 #: Minimum motion of an object for an estimate of its centre of friction [m], and position error of a sighting [m].
 MIN_MOTION_M, SEEN_M = 0.005, 0.003

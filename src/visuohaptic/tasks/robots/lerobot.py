@@ -25,8 +25,6 @@ from ...core.robots import BaseState, Gripper, GripperState
 from ...io.frames.camera_backend import CameraBackend, time_s
 from .repeater import RepeatedBase, Repeater
 
-__all__ = ["LeRobotBase", "LeRobotCamera", "LeRobotGripper", "LeRobotLink"]
-
 #: Number of readings for a speed estimate: enough to average over the steps of an encoder.
 READINGS = 5
 

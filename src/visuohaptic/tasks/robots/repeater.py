@@ -14,8 +14,6 @@ from ...core.ranges import FINITE, above, check_numbers
 from ...core.resources import Closing
 from ...core.robots import MobileBase
 
-__all__ = ["RepeatedBase", "Repeater"]
-
 _log = logging.getLogger(__name__)
 
 

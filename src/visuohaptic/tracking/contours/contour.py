@@ -22,8 +22,6 @@ from ._refine_kernels import refine, start_on_edge
 from ._search_kernels import search
 from .lines import ConstraintLines
 
-__all__ = ["Contour", "ContourSettings", "ContourTracker", "PointReason", "quick_median"]
-
 #: Number of points on each side over which the levels beside the edge are fitted jointly ...
 SHARED_POINTS = 10
 #: ... and the resulting correlation between the noise of two of them: the fraction by which

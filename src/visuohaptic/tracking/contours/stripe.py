@@ -19,8 +19,6 @@ from ...core.errors import CalibrationError, InputError, MissingExtraError
 from ...core.files import atomic_path, read_npz
 from .lines import ConstraintLines
 
-__all__ = ["StripeModel"]
-
 #: Cells of the table per colour channel, and their width in grey levels.
 CELLS, CELL = 32, 8
 FORMAT = 1

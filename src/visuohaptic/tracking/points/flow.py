@@ -21,8 +21,6 @@ from jaxtyping import Bool, Float, Int, UInt8
 from ...core.errors import InputError
 from ...core.ranges import at_least, check_ranges, within
 
-__all__ = ["FlowSettings", "FlowStep", "PointTracker", "location_sigma_px"]
-
 #: A label image, or a function that returns one.
 Regions = UInt8[np.ndarray, "rows columns"] | Callable[[], UInt8[np.ndarray, "rows columns"]]
 

@@ -21,16 +21,6 @@ from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
 
-__all__ = [
-    "PlaneMotion",
-    "RobustHomography",
-    "apply_homography",
-    "decompose_homography",
-    "estimate_homography",
-    "estimate_homography_robust",
-    "facing_motions",
-]
-
 #: Relative difference of singular values below which a motion is degenerate.
 _SAME = 1e-9
 

@@ -23,8 +23,6 @@ from ...core.errors import InputError
 from ...core.geometry import so3_log
 from ..points.homography import decompose_homography, estimate_homography, facing_motions
 
-__all__ = ["PlanePose", "estimate_plane_poses", "lens_numbers", "pose_difference", "tilted_back"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanePose:

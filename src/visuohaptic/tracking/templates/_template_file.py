@@ -9,8 +9,6 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ...core.files import load_yaml_model
 
-__all__ = ["TagEntry", "TemplateFolderFile"]
-
 Size = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 

@@ -20,8 +20,6 @@ from .alignment.esm_pyramid import EsmSettings
 from .alignment.warp import is_proper
 from .template import Template
 
-__all__ = ["Detection", "DetectorSettings", "detect_templates"]
-
 
 @dataclass(frozen=True, slots=True)
 class DetectorSettings:

@@ -10,8 +10,6 @@ from ...core.camera.pose import Pose
 from ..points.homography import apply_homography, estimate_homography
 from .template import Template
 
-__all__ = ["lens_offset", "lens_samples"]
-
 
 def lens_samples(camera: Camera, template: Template, pose: Pose) -> Float32[np.ndarray, "17 17 2"]:
     """Displacement by the lens beyond the homography through the four corners [px], at 17 x 17 points.

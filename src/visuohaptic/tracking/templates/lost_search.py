@@ -13,8 +13,6 @@ from ..points.homography import apply_homography
 from .detector import Detection, DetectorSettings, detect_templates
 from .template import Template
 
-__all__ = ["LostPlace", "LostSearch"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LostPlace:

@@ -20,8 +20,6 @@ from ...core.files import atomic_path, encode_image
 from ...core.ranges import check_numbers, within
 from .template import TAG_CELLS
 
-__all__ = ["PAPERS_M", "PlacedItem", "SheetItem", "lay_out", "save_sheet", "tag_item"]
-
 #: Width and height of supported papers [m].
 PAPERS_M = {"A4": (0.210, 0.297), "A3": (0.297, 0.420), "letter": (0.2159, 0.2794)}
 

@@ -19,8 +19,6 @@ from ...core.files.image_dpi import pixels_per_metre
 from ...core.ranges import POSITIVE, check_numbers
 from .alignment.esm_template import MIN_SIDE_PX, EsmTemplate
 
-__all__ = ["TAG_CELLS", "Template", "TemplateQuality", "load_templates", "template_quality"]
-
 _log = logging.getLogger(__name__)
 
 #: Maximum length of the longer side of the tracked image [px]; more costs time and gains little.

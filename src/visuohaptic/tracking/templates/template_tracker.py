@@ -31,8 +31,6 @@ from .lens import lens_offset, lens_samples
 from .lost_search import LostPlace, LostSearch
 from .template import Template
 
-__all__ = ["TemplatePose", "TemplateTracker", "TrackerSettings", "template_outlines"]
-
 _log = logging.getLogger(__name__)
 
 

@@ -22,8 +22,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-__all__ = ["NEEDS", "add_arguments", "report_files", "report_next", "run", "written"]
-
 #: Optional modules that the verb imports.
 NEEDS = ("av",)
 

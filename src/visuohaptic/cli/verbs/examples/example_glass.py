@@ -18,8 +18,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-__all__ = ["add_arguments", "run"]
-
 #: Of the simulated views: their distance on a circle [m], width [px], and the errors of their poses [m], [rad].
 _STEP_M, _WIDTH_PX, _SIGMA_M, _SIGMA_RAD = 0.12, 160, 0.001, 0.002
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from ....reconstruction.completion.touch import Touch, TouchPlan
     from ....reconstruction.mesh import SurfaceMesh
 
-__all__ = ["NEEDS", "add_arguments", "run"]
-
 #: Optional modules that the verb imports.
 NEEDS = ("robust_laplacian", "skimage")
 

@@ -15,8 +15,6 @@ from typing import Any
 
 from ..._console import Arguments
 
-__all__ = ["NEEDS", "add_arguments", "run"]
-
 #: Optional modules that the verb imports.
 NEEDS = ("skimage",)
 

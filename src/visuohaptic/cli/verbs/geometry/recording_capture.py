@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from ....io.depth.depth_live import LiveDepthSource
     from ....io.depth.depth_sequence import DepthFrame
 
-__all__ = ["add_arguments", "run"]
-
 #: Metres of one unit of the depth images: a quarter of the cameras' own millimetre, up to 16 m.
 _DEPTH_SCALE_M = 2.5e-4
 

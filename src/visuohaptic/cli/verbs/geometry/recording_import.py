@@ -14,8 +14,6 @@ from typing import Any
 
 from ....core.files.plain_json import picked
 
-__all__ = ["add_arguments", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""

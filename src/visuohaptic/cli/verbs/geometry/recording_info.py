@@ -11,8 +11,6 @@ from __future__ import annotations
 from argparse import Namespace
 from typing import Any
 
-__all__ = ["add_arguments", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the command."""

@@ -14,8 +14,6 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
-__all__ = ["add_arguments", "needs", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the command."""

@@ -7,8 +7,6 @@ from typing import Any
 
 from ....core.objects import VisuoHapticObject
 
-__all__ = ["add_database", "described", "opened"]
-
 #: Environment variable that names the database if ``--db`` is not given.
 VARIABLE = "VISUOHAPTIC_OBJECTS"
 

@@ -23,8 +23,6 @@ from typing import Any
 
 from ....core.errors import InputError
 
-__all__ = ["add_arguments", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""

@@ -27,8 +27,6 @@ from ..._workers import add_worker_arguments, chosen_workers
 if TYPE_CHECKING:
     from ....recognition.data.data_set import FeatureSet
 
-__all__ = ["add_arguments", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""

@@ -14,11 +14,8 @@ from typing import Any
 from ....core.errors import InputError
 from ._objects import add_database, described, opened
 
-__all__ = ["NEEDS", "add_arguments", "run"]
-
 #: Optional modules that the verb imports.
 NEEDS = ("pyarrow", "sqlalchemy")
-
 
 #: Maximum thickness of any wall [m].
 THICKEST_m = 0.05

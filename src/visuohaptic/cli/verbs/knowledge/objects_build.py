@@ -25,8 +25,6 @@ from typing import Any
 from ....core.files.plain_json import picked
 from ..._workers import add_worker_arguments, chosen_workers
 
-__all__ = ["add_arguments", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""

@@ -12,8 +12,6 @@ from typing import Any
 
 from ._objects import add_database, opened
 
-__all__ = ["NEEDS", "add_arguments", "run"]
-
 #: Optional modules that the verb imports.
 NEEDS = ("pyarrow", "sqlalchemy", "trimesh")
 

@@ -15,8 +15,6 @@ from ....core.errors import InputError
 from ....core.files.plain_json import picked
 from ._objects import add_database, opened
 
-__all__ = ["add_arguments", "needs", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""

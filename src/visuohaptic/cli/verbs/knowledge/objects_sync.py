@@ -14,8 +14,6 @@ from typing import Any
 from ....core.errors import InputError
 from ._objects import add_database, opened
 
-__all__ = ["NEEDS", "add_arguments", "run"]
-
 #: Optional modules that the verb imports.
 NEEDS = ("pyarrow", "sqlalchemy")
 

@@ -8,13 +8,6 @@ if TYPE_CHECKING:
     from ....deformation.nonlinear.contents import Contents
     from ....deformation.shapes.mesher import ShellObject
 
-__all__ = [
-    "add_container_arguments",
-    "add_contents_arguments",
-    "read_container",
-    "read_contents",
-]
-
 
 def add_container_arguments(add: Any, *, also: str = "") -> None:
     """The object, and options of its wall, lid and shape; ``also`` is what else a verb reads.

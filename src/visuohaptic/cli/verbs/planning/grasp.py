@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from ....grasping.grasp_task import Grasp, GraspTask
     from ....grasping.planner import GraspPlan
 
-__all__ = ["add_arguments", "grasp_json", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""

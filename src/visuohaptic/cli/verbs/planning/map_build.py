@@ -20,8 +20,6 @@ from typing import Any
 
 from ..._workers import add_worker_arguments, chosen_workers
 
-__all__ = ["add_arguments", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the command."""

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from ....io.maps.occupancy_map import OccupancyMap
     from ....navigation.grid.cost_grid import SpeedLimits
 
-__all__ = ["add_arguments", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""

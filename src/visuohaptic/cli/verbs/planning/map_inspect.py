@@ -13,9 +13,6 @@ from typing import Any
 
 from ....core.files.plain_json import picked
 
-__all__ = ["add_arguments", "run"]
-
-
 #: Maximum number of narrow passages in the output.
 _NARROWEST = 5
 
@@ -66,7 +63,15 @@ def _seen(grid: Any) -> dict[str, Any]:
 
 
 def describe(layers: Any, graph: Any) -> dict[str, Any]:
-    """Figures of a map and its graph, as both verbs print them."""
+    """Figures of a map and its graph, as both verbs print them.
+
+    Parameters
+    ----------
+    layers
+        Costmap layers of the map.
+    graph
+        Navigation graph of the map.
+    """
     import numpy as np
 
     grid = layers.map

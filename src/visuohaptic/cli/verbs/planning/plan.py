@@ -24,8 +24,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ....navigation.problem.path_plan import Plan
 
-__all__ = ["NO_PLAN", "add_arguments", "run"]
-
 #: Exit code if there is no plan, or none was found.
 NO_PLAN = 3
 #: Budget of a proof of infeasibility, in budgets of a plan.

@@ -23,8 +23,6 @@ from ._container import (
     read_contents,
 )
 
-__all__ = ["add_arguments", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""

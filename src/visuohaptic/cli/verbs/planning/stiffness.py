@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from ....core.objects import StiffnessMap
     from ....deformation.shapes.mesher import ShellObject
 
-__all__ = ["add_arguments", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""

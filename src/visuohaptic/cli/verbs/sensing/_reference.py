@@ -12,8 +12,6 @@ from ....core.files.plain_json import picked
 if TYPE_CHECKING:
     from ....report.comparison import ForceRecord
 
-__all__ = ["add_reference", "checked_reference", "reported"]
-
 
 def add_reference(add: Any, reference: str) -> None:
     """Options of a reference.

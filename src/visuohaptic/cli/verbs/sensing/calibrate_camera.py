@@ -18,8 +18,6 @@ from typing import Any
 
 from ..._sensor_run import is_live
 
-__all__ = ["add_arguments", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the command."""

@@ -22,8 +22,6 @@ from ....core.errors import InputError
 if TYPE_CHECKING:
     from ....core.camera.frame import Frame
 
-__all__ = ["NEEDS", "add_arguments", "run"]
-
 #: Optional modules that the verb imports.
 NEEDS = ("sklearn",)
 

@@ -17,8 +17,6 @@ from typing import Any
 
 from ._reference import add_reference, checked_reference, reported
 
-__all__ = ["add_arguments", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""

@@ -51,9 +51,6 @@ if TYPE_CHECKING:
     from ....sensing.readers.sensor_reader import SensorReader, SensorReading
     from ....tracking.templates.template_tracker import TemplatePose
 
-__all__ = ["add_arguments", "run"]
-
-
 #: Number of frames of a live camera for the zero reference.
 _LIVE_ZERO = 100
 _AXES = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")

@@ -45,8 +45,6 @@ if TYPE_CHECKING:
     from ....sensing.readers.foam_reader import FoamReader
     from ....sensing.readers.sensor_reader import SensorReading
 
-__all__ = ["add_arguments", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""

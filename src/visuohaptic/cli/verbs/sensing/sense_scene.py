@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from ....sensing.readers.sensor_reader import SensorReading
     from ....sensing.scene.scene_tracker import SceneReading
 
-__all__ = ["add_arguments", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""

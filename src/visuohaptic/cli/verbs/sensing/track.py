@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from ....core.camera.frame import Frame
     from ....tracking.templates.template_tracker import TemplatePose
 
-__all__ = ["add_arguments", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""

@@ -26,8 +26,6 @@ from ....sensing.foam.material.calibration import calibrate_foam
 from ....sensing.foam.material.foam_material import FoamMaterial
 from ....sensing.foam.material.records import PlateRecord, StrainStress
 
-__all__ = ["fit_known_loads", "typical_foam"]
-
 #: Flexible polyurethane: between 4 (a latex-like bow) and 16 (a sharp plateau) in two of three foams.
 _LOG_ALPHA, _LOG_ALPHA_SIGMA = np.log(8.0), np.log(2.0)
 #: A kitchen scale shows whole grams; foam creeps by some per cent while a hand holds it.

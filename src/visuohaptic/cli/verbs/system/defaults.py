@@ -24,8 +24,6 @@ from typing import Any, Literal, NamedTuple, cast, get_args, get_origin
 
 from ....core.errors import InputError
 
-__all__ = ["add_arguments", "run"]
-
 _REQUIRED: Any = object()
 _POSE = {"translation_m": [0.0, 0.0, 0.3], "quaternion_xyzw": [0.7071, -0.7071, 0.0, 0.0]}
 _REFERENCE = {"translation_m": [0.0, 0.0, 0.0], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}

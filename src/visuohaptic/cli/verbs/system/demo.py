@@ -34,8 +34,6 @@ from typing import Any
 
 from ....core.errors import InputError
 
-__all__ = ["add_arguments", "needs", "run"]
-
 #: Parts of the demo; the same names as ``experiments.mission.PARTS``, without its imports.
 PARTS = ("foam", "beam", "navigate", "glass", "bottle")
 

@@ -30,9 +30,6 @@ from ....core.errors import InputError, VisuohapticError
 from ..._console import Arguments
 from ..._extras import CORE, OPTIONAL, Library
 
-__all__ = ["Finding", "add_arguments", "examine", "run"]
-
-
 #: Seconds after which a library counts as hanging.
 PATIENCE_S = 60.0
 

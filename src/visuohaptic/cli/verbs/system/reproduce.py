@@ -18,8 +18,6 @@ from typing import Any
 
 from ..._workers import add_worker_arguments, chosen_workers
 
-__all__ = ["NEEDS", "add_arguments", "needs", "run"]
-
 #: Optional modules that the verb imports.
 NEEDS = ("matplotlib",)
 #: Fields of an experiment in the output of ``--json``.

@@ -27,8 +27,6 @@ from ..._stop import signals
 if TYPE_CHECKING:
     from ....ros.bridge import Bridge
 
-__all__ = ["NEEDS", "add_arguments", "run"]
-
 #: Optional modules that the verb imports.
 NEEDS = ("zenoh",)
 
@@ -41,7 +39,8 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
-    from ....ros.bridge import Bridge, summary
+    from ....core.files.plain_json import picked
+    from ....ros.bridge import Bridge
 
     reuse_memory()
     with Bridge.load(args.config) as bridge:
@@ -50,7 +49,8 @@ def run(args: Any) -> dict[str, Any]:
         )
         with signals(bridge.stop):
             _wait(args, bridge)
-    sensors = summary(bridge.reports)
+    counts = "name frames reasons stale lost left_out damaged"
+    sensors = [picked(report, counts) for report in bridge.reports]
     for sensor in sensors:
         reasons = ", ".join(f"{number} {reason}" for reason, number in sensor["reasons"].items())
         args.report(

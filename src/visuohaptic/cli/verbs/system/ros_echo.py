@@ -16,8 +16,6 @@ from typing import Any
 
 from .ros_node import add_transport, options_of
 
-__all__ = ["add_arguments", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""

@@ -22,8 +22,6 @@ from typing import Any
 from ....core.errors import InputError
 from ..._stop import signals
 
-__all__ = ["add_arguments", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""

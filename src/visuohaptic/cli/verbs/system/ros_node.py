@@ -28,8 +28,6 @@ from typing import Any
 from ....core.resources import reuse_memory
 from ..._stop import signals
 
-__all__ = ["add_arguments", "add_transport", "options_of", "run"]
-
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""

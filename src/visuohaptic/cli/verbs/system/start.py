@@ -42,9 +42,6 @@ if TYPE_CHECKING:
     from ....sensing.foam.sensor import FoamSensor
     from ....sensing.foam.strip.zero import ZeroReference
 
-__all__ = ["add_arguments", "run"]
-
-
 TAG_ID = 7
 #: Frames of each step: of the tag, of the zero reference, and of a load that is held still.
 TAG_FRAMES, ZERO_FRAMES, HOLD_FRAMES = 5, 20, 8

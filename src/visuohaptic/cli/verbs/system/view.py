@@ -14,8 +14,6 @@ from __future__ import annotations
 import time
 from typing import Any
 
-__all__ = ["NEEDS", "add_arguments", "run", "wait"]
-
 #: Optional modules that the verb imports.
 NEEDS = ("trimesh", "viser")
 

@@ -22,9 +22,6 @@ from ....core.map_tasks import available_cores, cluster_hosts, map_tasks
 from ..._console import Arguments, Progress
 from ..._workers import add_worker_arguments, chosen_workers
 
-__all__ = ["SIGNATURES", "add_arguments", "compile_lines", "read_signatures", "run"]
-
-
 #: One line for each kernel that Python calls, ``module:function (types of the arguments)``; the kernels that
 #: these call follow. Written by ``python -m benchmarks.kernel_signatures``.
 SIGNATURES = Path(__file__).parents[3] / "core" / "kernel_signatures.txt"

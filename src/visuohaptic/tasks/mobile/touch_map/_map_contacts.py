@@ -17,8 +17,6 @@ from ._odometry_scale import OdometryScale
 from ._straight_walls import correct_by_walls
 from .map_records import MapSettings
 
-__all__ = ["ContactPlacement", "centring_turn_rad", "contact_of", "face_rad"]
-
 #: An object that stopped the foam and has moved less than this is fixed [m].
 MAX_FIXED_MOTION_M = 0.005
 

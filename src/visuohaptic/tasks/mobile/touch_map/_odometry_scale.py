@@ -18,8 +18,6 @@ from ....core.measurement import Contact, ForceProfile, Reason
 if TYPE_CHECKING:
     from ..explore import ObstacleExploration
 
-__all__ = ["OdometryScale", "odometry_scale_of"]
-
 #: Minimum deflection of a compared point, and its minimum increase over the push [m].
 MIN_M, MIN_RISE_M = 7e-4, 3e-3
 #: Standard deviations of the front position in an image [m], and of the delay between wheels and images, one frame [s].

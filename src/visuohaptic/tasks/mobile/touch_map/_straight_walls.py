@@ -23,8 +23,6 @@ from ....core.geometry import rotation_2d
 from ....core.objects import PrimitiveKind
 from ....navigation.mapping.haptic_map import HapticContact
 
-__all__ = ["WallDriftCorrection", "correct_by_walls"]
-
 #: Minimum width of a contact that measures a direction [m].
 WIDE_M = 0.15
 #: Maximum distance from an earlier wall, and along it from an earlier contact, for a match of the same wall [m].

@@ -8,8 +8,6 @@ from enum import StrEnum
 
 from ....core.ranges import POSITIVE, check_ranges
 
-__all__ = ["MapCommand", "MapObservation", "MapOutcome", "MapSettings", "MapState"]
-
 
 class MapState(StrEnum):
     """What the platform is doing."""

@@ -27,8 +27,6 @@ from .map_records import MapCommand, MapObservation, MapOutcome, MapSettings, Ma
 if TYPE_CHECKING:
     from ....sensing.foam.sensor import FoamSensor
 
-__all__ = ["TouchMapTask", "TouchMapping", "map_by_touch"]
-
 
 def _exploration() -> ExploreSettings:
     return ExploreSettings(

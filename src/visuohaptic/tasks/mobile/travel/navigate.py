@@ -29,8 +29,6 @@ from .travel_types import (
     TravelSettings,
 )
 
-__all__ = ["Travel", "travel"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Travel:

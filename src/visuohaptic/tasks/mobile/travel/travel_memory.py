@@ -20,8 +20,6 @@ from ....navigation.problem.planning_problem import MovableObject, PlanningProbl
 from ....navigation.pushing.push_failure import CENTRE_FRACTION
 from ....navigation.pushing.push_model import PushModel
 
-__all__ = ["TravelMemory", "map_with_footprints"]
-
 #: Error of the centre of friction estimated from a push, across it [m]: feet of the object, creep of the rim (``benchmarks.nav_push``).
 PUSH_SIGMA_M = 0.005
 #: Minimum displacement [m] and rotation [rad] of an object that has moved: more than the noise of a sighting.

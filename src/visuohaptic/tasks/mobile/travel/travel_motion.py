@@ -13,8 +13,6 @@ from ....core.clock_watch import ClockWatch
 from ..force_guard import ForceGuard, GuardState
 from .travel_types import TravelCommand, TravelObservation, TravelOutcome
 
-__all__ = ["Motion", "TravelInterrupted", "TravelMotion"]
-
 ResultT = TypeVar("ResultT")
 #: A generator that yields one command per control period, and returns when the motion is complete.
 Motion = Generator[TravelCommand, None, ResultT]

@@ -14,8 +14,6 @@ from ....navigation.problem.planning_problem import PlanningProblem
 from .travel_memory import TravelMemory
 from .travel_types import TravelSettings
 
-__all__ = ["TravelPlans"]
-
 
 @dataclass(slots=True, eq=False)
 class TravelPlans:

@@ -24,8 +24,6 @@ from .travel_memory import TravelMemory
 from .travel_motion import Motion, TravelMotion, force_unread
 from .travel_types import PERIOD_S, TravelCommand, TravelSettings
 
-__all__ = ["TravelPushes"]
-
 #: Bound of the lateral offset at the end of a push in standard deviations: exceeded by one in a hundred as declared.
 ASIDE_SIGMAS = 2.576
 

@@ -31,8 +31,6 @@ from .travel_types import (
     TravelState,
 )
 
-__all__ = ["TravelTask"]
-
 _WORKING = (
     TravelState.DRIVE, TravelState.PUSH, TravelState.SIDEWARD, TravelState.EXPLORE, TravelState.TURN, TravelState.WAIT,
     TravelState.DOOR,

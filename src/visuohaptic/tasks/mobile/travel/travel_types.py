@@ -9,19 +9,6 @@ from typing import Any, Protocol, runtime_checkable
 
 from ....core.ranges import FINITE, check_ranges
 
-__all__ = [
-    "PERIOD_S",
-    "ObjectSighting",
-    "PassageSenses",
-    "TravelCommand",
-    "TravelObservation",
-    "TravelOutcome",
-    "TravelRecord",
-    "TravelSenses",
-    "TravelSettings",
-    "TravelState",
-]
-
 #: Control period [s].
 PERIOD_S = 0.02
 

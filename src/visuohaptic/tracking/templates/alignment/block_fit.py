@@ -27,8 +27,6 @@ from .esm_pyramid import NO_OFFSET, Work
 from .esm_template import BLUR_VARIANCES
 from .warp import is_proper, motion_jacobian
 
-__all__ = ["BlockFit", "fit_blocks", "recover"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockFit:

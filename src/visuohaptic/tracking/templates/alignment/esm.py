@@ -36,8 +36,6 @@ from .esm_pyramid import MARGIN_PX, EsmSettings, GaussNewton, Work
 from .esm_template import EsmTemplate
 from .warp import is_proper, motion_jacobian
 
-__all__ = ["Alignment", "align"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:

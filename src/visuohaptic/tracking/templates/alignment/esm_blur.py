@@ -18,8 +18,6 @@ from .esm import Alignment
 from .esm_pyramid import EsmSettings, GaussNewton, Work
 from .esm_template import BLUR_VARIANCES, EsmTemplate
 
-__all__ = ["matching_blur"]
-
 
 def matching_blur(
     template: EsmTemplate,

@@ -11,8 +11,6 @@ import numpy as np
 from ...points.homography import apply_homography
 from .esm_template import BLUR_VARIANCES, LENS, EsmTemplate, Level
 
-__all__ = ["MARGIN_PX", "NO_OFFSET", "EsmSettings", "GaussNewton", "Work"]
-
 
 @dataclass(frozen=True, slots=True)
 class EsmSettings:

@@ -9,8 +9,6 @@ from jaxtyping import Float, Float32, Int, UInt8
 
 from ....core.errors import InputError
 
-__all__ = ["BLUR_VARIANCES", "LENS", "MIN_SIDE_PX", "EsmTemplate", "Level"]
-
 #: Templates with a smaller side have too few pixels for eight unknowns.
 MIN_SIDE_PX = 16
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["is_proper", "motion_jacobian", "velocity_fields"]
-
 
 def velocity_fields(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2 8"]:
     """The eight velocity fields of a small homography at centred points.
