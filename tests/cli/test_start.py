@@ -14,8 +14,8 @@ import pytest
 from visuohaptic.cli.main import main
 from visuohaptic.io.frames import open_source
 from visuohaptic.rigs.foam_example import write_video
-from visuohaptic.rigs.virtual_sensor import HALF_SIZE_RIG, VirtualSensor, rest_scene
-from visuohaptic.simulation.foam import FoamStripGeometry, PressShape, StripLaw, press
+from visuohaptic.rigs.virtual_sensor import VirtualSensor, rest_scene
+from visuohaptic.simulation.foam import FoamStripGeometry, PressShape, SensorRig, StripLaw, press
 from visuohaptic.tracking.templates import Template
 
 pytest.importorskip("av")
@@ -56,7 +56,7 @@ def presses(depths_m: tuple[float, ...], shape: PressShape, geometry: FoamStripG
 def recording(tmp_path_factory):
     """Video of tag, zero, three known loads and a cylinder; grams of the loads, and the largest true force."""
     folder = tmp_path_factory.mktemp("start")
-    virtual, rng = VirtualSensor(law=LAW, rig=HALF_SIZE_RIG), np.random.default_rng(2)
+    virtual, rng = VirtualSensor(law=LAW, rig=SensorRig().half_size()), np.random.default_rng(2)
     renderer = virtual.renderer()
     rest = rest_scene(virtual.geometry)
     images = [with_tag(renderer.render(rest, rng=rng), virtual) for _ in range(5)]

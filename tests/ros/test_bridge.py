@@ -17,10 +17,10 @@ from visuohaptic.cli.main import main
 from visuohaptic.core import InputError
 from visuohaptic.core.files import save_yaml
 from visuohaptic.io.ros import ros_messages as messages
-from visuohaptic.rigs.virtual_sensor import HALF_SIZE_RIG, VirtualSensor
+from visuohaptic.rigs import VirtualSensor
 from visuohaptic.ros import Bridge, BridgeConfig, RosNode
 from visuohaptic.ros.wire import message_type
-from visuohaptic.simulation.foam import PressShape, press
+from visuohaptic.simulation.foam import PressShape, SensorRig, press
 
 from .conftest import until
 
@@ -31,7 +31,7 @@ IMAGE = "/bumper/image/compressed"
 def sensor(tmp_path_factory):
     """A calibrated and zeroed sensor in files, pictures of a press, and the true forces."""
     folder = tmp_path_factory.mktemp("bridge")
-    virtual, rng = VirtualSensor(rig=HALF_SIZE_RIG), np.random.default_rng(3)
+    virtual, rng = VirtualSensor(rig=SensorRig().half_size()), np.random.default_rng(3)
     virtual.build(folder, rng, zero_frames=8)
     depths = np.linspace(0.0, 0.005, 12)
     samples = list(press(PressShape.CYLINDER_12CM, depths, geometry=virtual.geometry))
@@ -102,7 +102,7 @@ def test_it_can_zero_by_itself(sensor, robot: RosNode, endpoint: str, tmp_path: 
         (tmp_path / name).write_bytes((folder / name).read_bytes())
     with pytest.raises(InputError, match=r"no zero reference.*zero_frames"):
         Bridge.load(write(tmp_path, endpoint))
-    virtual = VirtualSensor(rig=HALF_SIZE_RIG)
+    virtual = VirtualSensor(rig=SensorRig().half_size())
     rest = [frame.image for frame in virtual.rest_frames(np.random.default_rng(1), 5)]
     wrenches: list = []
     robot.subscribe("/foam/wrench", "geometry_msgs/msg/WrenchStamped", lambda r: wrenches.append(r.message))

@@ -24,9 +24,6 @@ from ..simulation.rendering.scene import FoamScene
 #: Imperfections of the camera in demos and benchmarks: a typical webcam in indoor light.
 WEBCAM = CameraEffects(blur_px=1.0, noise_sigma=3.0, vignetting=0.2, gradient_x=0.1)
 
-#: The default camera with half its resolution, for quick runs: rendering takes a quarter of the time.
-HALF_SIZE_RIG = SensorRig(focal_px=900.0, width_px=800, height_px=448)
-
 
 def rest_scene(geometry: FoamStripGeometry) -> FoamScene:
     """The strip without any object.

@@ -17,7 +17,7 @@ import numpy as np
 from ...core.camera.frame import Frame
 from ...core.objects import PrimitiveKind
 from ...report.annotation import FrameNotes, annotated_frame, primitive_outline
-from ...rigs.virtual_sensor import HALF_SIZE_RIG, VirtualSensor
+from ...rigs.virtual_sensor import VirtualSensor
 from ...sensing.foam.sensor import FoamSensor
 from ...simulation.foam.rig import SensorRig
 from ...simulation.mobile.obstacles import SimulatedObstacle, box, cylinder, wall
@@ -84,7 +84,8 @@ def run(out: Output) -> None:
     """
     import cv2
 
-    virtual, rng = VirtualSensor(rig=HALF_SIZE_RIG if out.quick else SensorRig()), out.rng()
+    rig, rng = SensorRig(), out.rng()
+    virtual = VirtualSensor(rig=rig.half_size() if out.quick else rig)
     chosen = _touched_objects()[1:2] if out.quick else _touched_objects()
     rows = Columns("letter thing primitive score force_N radius_m true_radius_m")
     with tempfile.TemporaryDirectory() as folder:

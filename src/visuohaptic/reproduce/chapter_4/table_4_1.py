@@ -18,7 +18,7 @@ import numpy as np
 from ...core.measurement import GRAVITY_M_S2
 from ...core.objects import Estimate, HapticTag
 from ...report.style import COLOURS, draw_axes
-from ...rigs.virtual_sensor import HALF_SIZE_RIG, VirtualSensor
+from ...rigs.virtual_sensor import VirtualSensor
 from ...sensing.foam.sensor import FoamSensor
 from ...sensing.scene.scene_tracker import SceneTracker
 from ...simulation.foam.rig import SensorRig
@@ -100,7 +100,8 @@ def run(out: Output) -> None:
     out
         Receives the table ``tags``, picture ``forces``, and the comparisons; its seed and size are used.
     """
-    virtual, rng = VirtualSensor(law=FIRM_FOAM, rig=HALF_SIZE_RIG if out.quick else SensorRig()), out.rng()
+    rig, rng = SensorRig(), out.rng()
+    virtual = VirtualSensor(law=FIRM_FOAM, rig=rig.half_size() if out.quick else rig)
     chosen = [row for row in table_rows() if not out.quick or row.name in ("stool", "PC tower")]
     columns = Columns(
         "object outcome max_force_N force_N printed_force_N dynamic_N true_dynamic_N printed_dynamic_N deformability "

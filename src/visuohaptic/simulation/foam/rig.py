@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +47,16 @@ class SensorRig:
         eye = np.array([-math.cos(self.angle_rad), 0.0, math.sin(self.angle_rad)]) * self.distance_m
         T_foam_camera = self.camera.pose_of_view(eye, [self.look_ahead_m, 0.0, 0.0])
         return T_foam_camera.inverse()
+
+    def half_size(self) -> SensorRig:
+        """The same view with half the resolution, for quick runs: rendering takes a quarter of the time."""
+        return replace(
+            self,
+            focal_px=0.5 * self.focal_px,
+            width_px=self.width_px // 2,
+            height_px=self.height_px // 2,
+            row_delay_s=2 * self.row_delay_s,
+        )
 
     def write(
         self,
