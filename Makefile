@@ -27,7 +27,8 @@ $(VENV)/.installed-%: pyproject.toml constraints.txt
 	@touch $@
 
 # Kernels of its first chapters; those of the others are compiled during these.
-FIRST_CHAPTERS := navigation.mapping navigation.grid sensing tracking simulation.foam simulation.mobile simulation.rendering
+FIRST_CHAPTERS := navigation.mapping navigation.grid navigation.planning navigation.pushing sensing tracking \
+	simulation.foam simulation.mobile simulation.rendering
 
 demo: $(VENV)/.installed-demo ## Run the end-to-end demo
 	$(if $(PART)$(MAP),,$(BIN)/visuohaptic warmup $(FIRST_CHAPTERS) --workers $(JOBS))
