@@ -26,8 +26,12 @@ $(VENV)/.installed-%: pyproject.toml constraints.txt
 	$(BIN)/python -m pip install -q $$pinned $(NEEDS_$*)
 	@touch $@
 
+# Kernels of its first chapters; those of the others are compiled during these.
+FIRST_CHAPTERS := navigation.mapping navigation.grid navigation.planning navigation.pushing sensing tracking \
+	simulation.foam simulation.mobile simulation.rendering
+
 demo: $(VENV)/.installed-demo ## Run the end-to-end demo
-	$(if $(PART)$(MAP),,$(BIN)/visuohaptic warmup --workers $(JOBS))
+	$(if $(PART)$(MAP),,$(BIN)/visuohaptic warmup $(FIRST_CHAPTERS) --workers $(JOBS))
 	$(BIN)/visuohaptic demo $(PART) $(if $(MAP),--map $(MAP)) $(if $(VIEW),--view)
 
 # Each worker has one core: the threads of its libraries would compete for the others. Bytecode is kept: otherwise each worker

@@ -126,6 +126,29 @@ def test_the_work_is_shared_by_whole_packages():
     assert len(first) > sorted(map(len, others))[len(others) // 2]
 
 
+def test_kernels_are_compiled_in_the_background_where_they_are_missing(one_line, monkeypatch):
+    from visuohaptic.core import cache_folder
+
+    monkeypatch.setattr(warmup, "available_cores", lambda: 2)
+    with warmup.compiling_in_background(["database"]) as process:
+        assert process is not None
+        assert process.wait(timeout=120) == 0
+    assert any(one.name.startswith("visuohaptic.database.") for one in cache_folder().iterdir())
+    # As many entries as the list has lines.
+    with warmup.compiling_in_background(["database"]) as process:
+        assert process is None
+
+
+def test_compilation_in_the_background_ends_with_its_block(one_line, monkeypatch):
+    monkeypatch.setattr(warmup, "available_cores", lambda: 2)
+    with warmup.compiling_in_background() as process:
+        assert process.poll() is None
+    assert process.returncode is not None
+    monkeypatch.setattr(warmup, "available_cores", lambda: 1)
+    with warmup.compiling_in_background() as process:
+        assert process is None
+
+
 @pytest.mark.slow
 def test_the_list_has_every_signature_of_the_parts():
     """When this fails, a kernel was added, moved or changed: ``python -m benchmarks.kernel_signatures``."""

@@ -135,6 +135,24 @@ def test_closing_twice_does_no_harm():
     live.close()
 
 
+def test_a_browser_reports_the_colours_of_the_system(page, monkeypatch):
+    """The page contains the script that reports them; a query answers nothing but sets the theme."""
+    from urllib.request import urlopen
+
+    found = []
+    monkeypatch.setattr(page._server.gui, "configure_theme", lambda **theme: found.append(theme["dark_mode"]))
+    with urlopen(page.url) as answer:
+        text = answer.read()
+        assert answer.headers["Content-Length"] == str(len(text))
+    assert b"prefers-color-scheme" in text[:4000]
+    for scheme in ("dark", "light"):
+        with urlopen(f"{page.url}?{scheme}") as answer:
+            assert answer.status == 204
+    assert found == [True, False]
+    page.close()
+    page._set_dark(True)  # the last report of a browser may come after the end
+
+
 @pytest.mark.slow
 def test_a_browser_shows_the_page_and_asks_nobody_else(page, tmp_path):
     if (program := browser.find_chromium()) is None:
@@ -150,8 +168,12 @@ def test_a_browser_shows_the_page_and_asks_nobody_else(page, tmp_path):
         )
     chromium = browser.Browser(program, tmp_path / "profile")
     try:
+        dark = {"name": "prefers-color-scheme", "value": "dark"}
+        chromium.call("Emulation.setEmulatedMedia", features=[dark])
         chromium.open(page.url)
         text = chromium.wait_for("felt")
+        theme = "document.documentElement.getAttribute('data-mantine-color-scheme')"
+        assert chromium.call("Runtime.evaluate", expression=theme)["result"]["value"] == "dark"
         chromium.screenshot(tmp_path / "page.png")
     finally:
         chromium.close()

@@ -32,6 +32,13 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
 }
+#: Part of the page: viser has no setting for the colours of the system, so the browser reports them, and every change.
+_SCHEMES = {"dark": True, "light": False}
+_SCHEME_SCRIPT = b"""<script>{
+  const dark = matchMedia("(prefers-color-scheme: dark)"), report = () => fetch(dark.matches ? "?dark" : "?light");
+  report();
+  dark.addEventListener("change", report);
+}</script>"""
 _PATCHING = threading.Lock()
 
 
@@ -41,6 +48,7 @@ class AccessControl:
     def __init__(self) -> None:
         self.token = secrets.token_urlsafe(24)  #: first part of the path of every request
         self.closed = True  #: whether no server uses it
+        self.on_scheme: Callable[[bool], None] = lambda dark: None  #: called with a browser's colours
         self._browsers = 0
         self._misread = 0
 
@@ -99,9 +107,19 @@ class AccessControl:
     def _answer(self, answer: Any, connection: Any, request: Any) -> Any:
         if refusal := self.refusal(request.path, request.headers):
             return connection.respond(HTTPStatus.FORBIDDEN, f"Refused: {refusal}.\n")
+        path, _, query = request.path.partition("?")
+        if query in _SCHEMES:
+            self.on_scheme(_SCHEMES[query])
+            return connection.respond(HTTPStatus.NO_CONTENT, "")
         request.path = request.path[1 + len(self.token) :] or "/"
+        if "Accept-Encoding" in request.headers:  # compression is of no use on one machine
+            del request.headers["Accept-Encoding"]
         response = answer(connection, request)
         if response is not None:
+            if path == f"/{self.token}/" and response.body:
+                response.body = response.body.replace(b"<head>", b"<head>" + _SCHEME_SCRIPT, 1)
+                del response.headers["Content-Length"]
+                response.headers["Content-Length"] = str(len(response.body))
             for name, value in _HEADERS.items():
                 response.headers[name] = value
         elif self._browsers >= MAX_BROWSERS:

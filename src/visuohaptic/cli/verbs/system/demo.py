@@ -29,10 +29,12 @@ examples
 from __future__ import annotations
 
 import argparse
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
 from ....core.errors import InputError
+from .warmup import compiling_in_background
 
 #: Parts of the demo; the same names as ``experiments.mission.PARTS``, without its imports.
 PARTS = ("foam", "beam", "navigate", "glass", "bottle")
@@ -130,10 +132,13 @@ def _tell(args: Any, page: Any) -> dict[str, Any]:
     if args.map is not None:
         story = touch_in_map(args.out, args.map, seed=args.seed, on_message=args.report, page=page)
     else:
-        story = run_mission(
-            args.out, part=args.part, seed=args.seed, on_message=args.report, page=page,
-            visit=Visit(args.world, args.visit, args.memory),
-        )  # fmt: skip
+        # The first chapters need few kernels, and leave time for those of the others.
+        background: AbstractContextManager[Any] = nullcontext() if args.part else compiling_in_background()
+        with background:
+            story = run_mission(
+                args.out, part=args.part, seed=args.seed, on_message=args.report, page=page,
+                visit=Visit(args.world, args.visit, args.memory),
+            )  # fmt: skip
     report = write_story(story, args.out / "report.html")
     args.report("")
     args.report(f"{story.summary()} ({story.duration_s:.0f} s)")

@@ -12,8 +12,12 @@ examples
 from __future__ import annotations
 
 import importlib
+import os
+import subprocess
+import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +110,36 @@ def compile_lines(lines: Sequence[str]) -> float:
         if hasattr(kernel, "compile"):  # missing with NUMBA_DISABLE_JIT
             kernel.compile(arguments)
     return time.process_time() - started_s
+
+
+@contextmanager
+def compiling_in_background(packages: Sequence[str] = ()) -> Iterator[subprocess.Popen[bytes] | None]:
+    """Compile kernels meanwhile, in another process that only uses otherwise idle time; it ends with the block.
+
+    Without a second core, or with a cache that has as many entries as the list, there is no such process (None).
+
+    Parameters
+    ----------
+    packages
+        As of the verb; all by default.
+    """
+    from ....core.kernels import cache_folder
+
+    folder = cache_folder()
+    entries = len(list(folder.iterdir())) if folder is not None and folder.is_dir() else 0
+    if available_cores() < 2 or entries >= len(_lines()):
+        yield None
+        return
+    command = [sys.executable, "-m", "visuohaptic", "warmup", *packages, "--workers", "1", "--quiet"]
+    nobody = subprocess.DEVNULL
+    process = subprocess.Popen(command, stdin=nobody, stdout=nobody, stderr=nobody)
+    try:
+        if hasattr(os, "setpriority"):
+            os.setpriority(os.PRIO_PROCESS, process.pid, 19)  # the lowest
+        yield process
+    finally:
+        process.terminate()
+        process.wait()
 
 
 def _remove_stale() -> int:
