@@ -17,6 +17,10 @@ _STEEPEST = 8.0
 def bridge(s, value, sigma, seen, first, stop, filled, error):
     """Interpolate one or two points between their neighbours, with the error of the interpolation.
 
+    Beside a body that presses near a free end of the strip, the front corner moves inwards by up to a sixth of the width, so that
+    the last line meets the end face instead of the front. The front there continues the exponential decay of its two
+    neighbours. Where these do not decay, the error is infinite.
+
     Parameters
     ----------
     s
@@ -30,12 +34,17 @@ def bridge(s, value, sigma, seen, first, stop, filled, error):
     filled, error
         Set within the gap [m], (K,).
     """
-    a, b = first - 1, stop
+    a, b = first - 1 if first > 0 else stop + 1, stop if stop < len(s) else first - 2
     low, high = (a, b) if value[a] < value[b] else (b, a)
     beyond = high + (1 if high > low else -1)
     rise, noise = value[high] - value[low], 2.0 * max(sigma[a], sigma[b])
     decays = 0 <= beyond < len(s) and 0.0 < value[low] < value[high] < _STEEPEST * value[low]
     decays = decays and value[beyond] - value[high] > _RISES_ON * rise
+    if not a < first < b:
+        decays = decays and seen[a] and seen[b] and stop == first + 1 and beyond != first
+        error[first] = math.inf
+        if not decays:
+            return
     before = a - 1 if a > 0 and seen[a - 1] else a - 2
     after = b + 1 if b + 1 < len(s) and seen[b + 1] else b + 2
     left, right, across = 0.0, 0.0, (value[b] - value[a]) / (s[b] - s[a])
@@ -48,7 +57,7 @@ def bridge(s, value, sigma, seen, first, stop, filled, error):
         if decays:
             # The deflection of free foam beside a contact decays exponentially; a straight line is far above it.
             filled[k] = value[a] ** (1.0 - part) * value[b] ** part
-            error[k] = math.hypot(noise, 0.5 * (line - filled[k]))
+            error[k] = math.hypot(noise, 0.5 * abs(line - filled[k]))
             continue
         # Where both flanks rise towards each other, the front lies between the straight line and the tip where
         # they meet: half way for a circle, at the tip for an edge.
@@ -62,10 +71,7 @@ def bridge(s, value, sigma, seen, first, stop, filled, error):
 
 @kernel(nogil=True)
 def drop_bridged(s, value, sigma, seen, filled, error, kept):
-    """Known points, except those that are inferred from two better neighbours more accurately than measured.
-
-    Beside a body that presses near a free end of the strip, the front corner moves inwards by up to a sixth of the width, so that
-    the last line meets the end face instead of the front. The front there continues the exponential decay of its neighbours.
+    """Known points, except those that are inferred from better neighbours more accurately than measured.
 
     Parameters
     ----------
@@ -78,16 +84,7 @@ def drop_bridged(s, value, sigma, seen, filled, error, kept):
     """
     for k in range(len(s)):
         kept[k] = seen[k]
-        inner = 0 < k < len(s) - 1 and seen[k - 1] and seen[k] and seen[k + 1]
-        if inner and sigma[k] > 2.0 * max(sigma[k - 1], sigma[k + 1]):
+        a, b = k - 1 if k > 0 else k + 1, k + 1 if k < len(s) - 1 else k - 1
+        if seen[a] and seen[k] and seen[b] and sigma[k] > 2.0 * max(sigma[a], sigma[b]):
             bridge(s, value, sigma, seen, k, k + 1, filled, error)
-            kept[k] = not error[k] < sigma[k]
-    for k in (0, len(s) - 1):
-        inwards = 1 if k == 0 else -1
-        a, b, c = k + inwards, k + 2 * inwards, k + 3 * inwards
-        decays = 0.0 < value[a] < value[b] < _STEEPEST * value[a]
-        decays = decays and value[c] - value[b] > _RISES_ON * (value[b] - value[a])
-        if seen[k] and seen[a] and seen[b] and decays and sigma[k] > 2.0 * max(sigma[a], sigma[b]):
-            filled[k] = value[a] * value[a] / value[b]
-            error[k] = math.hypot(2.0 * max(sigma[a], sigma[b]), 0.5 * (value[a] - filled[k]))
             kept[k] = not error[k] < sigma[k]

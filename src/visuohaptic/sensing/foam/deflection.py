@@ -158,7 +158,7 @@ def measure_deflection(
     # Under the edge of a shadow the foam looks like the zero image in another light: at rest within the pixel resolution.
     delta = np.where(states.shadow, 0.0, raw)
     sigma = np.where(states.shadow, REST_PX * strip.pixel_m, sigma)
-    seen = states.foam | states.shadow
+    seen = (states.foam | states.shadow) & (strip.usable | strip.low_confidence)
     delta, sigma, noise, own, hidden = fill_gaps(geometry, delta, sigma, noise, systematic, seen)
     # Neighbours share the error of widths that were inferred at rest, and not that of kinks: over 640 pairs its correlation is -0.1.
     shared = np.where(zero.inferred & zero.known, systematic, 0.0)
@@ -246,24 +246,23 @@ def fill_gaps(
     s_m, width_m = geometry.s_m, geometry.width_m
     delta, sigma, error = delta_m.copy(), sigma_m.copy(), np.zeros(len(s_m))
     hidden, kept = np.zeros(len(s_m)), np.empty(len(s_m), dtype=bool)
-    drop_bridged(s_m, delta_m, np.hypot(sigma_m, uncertainty_m), seen, delta, error, kept)
-    inferred = seen & ~kept
+    total_m = np.hypot(sigma_m, uncertainty_m)
+    drop_bridged(s_m, delta_m, total_m, seen, delta, error, kept)
     delta[kept], error[kept], seen = delta_m[kept], 0.0, kept
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (~seen).astype(np.int8), [0]])))
     for first, stop in zip(edges[::2], edges[1::2], strict=True):
         gap = np.arange(first, stop)
         ends = [k for k in (first - 1, stop) if 0 <= k < len(s_m)]
-        if len(ends) == 1 and len(gap) == 1 and inferred[first]:
-            sigma[first] = sigma_m[ends[0]]
-            continue
-        if len(ends) == 2 and len(gap) <= _BRIDGED_POINTS:
+        if ends and len(gap) <= _BRIDGED_POINTS:
             bridge(s_m, delta_m, sigma_m, seen, first, stop, delta, error)
-            sigma[gap] = sigma_m[ends].max()
-            continue
+            if error[first] < np.inf:
+                sigma[gap] = sigma_m[ends].max()
+                continue
+            error[first] = 0.0
         sigma[gap], delta[gap] = 0.0, np.nan
         hidden[gap] = np.inf
         for k in ends:
-            drawn = (max(delta_m[k], 0.0) + np.hypot(sigma_m[k], uncertainty_m[k])) * np.exp(
+            drawn = (max(delta_m[k], 0.0) + total_m[k]) * np.exp(
                 np.abs(s_m[gap] - s_m[k]) / (DECAY_PER_WIDTH * width_m)
             )
             hidden[gap] = np.minimum(hidden[gap], np.minimum(drawn, 1.0))

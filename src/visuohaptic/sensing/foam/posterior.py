@@ -178,6 +178,10 @@ class EdgePosterior:
         against[~seen, 4] = MAX_ODDS
         unary[~seen] = [-60.0, -60.0, 0.0, 0.0]
         unary[seen, NOTHING] = -MAX_ODDS
+        # The front corner of a free end moves inwards beside a body: the last line may meet the end face, or no edge.
+        corner = np.zeros(len(seen), dtype=bool)
+        corner[[0, -1]] = deflected[[1, -2]] & ~strip.usable[[0, -1]]
+        unary[corner, FOAM] = np.maximum(unary[corner, FOAM], math.log(0.5))
         shared, stay = self._shared(strip, near, seen, deflected)
         probability, runs = np.empty_like(unary), np.empty((len(seen), len(seen)))
         rules = DECAY_PER_WIDTH * self._width, _CHORD, OPTICS * self._width
