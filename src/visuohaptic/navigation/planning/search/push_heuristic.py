@@ -84,7 +84,7 @@ class PushHeuristic:
         self.min_any_push = min(self.min_push.values(), default=float("inf"))
         self.alone = dict(self.min_push)  #: lower bounds of crossing each body at its mapped position [units]
         self.labels, self.passing = domain.labels(domain.block), domain.charges(domain.block)
-        self.goal_cells, self.goal_costs = self.goal_seeds(self.base)
+        self.goal_cells, self.goal_costs = domain.seeds(self.base, goal)
         self._fields: dict[bytes, Int32[np.ndarray, "n"]] = {}
         self._marked: dict[tuple[int, ...], Int16[np.ndarray, "r c"]] = {}
         self._both: Int[np.ndarray, "r c"] | None = (
@@ -133,6 +133,18 @@ class PushHeuristic:
         self.alone[body] = max(self.alone[body], units)
         self._fields.clear()
         self._both = None
+
+    def resume(self, other: PushHeuristic, limit: int) -> None:
+        """Share the fields of another heuristic of the domain; charges for bodies that are not pushed are admissible, too.
+
+        Parameters
+        ----------
+        other
+            Heuristic with other active bodies.
+        limit
+            Cost of a known plan [units].
+        """
+        self.begin, self.limit, self._fields = other.begin, limit, other._fields
 
     def push_units(self, body: int, length: float, contact: int = -1) -> float:
         """``t_mani`` of a push [units]; infinite beyond the allowed length.
@@ -186,18 +198,6 @@ class PushHeuristic:
         """
         return self.domain.bodies[body].allowed.max_length_m / self.domain.map.resolution_m
 
-    def goal_seeds(
-        self, clearance: Float32[np.ndarray, "rows columns"]
-    ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
-        """Free nodes around the goal and their cost to it [units].
-
-        Parameters
-        ----------
-        clearance
-            Clearance of a configuration [cells].
-        """
-        return self.domain.seeds(clearance, self.goal)
-
     def separating(self, start: Int32[np.ndarray, "k"], bodies: Collection[int]) -> list[int]:
         """Bodies that, by themselves and at their mapped positions, separate the robot from the goal.
 
@@ -213,7 +213,7 @@ class PushHeuristic:
         found = []
         for index in bodies:
             alone = domain.lowered(self.base, np.zeros((len(domain.bodies), 2)), [index], domain.block)
-            cells, _ = self.goal_seeds(alone)
+            cells, _ = domain.seeds(alone, self.goal)
             if not cells.size or not _travel_kernels.flood(alone, domain.radius, cells)[start].any():
                 found.append(index)
         return found
