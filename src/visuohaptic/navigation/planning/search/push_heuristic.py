@@ -78,7 +78,9 @@ class PushHeuristic:
         self.centres: Float[np.ndarray, "bodies 2"] = np.array(
             [body.centre for body in domain.bodies]
         ).reshape(-1, 2)
-        self._costs: dict[tuple[int, float, int], float] = {}
+        self._costs: dict[tuple[int, float, int], float] = (
+            free._costs if free and free.domain is domain else {}
+        )
         self.min_push = {i: self.shortest_push(i) for i in self.active}
         self.least = np.array([self.min_push.get(i, np.inf) for i in range(len(domain.bodies))])
         self.min_any_push = min(self.min_push.values(), default=float("inf"))
@@ -133,18 +135,6 @@ class PushHeuristic:
         self.alone[body] = max(self.alone[body], units)
         self._fields.clear()
         self._both = None
-
-    def resume(self, other: PushHeuristic, limit: int) -> None:
-        """Share the fields of another heuristic of the domain; charges for bodies that are not pushed are admissible, too.
-
-        Parameters
-        ----------
-        other
-            Heuristic with other active bodies.
-        limit
-            Cost of a known plan [units].
-        """
-        self.begin, self.limit, self._fields = other.begin, limit, other._fields
 
     def push_units(self, body: int, length: float, contact: int = -1) -> float:
         """``t_mani`` of a push [units]; infinite beyond the allowed length.

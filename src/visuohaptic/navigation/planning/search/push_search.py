@@ -179,10 +179,10 @@ class _Search:
             return SearchResult(False, exhausted=True, reason=reason, expanded=self.expanded)
         if worth != needed and not self._until(1.0).passed:
             before, heuristic = heuristic, self._heuristic(worth, free)
+            if plan.found:
+                heuristic.begin, heuristic.limit = before.begin, int(plan.cost / seconds) + 1
             for k in worth & needed:
                 heuristic.raise_bound(k, alone[k])
-            if plan.found:
-                heuristic.resume(before, int(plan.cost / seconds) + 1)
         if not plan.found:
             reason = self._proof(heuristic) if worth != needed else ""
             passes = zip((*WEIGHTS, LAST_WEIGHT), LATE, strict=True)
