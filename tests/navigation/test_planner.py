@@ -20,6 +20,7 @@ from visuohaptic.navigation.planning.search import (
     SearchLimits,
     build_search_domain,
     grid_from_world,
+    push_states,
     search_pushes,
 )
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem, PushCosts, plan_from_json
@@ -246,9 +247,18 @@ def test_the_cheapest_plan_is_one_and_the_same():
     scenes = [beside_a_box(False), beside_a_box(True), office()]
     scenes += [random_scene(np.random.default_rng(seed), 2, 24) for seed in range(4)]
     for problem in scenes:
-        plan, compared = make_plan(problem), alternatives(problem)
+        plan, compared = make_plan(problem, limits=PATIENT), alternatives(problem, limits=PATIENT)
         assert compared["cheapest"].to_json() == plan.to_json()
         assert plan.cost_s <= compared["no pushing"].cost_s
+
+
+def test_a_slow_machine_finds_the_same_plans(monkeypatch):
+    scenes = [office(), random_scene(np.random.default_rng(0), 2, 24)]
+    plans = [make_plan(problem, limits=PATIENT).to_json() for problem in scenes]
+    thread_time = push_states.time.thread_time
+    # Each takes a quarter of a second or less; the default budget is two.
+    monkeypatch.setattr(push_states.time, "thread_time", lambda: 4.0 * thread_time())
+    assert [make_plan(problem).to_json() for problem in scenes] == plans
 
 
 def test_an_object_wider_than_the_map_is_not_in_metres():

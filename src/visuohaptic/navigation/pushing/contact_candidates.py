@@ -57,7 +57,7 @@ def push_contacts(
     oblique
         Whether pushes oblique to a face, which rely on contact friction, are added.
     """
-    from shapely import Point, Polygon
+    from shapely import Polygon, get_coordinates, points
 
     shape = np.ascontiguousarray(outline - centre)
     body = Polygon(shape)
@@ -82,27 +82,30 @@ def push_contacts(
         ]
     steepest = max(OBLIQUE_RAD) + np.deg2rad(0.5) if oblique else STABLE_RAD
     reach = float(np.abs(hull).max()) * 3 + 3 * radius
+    angles = np.array([angle for angle, _ in candidates])
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    distances = np.array([disc_touches_at(shape, *direction, radius, reach) for direction in directions])
+    robots = -distances[:, None] * directions
+    ring = body.exterior
+    contacts = get_coordinates(ring.interpolate(ring.project(points(robots))))
+    tilts = _tilts(hull, contacts, directions)
+    # At a corner of a concavity, the normal is that of the rim, and the object turns until it touches the other side.
+    corners = _tilts(hull, contacts, (contacts - robots) / radius) > STABLE_RAD
     found: list[PushContact] = []
     taken: list[float] = []
-    for angle, spacing in candidates:
-        of_face = spacing == FACE_SPACING_RAD
-        if any(abs(math.remainder(angle - other, 2.0 * math.pi)) < spacing for other in taken):
+    for k, (angle, spacing) in enumerate(candidates):
+        # Not positive: the disc passes, or ends in a concavity beyond the centre.
+        if distances[k] <= 0.0 or any(abs(math.remainder(angle - t, 2.0 * math.pi)) < spacing for t in taken):
             continue
-        direction = np.array([np.cos(angle), np.sin(angle)])
-        distance = disc_touches_at(shape, direction[0], direction[1], radius, reach)
-        if distance <= 0.0:
-            continue  # it passes, or ends in a concavity beyond the centre
-        robot = -distance * direction
-        contact = np.array(body.exterior.interpolate(body.exterior.project(Point(*robot))).coords[0])
-        tilt = _tilt(hull, contact, direction)
-        # At a corner of a concavity, the normal is that of the rim, and the object turns until it touches the other side.
-        corner = _tilt(hull, contact, (contact - robot) / radius) > STABLE_RAD
-        steep = tilt > STABLE_RAD
-        bridged = of_face and (steep or corner) and _touches_both_sides(body, robot, radius, direction)
-        if bridged or (tilt <= steepest and not corner):
-            if bridged:
-                contact = robot + radius * direction
-            found.append(PushContact(direction, contact, robot, bool(steep and not bridged)))
+        steep = tilts[k] > STABLE_RAD
+        bridged = (
+            spacing == FACE_SPACING_RAD
+            and (steep or corners[k])
+            and _touches_both_sides(body, robots[k], radius, directions[k])
+        )
+        if bridged or (tilts[k] <= steepest and not corners[k]):
+            contact = robots[k] + radius * directions[k] if bridged else contacts[k]
+            found.append(PushContact(directions[k], contact, robots[k], bool(steep and not bridged)))
             taken.append(angle)
     return tuple(sorted(found, key=lambda push: float(np.arctan2(push.direction[1], push.direction[0]))))
 
@@ -117,37 +120,32 @@ def _seats(body: Any, radius: float) -> Float[np.ndarray, "n 2"]:
     return found
 
 
-def _tilt(
-    hull: Float[np.ndarray, "h 2"], contact: Float[np.ndarray, "2"], direction: Float[np.ndarray, "2"]
-) -> float:
-    """Angle between a push and the inward normal of the face that it touches [rad].
+def _tilts(
+    hull: Float[np.ndarray, "h 2"], contacts: Float[np.ndarray, "n 2"], directions: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, "n"]:
+    """Angles between pushes and the inward normals of the faces that they touch [rad]; pi without a face.
 
     Only faces count, not corners: pushed at a corner, a box rotates away.
     """
     edges = np.roll(hull, -1, axis=0) - hull
     lengths = np.hypot(*edges.T)
-    edges, starts = edges[lengths > 0] / lengths[lengths > 0, None], hull[lengths > 0]
-    off, lengths = contact - starts, lengths[lengths > 0]
-    along = np.einsum("ij,ij->i", off, edges)
-    across = np.abs(edges[:, 0] * off[:, 1] - edges[:, 1] * off[:, 0])
+    edges, starts, lengths = edges[lengths > 0], hull[lengths > 0], lengths[lengths > 0]
+    edges /= lengths[:, None]
+    inward = np.column_stack([-edges[:, 1], edges[:, 0]])
+    along = contacts @ edges.T - (starts * edges).sum(axis=1)
+    across = contacts @ inward.T - (starts * inward).sum(axis=1)
     tolerance = 1e-6 * float(np.abs(hull).max()) + 1e-9
-    meets = (across < tolerance) & (along > -tolerance) & (along < lengths + tolerance)
-    if not meets.any():
-        return float(np.pi)
-    inward = np.column_stack([-edges[:, 1], edges[:, 0]])[meets]
-    return float(np.arccos(np.clip((inward @ direction).max(), -1.0, 1.0)))
+    meets = (np.abs(across) < tolerance) & (along > -tolerance) & (along < lengths + tolerance)
+    cosines = np.where(meets, directions @ inward.T, -1.0).max(axis=1)
+    found: Float[np.ndarray, "n"] = np.arccos(np.clip(cosines, -1.0, 1.0))
+    return found
 
 
-def _touches_both_sides(body: object, robot: np.ndarray, radius: float, direction: np.ndarray) -> bool:
+def _touches_both_sides(body: Any, robot: np.ndarray, radius: float, direction: np.ndarray) -> bool:
     """Whether the disc touches the outline on both sides of the push's line."""
-    from shapely import Point, intersection
+    from shapely import Point, get_parts
 
-    touching = intersection(body, Point(*robot).buffer(radius * 1.02))
-    if touching.is_empty:
-        return False
-    x0, y0, x1, y1 = touching.bounds
-    corners = [np.array(part.centroid.coords[0]) for part in getattr(touching, "geoms", [touching])]
-    if len(corners) < 2 or (x1 - x0) + (y1 - y0) == 0:
-        return False
-    sides = [float(direction[0] * (c - robot)[1] - direction[1] * (c - robot)[0]) for c in corners]
-    return min(sides) < 0 < max(sides)
+    touching = get_parts(body.intersection(Point(*robot).buffer(radius * 1.02)))
+    offsets = [np.array(part.centroid.coords[0]) - robot for part in touching]
+    sides = [float(direction[0] * y - direction[1] * x) for x, y in offsets]
+    return min(sides, default=0.0) < 0 < max(sides, default=0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ....core.geometry import rotation_2d
 from ...grid.cost_grid import OBSTACLE_FROM, cell_distance
 from ...problem.passages import Passage, PassageKind, is_door_wing
 from ...problem.planning_problem import MovableObject, PlanningProblem
@@ -41,8 +42,8 @@ def build_search_domain(
     grid, robot = problem.map, problem.robot
     radius = robot.radius_m / grid.resolution_m
     margin = robot.push_margin_m / grid.resolution_m
-    # Unknown cells are obstacles, too.
-    occupied = (grid.cells >= OBSTACLE_FROM) | (grid.cells < 0)
+    # Unknown cells are obstacles, too: as unsigned numbers they are the largest.
+    occupied = grid.cells.view(np.uint8) >= OBSTACLE_FROM
     movable: list[Body] = []
     fixed: list[MovableObject | Passage] = []
     passages = []
@@ -59,7 +60,7 @@ def build_search_domain(
             why[obj.id] = allowed.reason
             continue
         centre = grid_from_world(grid, obj.centre_m)
-        friction = grid_from_world(grid, obj.centre_m + np.array(obj.friction_offset_m)) - centre
+        friction = np.array(obj.friction_offset_m) @ rotation_2d(grid.origin[2]) / grid.resolution_m
         inset = OUTLINE_INSET_M / grid.resolution_m
         movable.append(Body(obj, outline, centre, friction, allowed, radius, margin, inset))
     for passage in (*problem.passages, *doors):

@@ -88,7 +88,7 @@ class Infeasibility:
             if key in seen:
                 continue
             seen.add(key)
-            goal_cells, _ = heuristic.goal_seeds(clearance)
+            goal_cells, _ = domain.seeds(clearance, heuristic.goal)
             if goal_cells.size and reached[goal_cells].any():
                 return False
             for after, robot in self._after_pushes(chosen, shifts, clearance, reached, pushes):

@@ -78,13 +78,15 @@ class PushHeuristic:
         self.centres: Float[np.ndarray, "bodies 2"] = np.array(
             [body.centre for body in domain.bodies]
         ).reshape(-1, 2)
-        self._costs: dict[tuple[int, float, int], float] = {}
+        self._costs: dict[tuple[int, float, int], float] = (
+            free._costs if free and free.domain is domain else {}
+        )
         self.min_push = {i: self.shortest_push(i) for i in self.active}
         self.least = np.array([self.min_push.get(i, np.inf) for i in range(len(domain.bodies))])
         self.min_any_push = min(self.min_push.values(), default=float("inf"))
         self.alone = dict(self.min_push)  #: lower bounds of crossing each body at its mapped position [units]
         self.labels, self.passing = domain.labels(domain.block), domain.charges(domain.block)
-        self.goal_cells, self.goal_costs = self.goal_seeds(self.base)
+        self.goal_cells, self.goal_costs = domain.seeds(self.base, goal)
         self._fields: dict[bytes, Int32[np.ndarray, "n"]] = {}
         self._marked: dict[tuple[int, ...], Int16[np.ndarray, "r c"]] = {}
         self._both: Int[np.ndarray, "r c"] | None = (
@@ -186,18 +188,6 @@ class PushHeuristic:
         """
         return self.domain.bodies[body].allowed.max_length_m / self.domain.map.resolution_m
 
-    def goal_seeds(
-        self, clearance: Float32[np.ndarray, "rows columns"]
-    ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
-        """Free nodes around the goal and their cost to it [units].
-
-        Parameters
-        ----------
-        clearance
-            Clearance of a configuration [cells].
-        """
-        return self.domain.seeds(clearance, self.goal)
-
     def separating(self, start: Int32[np.ndarray, "k"], bodies: Collection[int]) -> list[int]:
         """Bodies that, by themselves and at their mapped positions, separate the robot from the goal.
 
@@ -213,7 +203,7 @@ class PushHeuristic:
         found = []
         for index in bodies:
             alone = domain.lowered(self.base, np.zeros((len(domain.bodies), 2)), [index], domain.block)
-            cells, _ = self.goal_seeds(alone)
+            cells, _ = domain.seeds(alone, self.goal)
             if not cells.size or not _travel_kernels.flood(alone, domain.radius, cells)[start].any():
                 found.append(index)
         return found

@@ -326,7 +326,7 @@ def _closed(
     found = np.zeros(len(outlines), dtype=bool)
     for number, outline in enumerate(outlines):
         among = layer.copy()
-        lower_clearance(among, outline - low, domain.reach)
+        lower_clearance(among, outline - low, domain.radius)
         begin, end = (domain.seeds(among, drive[k] - low, reach=2, block=1)[0] for k in ends)
         found[number] = not (
             begin.size and end.size and _travel_kernels.flood(among, domain.radius, begin)[end].any()

@@ -186,7 +186,7 @@ class PushPass:
         else:
             cost = state.travel[1]
         self.seen.add(state, cost)
-        goal_cells, goal_costs = heuristic.goal_seeds(clearance)
+        goal_cells, goal_costs = domain.seeds(clearance, heuristic.goal)
         reached = False
         if goal_cells.size:
             cheapest = int((cost[goal_cells].astype(np.int64) + goal_costs).min())
