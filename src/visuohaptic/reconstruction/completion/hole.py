@@ -199,7 +199,10 @@ def _outline(welded: SurfaceMesh, region: HoleRegion, reach_m: float) -> Surface
     facing = (welded.face_normals[near] * ways).sum(axis=1) > _FACING * np.linalg.norm(ways, axis=1)
     near = near[~facing]
     sight = open_sight(welded, region, centres[near], welded.face_normals[near])
-    return welded.submesh(near[sight >= _MIN_SIGHT])
+    outline = welded.submesh(near[sight >= _MIN_SIGHT])
+    part = face_parts(outline.faces)
+    areas = np.bincount(part, weights=outline.face_areas_m2)
+    return outline.submesh(np.flatnonzero((areas >= _MIN_PART * areas.sum())[part]))
 
 
 def _gaps(outline: SurfaceMesh, region: HoleRegion) -> list[float]:
@@ -209,9 +212,7 @@ def _gaps(outline: SurfaceMesh, region: HoleRegion) -> list[float]:
     # Rims beyond the band are cut edges of the outline.
     rims = [float(reach[loop].min()) for loop in boundary_loops(outline) if len(loop) > 4]
     part = face_parts(outline.faces)
-    areas = np.bincount(part, weights=outline.face_areas_m2)
-    whole = areas >= _MIN_PART * areas.sum()
-    parts = [float(reach[outline.faces[part == number]].min()) for number in np.flatnonzero(whole)]
+    parts = [float(reach[outline.faces[part == number]].min()) for number in range(part.max() + 1)]
     return [gap for gap in (*rims, *parts) if gap < max_m]
 
 
