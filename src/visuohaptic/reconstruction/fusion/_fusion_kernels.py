@@ -20,8 +20,10 @@ BRICK, CUBE = 8, 4
 _MAX_TILES = 64
 
 _BEHIND, _FREE, _NEAR = 0, 1, 2
-#: Value of a voxel that a view does not observe; distances are from -1 to 1.
-_UNSEEN = -2.0
+#: Value of a voxel that a view does not observe.
+_UNSEEN = -1e9
+#: Weight of an observation behind the band: so small that a thousand count less than one within the band.
+BEHIND_BAND = 1e-5
 
 
 @kernel
@@ -132,22 +134,24 @@ def look_up(depth, pixels, seen):
 
 
 @kernel(error_model="numpy")
-def _observe(there, band, seen):
-    """Replace observed depths by distances in bands, clipped to 1; ``_UNSEEN`` behind the surface and without depth."""
+def _observe(there, band, reach, seen):
+    """Replace observed depths by distances in bands, clipped to 1; ``_UNSEEN`` beyond ``reach`` [m] and without depth."""
     one, scale, unseen = np.float32(1.0), np.float32(1.0) / band, np.float32(_UNSEEN)
     for n in range(seen.size):
         gap = seen[n] - there[n]
-        seen[n] = min(one, gap * scale) if gap >= -band else unseen
+        seen[n] = min(one, gap * scale) if gap >= -reach else unseen
 
 
 @kernel(error_model="numpy")
 def _average(seen, gain, cap, distance, weight):
     """Average observed distances into voxels."""
+    small = gain * np.float32(BEHIND_BAND)
     for n in range(seen.size):
         before, value = weight[n], distance[n]
-        total = before + gain
-        used = seen[n] >= np.float32(-1.5)
-        distance[n] = value + (seen[n] - value) * (gain / total) if used else value
+        used = seen[n] > np.float32(_UNSEEN)
+        mass = gain if seen[n] >= np.float32(-1.0) else small
+        total = before + mass
+        distance[n] = value + (seen[n] - value) * (mass / total) if used else value
         weight[n] = min(total, cap) if used else before
 
 
@@ -158,7 +162,7 @@ def _average_color(seen, pixels, image, gain, edge, first, stop, weight, color):
         for j in range(stop[1] - first[1]):
             for k in range(stop[2] - first[2]):
                 n = (i * edge + j) * edge + k
-                if np.float32(-1.5) <= seen[n] < np.float32(1.0):
+                if np.float32(-1.0) <= seen[n] < np.float32(1.0):
                     fraction = gain / (weight[n] + gain)
                     for channel in range(3):
                         value = np.float32(image[pixels[0, n], pixels[1, n], channel])
@@ -196,14 +200,14 @@ def scatter(cube, edge, first, stop, values):
 def _fuse_cube(distance, weight, color, use_color, edge, first, stop, corner, offsets, view, pixels, there, seen, near, mass):  # fmt: skip
     """Project the voxels of a cube from ``first`` to ``stop`` and average their observations.
 
-    ``view``: intrinsics, depth, image, half width of the band, weight of the view, maximum weight. ``pixels`` (2, edge^3), ``there``,
-    ``seen``, ``near`` and ``mass`` (edge^3) are buffers.
+    ``view``: intrinsics, depth, image, half width of the band, reach behind surfaces, weight of the view, maximum weight.
+    ``pixels`` (2, edge^3), ``there``, ``seen``, ``near`` and ``mass`` (edge^3) are buffers.
     """
-    camera, depth, image, band, gain, cap = view
+    camera, depth, image, band, reach, gain, cap = view
     rows, columns = np.float32(depth.shape[0]), np.float32(depth.shape[1])
     project_cube(offsets, corner, camera, rows, columns, np.float32(1e-3), pixels, there)
     look_up(depth, pixels, seen)
-    _observe(there, band, seen)
+    _observe(there, band, reach, seen)
     _gather(distance, edge, first, stop, near)
     _gather(weight, edge, first, stop, mass)
     if use_color:
@@ -264,9 +268,9 @@ def _fuse_free(distance, weight, first, stop, gain, cap):
 
 
 @kernel
-def fuse_dense(distance, weight, color, use_color, marked, origin, steps, camera, depth, image, low, high, missing, band, gain, cap):  # fmt: skip
+def fuse_dense(distance, weight, color, use_color, marked, origin, steps, camera, depth, image, low, high, missing, band, reach, gain, cap):  # fmt: skip
     """Integrate a view into the marked cubes of a dense grid; ``origin`` is its first voxel in the camera frame [m]."""
-    shape, view = distance.shape, (camera, depth, image, band, gain, cap)
+    shape, view = distance.shape, (camera, depth, image, band, reach, gain, cap)
     first, stop, corner = np.zeros(3, np.int64), np.zeros(3, np.int64), np.zeros(3, np.float32)
     n = CUBE * CUBE * CUBE
     offsets, pixels, there, seen = (
@@ -289,7 +293,7 @@ def fuse_dense(distance, weight, color, use_color, marked, origin, steps, camera
             continue
         first[0], first[1], first[2] = i, j, k
         _set_box(first, BRICK, origin, steps, shape, corner, stop)
-        whole, _ = _brick_case(first, stop, corner, steps, camera, depth, low, high, missing, band)
+        whole, _ = _brick_case(first, stop, corner, steps, camera, depth, low, high, missing, reach)
         if whole == _BEHIND:
             continue
         for a in range(i, min(i + BRICK, shape[0]), CUBE):
@@ -302,7 +306,7 @@ def fuse_dense(distance, weight, color, use_color, marked, origin, steps, camera
                     case = whole
                     if case == _NEAR:
                         case, _ = _brick_case(
-                            first, stop, corner, steps, camera, depth, low, high, missing, band
+                            first, stop, corner, steps, camera, depth, low, high, missing, reach
                         )
                     if case == _FREE:
                         _fuse_free(distance, weight, first, stop, gain, cap)
@@ -320,9 +324,9 @@ def _bricks(size):
 
 
 @kernel
-def fuse_bricks(distance, weight, color, use_color, bricks, chosen, origin, steps, camera, depth, image, band, gain, cap):  # fmt: skip
+def fuse_bricks(distance, weight, color, use_color, bricks, chosen, origin, steps, camera, depth, image, band, reach, gain, cap):  # fmt: skip
     """Integrate a view into chosen bricks of a sparse grid; ``bricks`` are integer positions, ``origin`` as in :func:`fuse_dense`."""
-    view = (camera, depth, image, band, gain, cap)
+    view = (camera, depth, image, band, reach, gain, cap)
     corner, first, stop = np.zeros(3, np.float32), np.zeros(3, np.int64), np.full(3, BRICK, np.int64)
     n = BRICK * BRICK * BRICK
     offsets, pixels, there, seen = (

@@ -12,11 +12,14 @@ from . import _fusion_kernels as kernels
 
 __all__ = ["NO_COLOR", "FusionView", "checked_sizes", "pinhole_images"]
 
+#: Voxels that are observed behind a surface, along a ray. They contain both ends of each edge of the grid that crosses it up to
+#: the incidence at which cameras still have readings (tangent 4, 1 / cos 4.1); behind the band they count if nothing else does.
+GRAZING_VOXELS = 4
 NO_COLOR: Float32[np.ndarray, "1 1 1 3"] = np.zeros((1, 1, 1, 3), dtype=np.float32)
 
 
-def checked_sizes(voxel_m: float, truncation_m: float | None) -> tuple[float, float]:
-    """Voxel spacing and half width of the band [m]; the band is 4 voxels by default.
+def checked_sizes(voxel_m: float, truncation_m: float | None) -> tuple[float, float, float]:
+    """Voxel spacing, half width of the band, and depth behind a surface to which voxels are observed [m].
 
     Parameters
     ----------
@@ -32,12 +35,13 @@ def checked_sizes(voxel_m: float, truncation_m: float | None) -> tuple[float, fl
     """
     if not (np.isfinite(voxel_m) and voxel_m > 0):
         raise InputError("TsdfVolume", f"found {voxel_m}, expected > 0", field="voxel_m")
-    band_m = 4 * voxel_m if truncation_m is None else truncation_m
+    reach_m = GRAZING_VOXELS * voxel_m
+    band_m = reach_m if truncation_m is None else truncation_m
     if not (np.isfinite(band_m) and band_m >= voxel_m):
         raise InputError(
             "TsdfVolume", f"found {band_m}, expected at least one voxel ({voxel_m})", field="truncation_m"
         )
-    return float(voxel_m), float(band_m)
+    return float(voxel_m), float(band_m), float(max(band_m, reach_m))
 
 
 class FusionView:

@@ -1,9 +1,10 @@
 """Surface fusion: depth views averaged into truncated signed distances, and extraction of their zero level set.
 
 A voxel stores the weighted mean over the views of the distance to the observed surface
-along the optical axis, divided by the band width and clipped to [-1, 1], positive
+along the optical axis, divided by the band width and clipped to 1, positive
 towards the camera, and the sum of the weights (Curless and Levoy 1996; the
-volume of KinectFusion, Alt 2016, Sec. 2.2.1 and 5.3).
+volume of KinectFusion, Alt 2016, Sec. 2.2.1 and 5.3). Behind the band, down to four
+voxels, a view counts only where no other one does: so oblique surfaces have no holes.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ class TsdfVolume:
                 f"found {shape}, expected three sizes, at most {MAX_VOXELS} voxels",
                 field="shape",
             )
-        self.voxel_m, self.truncation_m = checked_sizes(voxel_m, truncation_m)
+        self.voxel_m, self.truncation_m, self.reach_m = checked_sizes(voxel_m, truncation_m)
         self.origin_m: Float[np.ndarray, "3"] = np.asarray(origin_m, dtype=np.float64).reshape(3)
         self.max_weight = float(max_weight)
         self.distance: Float32[np.ndarray, "x y z"] = np.ones(shape, dtype=np.float32)
@@ -131,7 +132,7 @@ class TsdfVolume:
         views = [FusionView(frame, self.color is not None) for frame in frames]
         marked = np.zeros([-(-n // kernels.CUBE) for n in self.distance.shape], np.uint8)
         # A margin of one voxel: the surface crosses cells next to the band.
-        reach = np.float32(self.truncation_m + math.sqrt(3) * self.voxel_m)
+        reach = np.float32(self.reach_m + math.sqrt(3) * self.voxel_m)
         for view in views:
             origin, steps, camera, depth, _ = view.seen_from(self.origin_m, self.voxel_m)
             kernels.mark_surface(
@@ -151,6 +152,7 @@ class TsdfVolume:
             *view.seen_from(self.origin_m, self.voxel_m),
             *view.tiles(),
             np.float32(self.truncation_m),
+            np.float32(self.reach_m),
             np.float32(weight),
             np.float32(self.max_weight),
         )
@@ -162,7 +164,7 @@ class TsdfVolume:
         Parameters
         ----------
         min_weight
-            Minimum weight of a voxel for extraction.
+            Minimum weight of a voxel for extraction; with 0 also voxels that are observed only behind the band.
 
         Raises
         ------

@@ -40,7 +40,7 @@ class SparseTsdfVolume:
         color: bool = True,
         max_bricks: int = 200_000,
     ) -> None:
-        self.voxel_m, self.truncation_m = checked_sizes(voxel_m, truncation_m)
+        self.voxel_m, self.truncation_m, self.reach_m = checked_sizes(voxel_m, truncation_m)
         self.max_weight = float(max_weight)
         self.max_bricks = max_bricks
         self._rows: dict[tuple[int, int, int], int] = {}
@@ -93,6 +93,7 @@ class SparseTsdfVolume:
             np.flatnonzero(seen),
             *view.seen_from(np.zeros(3), self.voxel_m),
             np.float32(self.truncation_m),
+            np.float32(self.reach_m),
             np.float32(weight),
             np.float32(self.max_weight),
         )
@@ -119,8 +120,8 @@ class SparseTsdfVolume:
         rays = np.column_stack([(columns - cx) / fx, (rows - cy) / fy, np.ones(len(z))])
         edge_m = kernels.BRICK * self.voxel_m
         found = []
-        count = max(2, int(np.ceil(2 * self.truncation_m / edge_m)) + 1)
-        for shift_m in np.linspace(-self.truncation_m, self.truncation_m, count):
+        count = max(2, int(np.ceil(2 * self.reach_m / edge_m)) + 1)
+        for shift_m in np.linspace(-self.truncation_m, self.reach_m, count):
             points = view.T_camera_world.inverse().apply(rays * (z + shift_m)[:, None])
             found.append(np.floor(points / edge_m).astype(np.int64))
         keys = np.unique(np.concatenate(found) @ np.array([1 << 42, 1 << 21, 1]))

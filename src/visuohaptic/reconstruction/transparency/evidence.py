@@ -105,6 +105,7 @@ class EvidenceDetector:
     seen: Float32[np.ndarray, "a b c"] = field(init=False)
     threshold: float = field(init=False)  #: minimum evidence of a part [nat]
     look_alike: float = field(init=False, default=LOOK_ALIKE)  #: fraction of windows that look like glass
+    measured: TrackedNoise = field(init=False, default=TrackedNoise())  #: noise of the sequence
     views: int = field(init=False, default=0)  #: number of input views
     skipped: Counter[str] = field(default_factory=Counter)  #: number of views not compared, by cause
     _images: list[RayImage] = field(init=False)
@@ -118,8 +119,7 @@ class EvidenceDetector:
     def __post_init__(self) -> None:
         shape = self.grid.shape
         self.evidence, self.extent = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-        self.seen = np.zeros((1, 1, 1), np.float32)
-        self._inside = np.zeros(shape, dtype=bool)
+        self.seen, self._inside = np.zeros((1, 1, 1), np.float32), np.zeros(shape, dtype=bool)
         none = np.zeros((0, 0, 0), np.float32)
         self._rays, self._tables = RayEvidence((), none.ravel(), none, none, none), none.reshape(0, 0)
         self._images, self._outlines, self._found = [], [], ()
@@ -205,7 +205,7 @@ class EvidenceDetector:
         apart_rad = settings.independent_rad, settings.min_angle_rad
         near = [graph.neighbours(i, settings.neighbours, *apart_rad) for i in range(len(frames))]
         nearest = [graph.neighbours(i, 1, settings.min_angle_rad) for i in range(len(frames))]
-        noise = TrackedNoise.measured(frames, nearest, self.noise)
+        noise = self.measured = TrackedNoise.measured(frames, nearest, self.noise)
         views = [ViewDepth.of_frame(frame, noise) for frame in frames]
         read, weights = [], []
         for i, weight in enumerate(graph.weights(settings.independent_rad)):

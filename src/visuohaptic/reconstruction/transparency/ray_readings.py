@@ -79,12 +79,17 @@ class TrackedNoise:
     turn_rad: float = 0.0015  #: standard deviation of the camera orientation [rad]
 
     factor: float = 1.0  #: factor on both, estimated from the sequence
+    depth_m: float = (
+        np.nan
+    )  #: standard deviation of a depth at the incidences of the sequence; NaN if not measured [m]
 
     @classmethod
     def measured(
         cls, frames: Sequence[DepthFrame], near: Sequence[Sequence[int]], device: DepthNoise
     ) -> TrackedNoise:
         """Estimate the noise of a sequence from the agreement of some views with their nearest neighbours.
+
+        Pairs beyond 5 nominal standard deviations do not show the same surface.
 
         Parameters
         ----------
@@ -97,7 +102,7 @@ class TrackedNoise:
         """
         from ._background_kernels import warp_views
 
-        noise, ratios = cls(device), []
+        noise, ratios, sigmas_m = cls(device), [], []
         paired = [i for i in range(len(frames)) if near[i]]
         for i in paired[:: max(1, len(paired) // _PROBES)]:
             here, there = (ViewDepth.of_frame(frames[k], noise) for k in (i, near[i][0]))
@@ -106,13 +111,16 @@ class TrackedNoise:
             motion = motions(pose, [there.frame.T_world_camera])
             warp_views(there.depth_m[None], motion, *intrinsics(here.frame.camera), warped)
             residual = np.abs(warped[0] - here.depth_m) / (np.sqrt(2) * here.sigma_m)
-            ratios.append(residual[residual < 2 * _WIDTH])
+            same = residual < 2 * _WIDTH
+            ratios.append(residual[same])
+            sigmas_m.append(here.sigma_m[same])
         found = np.concatenate(ratios) if ratios else np.zeros(0)
         if len(found) < _MIN_RESIDUALS:
             return noise
         # The median absolute deviate of a normal distribution is 0.6745 standard deviations.
         factor = float(np.clip(np.median(found) / 0.6745, 1.0, _TRUSTED))
-        return cls(device, noise.tracking_m, noise.turn_rad, factor)
+        depth_m = float(np.sqrt(np.mean((found * np.concatenate(sigmas_m)) ** 2)))
+        return cls(device, noise.tracking_m, noise.turn_rad, factor, depth_m)
 
     def sigma_m(self, depth_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
         """Standard deviation of depths of a surface at normal incidence [m].
