@@ -75,7 +75,9 @@ def claimed(classes: HapticModel, bottle: TableBottle, seed: int) -> tuple[str, 
     """Most probable class, its probability, and the squeezes."""
     rng = np.random.default_rng([seed, 42])
     outline_m, sigma_m = seen_outline(bottle, rng)
-    model = with_outline(classes, outline_m, sigma_m)
+    gap = (outline_m[:, 1, None] - outline_m[:, 1]) / SMOOTH_M
+    own = sigma_m / outline_m[:, 0]
+    model = with_outline(classes, outline_m, np.outer(own, own) * np.exp(-0.5 * gap**2))
     squeezer = BayesSqueezer(model, float(outline_m[-1, 1]), HEIGHTS, np.random.default_rng([seed, 43]))
     for count in range(1, MAX_SQUEEZES + 1):
         place = squeezer.next_place()

@@ -33,8 +33,6 @@ from visuohaptic.recognition.touch import (
 )
 from visuohaptic.recognition.touch.belief import (
     WIDTH_VARIANCE,
-    OUTLINE_HEIGHT_m,
-    OUTLINE_LENGTH_m,
     sequential_likelihood,
 )
 from visuohaptic.recognition.touch.calibration import EXPLORATIONS, best_or_first, rate_of_each
@@ -123,16 +121,16 @@ def test_a_known_object_is_called_unlike_its_class_as_rarely_as_said() -> None:
 
 
 def test_an_outline_is_evidence_with_errors_that_neighbours_share(model: HapticModel) -> None:
-    """By hand: a covariance of the errors of radius and height, in place of independent errors of widths that are felt."""
+    """By hand: the covariance of the errors of log radii, interpolated to the heights of the widths."""
     touch = touch_of(synthetic(1, seed=5), 1)
     outline = np.array([[0.029, 0.0], [0.031, 0.06], [0.02, 0.1]])
+    own = 0.001 / outline[:, 0]
+    declared = np.outer(own, own) * np.array([[1.0, 0.5, 0.2], [0.5, 1.0, 0.5], [0.2, 0.5, 1.0]])
     z = (np.arange(1, 15) + 0.5) / 16 * 0.1
-    width = 2 * np.interp(z, outline[:, 1], outline[:, 0])
-    own = 2 * 0.001 / width
-    high = OUTLINE_HEIGHT_m * np.gradient(np.log(width), z)
-    errors = WIDTH_VARIANCE * np.eye(14) + (np.outer(own, own) + np.outer(high, high)) * np.exp(
-        -0.5 * ((z[:, None] - z) / OUTLINE_LENGTH_m) ** 2
-    )
+    below = np.interp(z, outline[:, 1], [0.0, 1.0, 2.0])
+    share = np.maximum(0.0, 1.0 - np.abs(below[:, None] - np.arange(3)))
+    width = 2.0 * np.exp(share @ np.log(outline[:, 0]))
+    errors = WIDTH_VARIANCE * np.eye(14) + share @ declared @ share.T
     felt, value, noise = evidence(model, [touch(8, "y"), touch(13, "y")])
     place = np.append(FIRST_WIDTH + 2 * np.arange(1, 15), felt)
     both = np.zeros((len(place), len(place)))
@@ -140,11 +138,11 @@ def test_an_outline_is_evidence_with_errors_that_neighbours_share(model: HapticM
     at_once = belief_of(
         model, log_likelihood(model, place, np.append(np.log(width), value), both)
     ).probability
-    seen = with_outline(model, outline, 0.001)
+    seen = with_outline(model, outline, declared)
     found = update_belief(seen, [touch(8, "y"), touch(13, "y")])
     np.testing.assert_allclose(found.probability, at_once, rtol=1e-6)
     # Of the two of this width nothing says which it is; the third is half as wide across.
-    assert update_belief(with_outline(model, 0.5 * outline, 1e-4), []).answer == UNKNOWN
+    assert update_belief(with_outline(model, 0.5 * outline, 0.1 * declared), []).answer == UNKNOWN
 
 
 def test_conditioning_in_steps_is_conditioning_at_once(model: HapticModel) -> None:

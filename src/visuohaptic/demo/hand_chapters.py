@@ -118,8 +118,8 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     _, hand = hand_of_mission(mission)
     object_m = _foot_m(known)
     classes = mission_classes()
-    if mission.known_bottle is None:  # otherwise the outline is included in the likelihood
-        classes = with_outline(classes, known.outline_m, known.outline_sigma_m)
+    if known.outline_errors is not None:
+        classes = with_outline(classes, known.outline_m, known.outline_errors)
     squeezer = BayesSqueezer(
         classes, float(known.outline_m[-1, 1]), HEIGHTS, mission.rng(32), odds=_odds(mission),
         readings=known.readings,

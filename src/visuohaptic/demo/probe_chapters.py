@@ -235,7 +235,8 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
     if not (touched.ending.success or touched.ending.outcome == "touches_used"):
         return failed(f"{touched.ending.outcome}: {touched.ending.why}")
     if mission.known_bottle is not None:
-        outline, error_m = mission.known_bottle.outline_m, mission.known_bottle.sigma_m
+        # The outline is part of the prior probability of its class.
+        outline, error_m, radial = mission.known_bottle.outline_m, mission.known_bottle.sigma_m, None
     else:
         if len(contacts) < 3:
             return failed(
@@ -244,8 +245,9 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
         outline = _joined(
             measured_outline(axial_part(completion.completed(), foot, REACH_M), foot, REACH_M), seen
         )
-        error_m = touched.error_m
+        error_m, radial = touched.error_m, completion.radial
     known.outline_m, known.bottle_at_m, known.outline_sigma_m = outline, np.asarray(foot), error_m
+    known.outline_errors = None if radial is None else radial.ring_errors(outline)
     rms_m = _outline_error(outline, bottle)
     if error_m > MAX_ERROR_M:
         return failed(
@@ -394,3 +396,4 @@ def default_outline(mission: Mission) -> None:
     off = 5e-4 * mission.rng(24).standard_normal(len(bottle.outline_m))
     mission.known.outline_m = bottle.outline_m + np.column_stack([off, np.zeros(len(off))])
     mission.known.bottle_at_m, mission.known.outline_sigma_m = np.array(bottle.foot_m) + 5e-4, 5e-4
+    mission.known.outline_errors = np.diag((5e-4 / bottle.outline_m[:, 0]) ** 2)

@@ -131,6 +131,8 @@ class Known:
     bottle_at_m: Float[np.ndarray, "2"] = field(init=False)  #: foot of its axis on the table
     outline_m: Float[np.ndarray, "k 2"] = field(init=False)  #: radius and height of the completed bottle
     outline_sigma_m: float = math.nan  #: expected error of its radius
+    #: covariance of the errors of its log radii; None if they are not evidence of the class
+    outline_errors: Float[np.ndarray, "k k"] | None = None
     finger: FoamSensor | None = None  #: of the gripper, zeroed
     wrist: TrackedBeam | None = None  #: load sensor of the hand: zeroed, and calibrated with weights
     wrist_sigma_N: float = 0.0  #: of its zero

@@ -40,10 +40,6 @@ __all__ = [
 #: Relative variance of a measured width: 1e-4 m of noise at each tip, at a width of about 6 cm, is 0.24 %; the contact error
 #: is part of the model.
 WIDTH_VARIANCE = 0.0024**2
-#: Errors of a completed outline: correlation length [m] and standard deviation of its heights [m], of the highest likelihood and of
-#: a chi-square of 1 per value for eleven bottles that were completed by the probe. They are about the distance of two contacts,
-#: and a voxel of the fused surface.
-OUTLINE_LENGTH_m, OUTLINE_HEIGHT_m = 0.012, 0.005
 #: Probability that readings of a known class are rejected, at each test: one in a hundred.
 FALSE_ALARM = 0.01
 #: Standard deviations from which a nuisance is reported as contradicted: for each nuisance, one exploration in 20 by chance.
@@ -217,15 +213,15 @@ def condition(
     return after, model.covariance - gain @ gain.transpose(0, 2, 1)
 
 
-def with_outline(model: HapticModel, outline_m: Float[np.ndarray, "k 2"], sigma_m: float) -> HapticModel:
+def with_outline(
+    model: HapticModel, outline_m: Float[np.ndarray, "k 2"], errors: Float[np.ndarray, "k k"]
+) -> HapticModel:
     """Model of an object whose outline is measured before the first touch: every Gaussian is conditioned on its widths.
 
     The outline discriminates between classes, and determines the width of the object at every place that is touched later.
-    The foot and the closure are not part of the shape: the lowest and the highest place are left out. Errors of neighbouring
-    radii are alike: with the error s of a radius, the error t of a height, the profile w(z) and the length L, the covariance of
-    log w(z) and log w(z') is (4 s^2 / (w w') + t^2 (log w)' (log w')') exp(-(z - z')^2 / (2 L^2)), besides the
-    independent errors of widths that are felt. If all errors were independent, a smooth one would be evidence for another profile,
-    and so for the unknown class.
+    The foot and the closure are not part of the shape: the lowest and the highest place are left out. If the errors of
+    neighbouring radii are alike, their covariance must say so: a smooth error would otherwise be evidence for another profile, and
+    so for the unknown class. The error of the object's height is part of the model.
 
     Parameters
     ----------
@@ -233,16 +229,14 @@ def with_outline(model: HapticModel, outline_m: Float[np.ndarray, "k 2"], sigma_
         Of the candidates.
     outline_m
         Radius and height (k, 2) [m], from the bottom up.
-    sigma_m
-        Standard deviation of a radius [m].
+    errors
+        Covariance (k, k) of the errors of the logarithms of these radii.
     """
     level = np.arange(1, HEIGHTS - 1)
     height = (level + 0.5) / HEIGHTS * outline_m[-1, 1]
-    width = 2.0 * np.interp(height, outline_m[:, 1], outline_m[:, 0])
-    along = np.stack([2.0 * sigma_m / width, OUTLINE_HEIGHT_m * np.gradient(np.log(width), height)])
-    near = np.exp(-0.5 * ((height[:, None] - height) / OUTLINE_LENGTH_m) ** 2)
-    errors = along.T @ along * near + WIDTH_VARIANCE * np.eye(len(level))
-    read = FIRST_WIDTH + 2 * level, np.log(width), errors
+    at = np.array([np.interp(height, outline_m[:, 1], row) for row in np.eye(len(outline_m))])
+    noise = at.T @ errors @ at + WIDTH_VARIANCE * np.eye(len(level))
+    read = FIRST_WIDTH + 2 * level, np.log(2.0 * outline_m[:, 0]) @ at, noise
     mean, covariance = condition(model, *read)
     score = model.log_prior + log_likelihood(model, *read)[0] / model.temperature
     return replace(

@@ -7,15 +7,15 @@ from .hole_region import load_hole_regions as load_hole_regions
 from .hole_surface import HoleSpace as HoleSpace
 from .hole_surface import supported_part as supported_part
 from .inner_walls import remove_back_sides as remove_back_sides
+from .outline import VisibleWall as VisibleWall
 from .outline import axial_part as axial_part
 from .outline import measured_outline as measured_outline
+from .outline import wall_seen as wall_seen
 from .radial_model import RadialMixture as RadialMixture
 from .radial_model import RadialModel as RadialModel
 from .radial_model import RadialProfile as RadialProfile
-from .radial_model import VisibleWall as VisibleWall
 from .radial_model import fit_radial_mixture as fit_radial_mixture
 from .radial_model import fit_radial_model as fit_radial_model
-from .radial_model import wall_seen as wall_seen
 from .rbf_centres import Centres as Centres
 from .rbf_centres import constrain_core as constrain_core
 from .rbf_centres import constrain_to_hull as constrain_to_hull

@@ -1,13 +1,17 @@
-"""Outline of an upright, nearly round object: radius over height, measured on a mesh."""
+"""Radius over height of an upright object: outline of a mesh, and bins of the visible wall."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ..mesh import SurfaceMesh
+from .hole import SupportBand
+from .symmetry import MAX_WALL_NZ, ShapePrior
 
-__all__ = ["axial_part", "measured_outline"]
+__all__ = ["VisibleWall", "axial_part", "measured_outline", "polar", "wall_seen"]
 
 #: Minimum z component of the unit normal of a wall face: fusion closes the lower edge of a label.
 MIN_NORMAL_Z = -0.3
@@ -17,6 +21,10 @@ TABLE_M = 0.004
 SLICE_M, MIN_POINTS = 0.008, 6
 #: Vertices within this distance of the top may belong to the lid, not the wall [m].
 LID_M = 0.003
+#: Standard deviation of the visible wall at a rim, in cells: it is anywhere within the last one (uniform distribution).
+_RIM = 12**-0.5
+#: Bins of each band over height and angle. The slope at the rim is informative about the wall behind it.
+_HEIGHTS, ANGLES = 10, 8
 
 
 def axial_part(surface: SurfaceMesh, axis_m: Float[np.ndarray, "2"], reach_m: float) -> SurfaceMesh:
@@ -68,3 +76,70 @@ def measured_outline(
         return np.array([[0.03, 0.0], [0.03, top]])
     outline = np.array(rows)
     return np.vstack([[outline[0, 0], 0.0], outline, [outline[-1, 0], top]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VisibleWall:
+    """Bins of the visible wall, grouped in rows of one height."""
+
+    theta: Float[np.ndarray, "k"]  #: angles [rad]
+    row: Int[np.ndarray, "k"]  #: index of the row of each bin in ``z_m``
+    z_m: Float[np.ndarray, "q"]  #: heights of the rows [m]
+    logs: Float[np.ndarray, "k"]  #: log rho minus that of the cross-section
+    rim: Float[
+        np.ndarray, "q q"
+    ]  #: R, where R R^T is the covariance of the errors common to the bins of a row
+
+
+def wall_seen(prior: ShapePrior, band: SupportBand) -> VisibleWall:
+    """Bins of the visible walls; the height of a row is the mean of its points.
+
+    Parameters
+    ----------
+    prior
+        Axis and cross-sections of the bands.
+    band
+        Known points around the hole.
+    """
+    points_m = band.walls_m
+    theta, rho_m = polar(points_m, prior)
+    logs = np.log(rho_m) - prior.section(theta, points_m[:, 2])
+    sector = np.floor((theta + np.pi) / (2 * np.pi) * ANGLES).astype(int) % ANGLES
+    nearest = np.abs(points_m[:, 2:] - prior.heights_m).argmin(axis=1)
+    bins: list[tuple[float, int, float]] = []
+    rows_of: list[tuple[float, float]] = []
+    rim_m = band.rim_m[np.abs(band.normals[:, 2]) < MAX_WALL_NZ]
+    rim = _RIM * band.cell_m * np.exp(-rim_m / band.cell_m) / rho_m
+    for number in range(len(prior.heights_m)):
+        rows = np.flatnonzero(nearest == number)
+        for part in np.array_split(rows[np.argsort(points_m[rows, 2])], _HEIGHTS):
+            if not len(part):
+                continue
+            above_m = points_m[part, 2] - points_m[part, 2].mean()
+            # Refer all bins to the height of their row: remove the slope within the row.
+            lean = float(above_m @ logs[part]) / max(float(above_m @ above_m), 1e-12)
+            level = logs[part] - lean * above_m
+            for place in np.unique(sector[part]):
+                chosen = sector[part] == place
+                angle = theta[part][chosen]
+                turn = np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())
+                bins.append((turn, len(rows_of), level[chosen].mean()))
+            rows_of.append((float(points_m[part, 2].mean()), float(rim[part].mean())))
+    turns, row, means = np.array(bins).T
+    z_m, sigma = np.array(rows_of).T
+    near = np.exp(-np.abs(z_m[:, None] - z_m) / band.cell_m) + 1e-8 * np.eye(len(z_m))
+    return VisibleWall(turns, row.astype(int), z_m, means, sigma[:, None] * np.linalg.cholesky(near))
+
+
+def polar(points_m: Float[np.ndarray, "n 3"], prior: ShapePrior) -> tuple[np.ndarray, np.ndarray]:
+    """Angle [rad] around the axis and distance from it [m].
+
+    Parameters
+    ----------
+    points_m
+        Points (n, 3) [m].
+    prior
+        Of the axis.
+    """
+    offset = points_m[:, :2] - prior.axis_m
+    return np.arctan2(offset[:, 1], offset[:, 0]), np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-6)

@@ -27,19 +27,17 @@ where the first term ranks the places and the second is the remaining uncertaint
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.resources import one_blas_thread
-from .hole import SupportBand
-from .symmetry import MAX_WALL_NZ, ShapePrior
+from .outline import ANGLES, VisibleWall, polar
+from .symmetry import ShapePrior
 
-__all__ = [
-    "RadialMixture", "RadialModel", "RadialProfile", "VisibleWall", "fit_radial_mixture", "fit_radial_model", "wall_seen"
-]  # fmt: skip
+__all__ = ["RadialMixture", "RadialModel", "RadialProfile", "fit_radial_mixture", "fit_radial_model"]
 
 #: Grids of correlation lengths (in sizes of the region) and of deviations of p, for both orders.
 _LENGTHS, _DEVIATIONS = (0.15, 0.3, 0.6), (0.01, 0.02, 0.05, 0.1, 0.2)
@@ -47,29 +45,12 @@ _LENGTHS, _DEVIATIONS = (0.15, 0.3, 0.6), (0.01, 0.02, 0.05, 0.1, 0.2)
 _MIN_LIKELIHOOD_RATIO, _MAX_PROFILES = 0.03, 6
 #: Standard deviation of the unknown mean of log rho, and of a bin of the visible band.
 _MEAN, _BAND = 0.3, 0.003
-#: Standard deviation of the visible wall at a rim, in cells: it is anywhere within the last one (uniform distribution).
-_RIM = 12**-0.5
-#: Bins of each band over height and angle. The slope at the rim is informative about the wall behind it.
-_HEIGHTS, _ANGLES = 10, 8
 #: Correlation of g: length in sizes of the region, and over the angle [rad].
 _OVER_HEIGHT, _OVER_ANGLE_RAD = 0.3, 0.35
 #: Prior scale of the variance (actual over predicted variance on 48 bottles), and its weight in contacts.
 _SCALE, _SCALE_WEIGHT = 0.2, 8.0
 #: Squared standardised residuals are clipped at this value, so that one contact with another object does not dominate.
 _MAX_SQUARED_RESIDUAL = 9.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class VisibleWall:
-    """Bins of the visible wall, grouped in rows of one height."""
-
-    theta: Float[np.ndarray, "k"]  #: angles [rad]
-    row: Int[np.ndarray, "k"]  #: index of the row of each bin in ``z_m``
-    z_m: Float[np.ndarray, "q"]  #: heights of the rows [m]
-    logs: Float[np.ndarray, "k"]  #: log rho minus that of the cross-section
-    rim: Float[
-        np.ndarray, "q q"
-    ]  #: R, where R R^T is the covariance of the errors common to the bins of a row
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,32 +99,67 @@ class RadialModel:
         points_m
             Points (n, 3) whose angles and heights are used [m].
         """
-        theta, _ = _polar(points_m, self.prior)
-        z_m = points_m[:, 2]
-        here, known = (theta, z_m, np.arange(len(z_m))), (self.theta, self.z_m, self.row)
-        cross = _solved(self.lower, _residual_covariance(self.prior, self.size_m, here, known).T)
-        predicted = self.middle + self.prior.section(theta, z_m) + self.whitened @ cross
-        leading = cross.T @ self.picked
+        theta, z_m = polar(points_m, self.prior)[0], points_m[:, 2]
         at = _upper_fraction(self.prior, z_m)
         own = _MEAN**2 + self.prior.residual**2 + at * (1 - at) * _difference(self.prior, theta) ** 2
-        own = own - (cross**2).sum(axis=0)
-        gap = (z_m[:, None] - self.z_m) / self.size_m
         mean_m, square_m2 = np.zeros(len(z_m)), np.zeros(len(z_m))
+        for profile, logs, variance in self._predicted(
+            theta, z_m, own, np.zeros(1), lambda m: (m**2).sum(axis=0)
+        ):
+            rho_m = np.exp(np.clip(logs, -20.0, 20.0))
+            mean_m += profile.fraction * rho_m
+            square_m2 += profile.fraction * rho_m**2 * (1 + np.maximum(variance, 0.0))
+        return mean_m, np.sqrt(np.maximum(square_m2 - mean_m**2, 0.0))
+
+    @one_blas_thread()
+    def ring_errors(self, outline_m: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k k"]:
+        """Expected products of the errors of the log radii of an outline; a radius is the mean of its ring.
+
+        Parameters
+        ----------
+        outline_m
+            Estimated radius and height of each ring (k, 2) [m].
+        """
+        count, angles = len(outline_m), np.linspace(-np.pi, np.pi, ANGLES, endpoint=False)
+        theta, z_m = np.tile(angles, count), np.repeat(outline_m[:, 1], ANGLES)
+        here, gap = (theta, z_m, np.arange(len(z_m))), (z_m[:, None] - z_m) / self.size_m
+        own = _residual_covariance(self.prior, self.size_m, here, here)
+        errors = np.zeros((count, count))
+        for profile, logs, covariance in self._predicted(theta, z_m, own, gap, lambda m: m.T @ m):
+            off = logs.reshape(count, ANGLES).mean(axis=1) - np.log(outline_m[:, 0])
+            rings = covariance.reshape(count, ANGLES, count, ANGLES).mean(axis=(1, 3))
+            errors += profile.fraction * (rings + np.outer(off, off))
+        return errors
+
+    def _predicted(
+        self,
+        theta: Float[np.ndarray, "n"],
+        z_m: Float[np.ndarray, "n"],
+        own: np.ndarray,
+        gap: np.ndarray,
+        product: Callable[[np.ndarray], np.ndarray],
+    ) -> Iterator[tuple[RadialProfile, Float[np.ndarray, "n"], np.ndarray]]:
+        """Mean of log rho at some places, and its variance or covariance, by each process.
+
+        ``product`` of a matrix M is the diagonal of M^T M (variances) or all of it (covariances); ``own`` is the prior variance
+        or covariance of all terms except the profile; ``gap`` the distances of the places, 0 with variances.
+        """
+        known = (self.theta, self.z_m, self.row)
+        here = theta, z_m, np.arange(len(z_m))
+        cross = _solved(self.lower, _residual_covariance(self.prior, self.size_m, here, known).T)
+        logs = self.middle + self.prior.section(theta, z_m) + self.whitened @ cross
+        leading = cross.T @ self.picked
         for profile in self.profiles:
-            near = _solved(profile.lower, _matern(gap, profile.length, profile.order).T)
+            shape = (profile.length, profile.order)
+            near = _solved(profile.lower, _matern((z_m[:, None] - self.z_m) / self.size_m, *shape).T)
             # Contribution of p, without the part that the other terms already explain at the known places.
             weight = _solved(profile.lower, near, transposed=True).T - leading
-            between = profile.deviation**2 * (1 - (near**2).sum(axis=0))
-            along = weight @ profile.root
-            variance = own + between + (along**2).sum(axis=1)
+            along = (weight @ profile.root).T
+            between = profile.deviation**2 * (_matern(gap, *shape) - product(near))
             # Errors at rims are not those of the process that the contacts scale.
-            gain = self.rim.T @ cross + (self.rim.T @ self.picked @ profile.root) @ along.T
-            at_rims = (gain**2).sum(axis=0)
-            rho_m = np.exp(np.clip(predicted + weight @ profile.mean, -20.0, 20.0))
-            mean_m += profile.fraction * rho_m
-            variance = at_rims + profile.scale * np.maximum(variance - at_rims, 0.0)
-            square_m2 += profile.fraction * rho_m**2 * (1 + variance)
-        return mean_m, np.sqrt(np.maximum(square_m2 - mean_m**2, 0.0))
+            at_rims = product(self.rim.T @ cross + (self.rim.T @ self.picked @ profile.root) @ along)
+            whole = own - product(cross) + between + product(along)
+            yield profile, logs + weight @ profile.mean, at_rims + profile.scale * (whole - at_rims)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,51 +179,22 @@ class RadialMixture:
         """
         if not len(points_m):
             return np.zeros(0)
-        rho_m, square_m2 = _polar(points_m, self.models[0].prior)[1], np.zeros(len(points_m))
+        rho_m, square_m2 = polar(points_m, self.models[0].prior)[1], np.zeros(len(points_m))
         for model, fraction in zip(self.models, self.fractions, strict=True):
             expected_m, sigma_m = model.expected(points_m)
             square_m2 += fraction * ((rho_m - expected_m) ** 2 + sigma_m**2)
         return np.sqrt(square_m2)
 
+    def ring_errors(self, outline_m: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k k"]:
+        """As :meth:`RadialModel.ring_errors`.
 
-def wall_seen(prior: ShapePrior, band: SupportBand) -> VisibleWall:
-    """Bins of the visible walls; the height of a row is the mean of its points.
-
-    Parameters
-    ----------
-    prior
-        Axis and cross-sections of the bands.
-    band
-        Known points around the hole.
-    """
-    points_m = band.walls_m
-    theta, rho_m = _polar(points_m, prior)
-    logs = np.log(rho_m) - prior.section(theta, points_m[:, 2])
-    sector = np.floor((theta + np.pi) / (2 * np.pi) * _ANGLES).astype(int) % _ANGLES
-    nearest = np.abs(points_m[:, 2:] - prior.heights_m).argmin(axis=1)
-    bins: list[tuple[float, int, float]] = []
-    rows_of: list[tuple[float, float]] = []
-    rim_m = band.rim_m[np.abs(band.normals[:, 2]) < MAX_WALL_NZ]
-    rim = _RIM * band.cell_m * np.exp(-rim_m / band.cell_m) / rho_m
-    for number in range(len(prior.heights_m)):
-        rows = np.flatnonzero(nearest == number)
-        for part in np.array_split(rows[np.argsort(points_m[rows, 2])], _HEIGHTS):
-            if not len(part):
-                continue
-            above_m = points_m[part, 2] - points_m[part, 2].mean()
-            # Refer all bins to the height of their row: remove the slope within the row.
-            lean = float(above_m @ logs[part]) / max(float(above_m @ above_m), 1e-12)
-            level = logs[part] - lean * above_m
-            for place in np.unique(sector[part]):
-                chosen = sector[part] == place
-                angle = theta[part][chosen]
-                turn = np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())
-                bins.append((turn, len(rows_of), level[chosen].mean()))
-            rows_of.append((float(points_m[part, 2].mean()), float(rim[part].mean())))
-    turns, row, means = np.array(bins).T
-    z_m, sigma = np.array(rows_of).T
-    near = np.exp(-np.abs(z_m[:, None] - z_m) / band.cell_m) + 1e-8 * np.eye(len(z_m))
-    return VisibleWall(turns, row.astype(int), z_m, means, sigma[:, None] * np.linalg.cholesky(near))
+        Parameters
+        ----------
+        outline_m
+            Estimated radius and height of each ring (k, 2) [m].
+        """
+        each = [model.ring_errors(outline_m) for model in self.models]
+        return np.tensordot(self.fractions, each, axes=1)
 
 
 def fit_radial_mixture(
@@ -257,7 +244,7 @@ def fit_radial_model(
     noise = np.full(len(logs), _BAND**2)
     if contacts:
         touched = np.array([contact for contact, _ in contacts])
-        angle, rho_m = _polar(touched, prior)
+        angle, rho_m = polar(touched, prior)
         row = np.append(row, len(z_m) + np.arange(len(touched)))
         theta, z_m = np.append(theta, angle), np.append(z_m, touched[:, 2])
         logs = np.append(logs, np.log(rho_m) - prior.section(angle, touched[:, 2]))
@@ -375,12 +362,6 @@ def _residual_covariance(prior: ShapePrior, size_m: float, here: _Places, there:
         bridge = np.minimum(at, at2) * (1 - np.maximum(at, at2))
         found += bridge[row[:, None], row2] * np.outer(_difference(prior, theta), _difference(prior, theta2))
     return found
-
-
-def _polar(points_m: Float[np.ndarray, "n 3"], prior: ShapePrior) -> tuple[np.ndarray, np.ndarray]:
-    """Angle [rad] around the axis and distance from it [m]."""
-    offset = points_m[:, :2] - prior.axis_m
-    return np.arctan2(offset[:, 1], offset[:, 0]), np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-6)
 
 
 def _upper_fraction(prior: ShapePrior, z_m: np.ndarray) -> np.ndarray:

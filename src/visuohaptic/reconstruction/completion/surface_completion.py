@@ -25,7 +25,8 @@ from .hole import support_band
 from .hole_region import HoleRegion
 from .hole_surface import HoleSpace
 from .inner_walls import remove_back_sides
-from .radial_model import RadialMixture, VisibleWall, fit_radial_mixture, wall_seen
+from .outline import VisibleWall, wall_seen
+from .radial_model import RadialMixture, fit_radial_mixture
 from .rbf_centres import Centres, constrain_core, constrain_to_hull, free_points, with_off_surface
 from .symmetry import ShapePrior, fit_prior, height_axis
 from .touch import Touch, TouchPlan, best_vertex, reachable, starts
@@ -285,13 +286,17 @@ class Completion:
 
     def _deviation_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Standard deviation of points of the estimated surface [m]."""
-        if self.prior is None:
-            return spline_sigma_m(self._fit, points_m) * self.residuals.calibration
-        if self._radial is None:
-            if self._seen is None:
-                self._seen = wall_seen(self.prior, self.band)
+        if self.radial is not None:
+            return self.radial.deviation_m(points_m)
+        return spline_sigma_m(self._fit, points_m) * self.residuals.calibration
+
+    @property
+    def radial(self) -> RadialMixture | None:
+        """Process of the hidden wall's radius; ``None`` if no cross-section is visible all around."""
+        if self._radial is None and self.prior is not None:
+            self._seen = self._seen or wall_seen(self.prior, self.band)
             self._radial = fit_radial_mixture(self.prior, self._seen, self._contacts, self.region.size_m)
-        return self._radial.deviation_m(points_m)
+        return self._radial
 
     def uncertainty(self) -> SurfaceUncertainty:
         """Score and standard deviation of every vertex of the planning mesh."""
