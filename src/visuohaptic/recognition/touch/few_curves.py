@@ -43,11 +43,13 @@ POPULATION, SMOOTH = (1.5, 0.6, 0.3, 0.2, 0.4), 2.5
 WITHIN_CLASS_SIGMAS = (0.34, 0.15, 0.045, 0.047, 0.1)
 #: The same, independent at each place: the wall thickness varies by 1.5 %.
 PLACE_SIGMA = 0.03
-#: Candidate factors of these standard deviations, if several objects of a class were squeezed: of the class, and, as l of its
-#: Gaussians, of one exploration. Explorations of another day differ by more than those of one day, and a few of a class do not
-#: show by how much. On published grasps, these scales have a higher likelihood of left-out explorations than those of Student's
-#: t distributions of 1 to 8 degrees of freedom.
-WITHIN_CLASS_FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
+#: Candidate factors of these standard deviations, if several objects of a class were squeezed. The stiffness of pots varies by a
+#: third, that of one pot by a percent.
+WITHIN_CLASS_FACTORS = tuple(2.0**k for k in range(-5, 4))
+#: Factors of one exploration, l of the Gaussians of such a class. Explorations of another day differ by more than those of one
+#: day, and a few of a class do not show by how much. On published grasps, these scales have a higher likelihood of left-out
+#: explorations than those of Student's t distributions of 1 to 8 degrees of freedom.
+EXPLORATION_FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
 #: Candidate standard deviations between classes, independent at each place: zero in stiffness and width for containers, whose
 #: opposite sides are alike; large if the readings of the fingers of a hand are unrelated.
 PLACES = (0.0, 0.03, 0.1, 0.3, 1.0)
@@ -110,7 +112,7 @@ def learn_from_curves(
         # Different objects were touched in different explorations: the variation includes the nuisances.
         several = prior is None and not single
         pose = prior.pose if prior else (not several) * _pose(middle, settings, protocol)
-        spreads = (0.0, 1.0) if single else WITHIN_CLASS_FACTORS if several else (1.0, RANGE_WIDENING)
+        spreads = (0.0, 1.0) if single else EXPLORATION_FACTORS if several else (1.0, RANGE_WIDENING)
         learned[label] = ClassStatistics(middle, left, within, pose, spreads, several)
     return assemble(learned, groups or {}, settings, protocol)
 
@@ -153,10 +155,10 @@ def _likelihood(
     return total
 
 
-def _container_within(stiff: float = 1.0, wide: float = 1.0) -> Float[np.ndarray, "p p"]:
-    """Covariance within a class: :data:`WITHIN_CLASS_SIGMAS` scaled by two factors, of stiffness and width."""
+def _container_within(stiff: float = 1.0, uneven: float = 1.0, wide: float = 1.0) -> Float[np.ndarray, "p p"]:
+    """Covariance within a class: :data:`WITHIN_CLASS_SIGMAS` scaled by factors of stiffness, common and by place, and width."""
     level, bend, *outline = WITHIN_CLASS_SIGMAS
-    smooth = smooth_profile(stiff * level, stiff * bend, *(wide * part for part in outline), reach=SMOOTH)
+    smooth = smooth_profile(stiff * level, uneven * bend, *(wide * part for part in outline), reach=SMOOTH)
     return smooth + PLACE_SIGMA**2 * np.eye(len(smooth))
 
 
@@ -180,11 +182,11 @@ def _usual_within(
     classes: Sequence[Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]],
 ) -> Float[np.ndarray, "p p"]:
     """Covariance within a class that maximises the likelihood of the readings of classes with several objects."""
-    if not classes:
-        return _container_within()
-    tried = [_container_within(*factors) for factors in product(WITHIN_CLASS_FACTORS, WITHIN_CLASS_FACTORS)]
-    best = max(tried, key=lambda within: _likelihood(mean, spread, within, classes))
-    return _measured_within(best, classes)
+    best: tuple[float, ...] = (1.0, 1.0, 1.0)
+    for k in (0, 1, 2, 0, 1, 2) if classes else ():  # coordinate ascent
+        tried = [(*best[:k], factor, *best[k + 1 :]) for factor in WITHIN_CLASS_FACTORS]
+        best = max(tried, key=lambda one: _likelihood(mean, spread, _container_within(*one), classes))
+    return _measured_within(_container_within(*best), classes) if classes else _container_within()
 
 
 def _own_within(
