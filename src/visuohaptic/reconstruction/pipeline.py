@@ -246,18 +246,6 @@ def _band_m(grid: SpaceGrid, frames: Sequence[DepthFrame], noise: TrackedNoise) 
     return max(_BAND_SIGMAS * sigma_m, _MIN_BAND_VOXELS * grid.voxel_m)
 
 
-def _band_m(grid: SpaceGrid, frames: Sequence[DepthFrame], noise: DepthNoise) -> float:
-    """Half width of the band of signed distances: 3 sigma of a depth, between 2 and 4 voxels [m].
-
-    Behind a surface, the band reaches the far side of objects thinner than itself, whose surface it moves outwards: a cap of
-    14 mm radius was 4 mm too wide with a band of 24 mm. Two voxels contain both ends of each crossed edge of the grid.
-    """
-    middle_m = 0.5 * (grid.low_m + grid.high_m)
-    away_m = np.array([np.linalg.norm(frame.T_world_camera.translation_m - middle_m) for frame in frames])
-    sigma_m = float(np.median(TrackedNoise(noise).sigma_m(away_m)))
-    return float(np.clip(3 * sigma_m, 2 * grid.voxel_m, 4 * grid.voxel_m))
-
-
 def _placed(
     region: TransparentRegion, reported: Sequence[DepthFrame], frames: Sequence[DepthFrame]
 ) -> TransparentRegion:
