@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from .... import core
 from ....core.errors import InputError
 from ....core.map_tasks import available_cores, cluster_hosts, map_tasks
 from ..._console import Arguments, Progress
@@ -109,11 +110,9 @@ def compile_lines(lines: Sequence[str]) -> float:
 
 
 def _remove_stale() -> int:
-    from ....core.kernels import remove_stale
-
     for module in read_signatures():  # only listed kernels can be stale
         importlib.import_module(module)
-    return remove_stale()
+    return core.remove_stale()
 
 
 def _lines() -> list[str]:
