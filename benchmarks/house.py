@@ -93,10 +93,11 @@ def code_lines(module: Module) -> int:
 
 
 def imported_modules(module: Module, modules: dict[str, Module]) -> Iterator[str]:
-    """Modules of the package that a module imports; names of a package are resolved to their definition.
+    """Modules of the package that a module imports; names of a package, ``room.name`` too, are resolved to their definition.
 
     A text ``package.module:function`` names what is started in a process of its own, as in the commands of a verb's help.
     """
+    rooms: dict[str, Module] = {}
     for node in module.nodes:
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             yield from (name for name in _TARGET.findall(node.value) if name in modules)
@@ -110,10 +111,15 @@ def imported_modules(module: Module, modules: dict[str, Module]) -> Iterator[str
             else:
                 source = node.module or ""
             for alias in node.names:
-                if f"{source}.{alias.name}" in modules:
-                    yield f"{source}.{alias.name}"
+                if (found := modules.get(f"{source}.{alias.name}")) is not None:
+                    yield found.name
+                    if found.is_package:
+                        rooms[alias.asname or alias.name] = found
                 elif source in modules:
                     yield _defining(modules[source], alias.name, modules)
+    for node in module.nodes if rooms else ():
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in rooms:
+            yield _defining(rooms[node.value.id], node.attr, modules)
 
 
 def _defining(module: Module, name: str, modules: dict[str, Module]) -> str:

@@ -58,7 +58,7 @@ def connected(camera: TableCamera | None = None) -> Iterator[TableCamera]:
     """The camera in place of a connected one."""
     camera = camera or TableCamera()
     with (
-        mock.patch("visuohaptic.io.depth.depth_live.open_depth_camera", return_value=camera),
+        mock.patch("visuohaptic.io.depth.open_depth_camera", return_value=camera),
         mock.patch("visuohaptic.cli._extras._is_there", return_value=True),
     ):
         yield camera

@@ -429,14 +429,12 @@ def _answers() -> Iterator[None]:
 @contextlib.contextmanager
 def _server() -> Iterator[None]:
     """The shared database of the example's address is a folder: no server runs here."""
-    from visuohaptic.database import database
-
-    real = database.open_database
+    from visuohaptic.database import open_database as real
 
     def stand_in(where: Any, **more: Any) -> Any:
         return real("shared.db" if str(where).startswith("postgresql:") else where, **more)
 
-    with mock.patch("visuohaptic.database.database.open_database", stand_in):
+    with mock.patch("visuohaptic.database.open_database", stand_in):
         yield
 
 

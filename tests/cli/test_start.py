@@ -133,13 +133,13 @@ def test_what_cannot_be_right_is_refused(recording, monkeypatch, capsys, answers
 
 
 def test_cameras_are_listed(monkeypatch, capsys):
-    from visuohaptic.io.frames import live
-    from visuohaptic.io.frames.camera_backend import FoundCamera
+    from visuohaptic import io
+    from visuohaptic.io import FoundCamera
 
-    monkeypatch.setattr(live, "find_cameras", lambda: [FoundCamera("camera:2", "Wide Cam", "/sys/video2")])
+    monkeypatch.setattr(io, "find_cameras", lambda: [FoundCamera("camera:2", "Wide Cam", "/sys/video2")])
     assert main(["cameras"]) == 0
     assert capsys.readouterr().out.split(maxsplit=1) == ["camera:2", "Wide Cam\n"]
-    monkeypatch.setattr(live, "find_cameras", list)
+    monkeypatch.setattr(io, "find_cameras", list)
     assert main(["cameras"]) == 0
     assert "no camera found" in capsys.readouterr().out
     assert main(["start"]) == 2

@@ -9,16 +9,11 @@ from dataclasses import dataclass, field
 from itertools import islice
 from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
+from .. import core, io, report, sensing, viewer
+from ..core import files
 from ..core.errors import InputError
-
-if TYPE_CHECKING:
-    from ..core.camera.frame import Frame
-    from ..core.camera.model import Camera
-    from ..core.measurement import Event, ForceProfile
-    from ..core.robots import FrameSource
-    from ..sensing.readers.sensor_reader import SensorReader, SensorReading
 
 Measured = TypeVar("Measured")
 
@@ -61,7 +56,7 @@ def is_live(source: str) -> bool:
     return camera_of(source) is not None
 
 
-def opened_frames(args: Any, camera: Camera | None, *, grey: bool = False) -> FrameSource:
+def opened_frames(args: Any, camera: core.Camera | None, *, grey: bool = False) -> core.FrameSource:
     """The frames of ``--source``, to be used as a context.
 
     Parameters
@@ -73,14 +68,13 @@ def opened_frames(args: Any, camera: Camera | None, *, grey: bool = False) -> Fr
     grey
         Deliver grey images, which is faster.
     """
-    from ..io.frames.frames import open_source
 
-    return open_source(
+    return io.open_source(
         args.source, camera=camera, start_s=args.start, stop_s=args.stop, rate_Hz=args.rate_Hz, grey=grey
     )
 
 
-def shown_frames(args: Any, source: FrameSource, doing: str) -> Iterator[Frame]:
+def shown_frames(args: Any, source: core.FrameSource, doing: str) -> Iterator[core.Frame]:
     """Frames of a recording with a progress display, or of a camera.
 
     Parameters
@@ -103,7 +97,7 @@ class Outputs(Generic[Measured]):
     rows: Callable[[Measured], tuple[Any, ...]]  #: what a measurement is in the table
     page_title: str = "visuohaptic"
     #: keywords of :meth:`visuohaptic.viewer.LivePage.update` for a frame
-    show: Callable[[Frame, Measured], Mapping[str, Any]] | None = None
+    show: Callable[[core.Frame, Measured], Mapping[str, Any]] | None = None
     describe: Callable[[Measured], str] = lambda measured: ""  #: text beside an event
     #: what --plot draws of a measurement: by the label of the axes and the name of the line, value and sigma,
     #: NaN where they are not known
@@ -137,10 +131,10 @@ class SensorRun:
 
 def run_sensor(
     args: Any,
-    reader: SensorReader[Measured],
-    frames: Iterator[Frame],
+    reader: sensing.SensorReader[Measured],
+    frames: Iterator[core.Frame],
     outputs: Outputs[Measured],
-    on_reading: Callable[[SensorReading[Measured]], None] = lambda reading: None,
+    on_reading: Callable[[sensing.SensorReading[Measured]], None] = lambda reading: None,
     *,
     live: bool = False,
 ) -> SensorRun:
@@ -177,7 +171,7 @@ def run_sensor(
     if plot is not None and plot.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise InputError(plot, f"found suffix {plot.suffix!r}, expected .png, .pdf or .svg")
     drawn: list[tuple[float, Mapping[str, Any], str]] = []
-    events: list[Event] = []
+    events: list[core.Event] = []
     with ExitStack() as stack:
         recording, page = _opened(args, stack, outputs)
         writers = [stack.enter_context(outputs.open_table(path)) for path in tables]
@@ -230,25 +224,27 @@ def _hold_open(args: Any) -> None:
 
 
 def _save_plot(
-    path: Path, drawn: Sequence[tuple[float, Mapping[str, Any], str]], events: Sequence[Event], title: str
+    path: Path,
+    drawn: Sequence[tuple[float, Mapping[str, Any], str]],
+    events: Sequence[core.Event],
+    title: str,
 ) -> None:
     """Time, quantities and reason of each frame as a figure."""
     import numpy as np
 
-    from ..core.files import atomic_path
-    from ..report.charts import TimeSeries, traces_over_time
-
     times_s, charts, reasons = zip(*drawn, strict=True)
     panels = {
-        label: [TimeSeries(name, *np.array([chart[label][name] for chart in charts]).T) for name in names]
+        label: [
+            report.TimeSeries(name, *np.array([chart[label][name] for chart in charts]).T) for name in names
+        ]
         for label, names in charts[0].items()
     }
-    figure = traces_over_time(np.array(times_s), panels, reasons=reasons, events=events, title=title)
-    with atomic_path(path) as temporary:
+    figure = report.traces_over_time(np.array(times_s), panels, reasons=reasons, events=events, title=title)
+    with files.atomic_path(path) as temporary:
         figure.savefig(temporary, format=path.suffix[1:].lower(), dpi=150)
 
 
-def force_text(profile: ForceProfile) -> str:
+def force_text(profile: core.ForceProfile) -> str:
     """Force with its sigma and a bar, or why there is none.
 
     Parameters
@@ -262,12 +258,10 @@ def force_text(profile: ForceProfile) -> str:
     return f"{profile.force_N:7.3f} N +- {profile.force_sigma_N:.3f} N  {blocks * chr(0x2588)}"
 
 
-def force_outputs() -> Outputs[ForceProfile]:
+def force_outputs() -> Outputs[core.ForceProfile]:
     """Table, page and text of a foam sensor."""
-    from ..io.sinks.tables import TableWriter
-
     return Outputs(
-        TableWriter,
+        io.TableWriter,
         rows=lambda profile: (profile,),
         page_title="foam sensor",
         show=lambda frame, profile: {"frame_bgr": frame.image, "profile": profile},
@@ -282,13 +276,9 @@ def _opened(args: Any, stack: ExitStack, outputs: Outputs[Any]) -> tuple[Any, An
     """Recording and live page, each ``None`` when it was not asked for."""
     recording = page = None
     if args.out:
-        from ..io.sinks.mcap_out import MeasurementWriter
-
-        recording = stack.enter_context(MeasurementWriter(args.out))
+        recording = stack.enter_context(io.MeasurementWriter(args.out))
     if getattr(args, "view", False):
-        from ..viewer.page import LivePage
-
-        page = stack.enter_context(LivePage(title=outputs.page_title))
+        page = stack.enter_context(viewer.LivePage(title=outputs.page_title))
         args.report(f"live page: {page.url}")
         page.show()
     return recording, page

@@ -26,7 +26,7 @@ from .files.arrays import read_npz as read_npz
 from .files.atomic import atomic_path as atomic_path
 from .files.atomic import write_text as write_text
 from .files.image_header import MAX_PIXELS as MAX_PIXELS
-from .files.image_header import check_size as check_size
+from .files.image_header import check_image_size as check_image_size
 from .files.image_header import image_size as image_size
 from .files.images import MAX_IMAGE_BYTES as MAX_IMAGE_BYTES
 from .files.images import ImageMode as ImageMode

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from ..files import check_size, load_yaml_model, save_yaml
+from ..files import check_image_size, load_yaml_model, save_yaml
 from .pose import Pose
 
 #: Mapping from light to grey levels: linear, power of about 1 / 2.2, or unknown.
@@ -51,7 +51,7 @@ class Camera:
     def __post_init__(self) -> None:
         matrix = np.asarray(self.matrix, dtype=np.float64)
         distortion = np.atleast_1d(np.asarray(self.distortion, dtype=np.float64))
-        check_size("Camera", self.width, self.height, field="width, height")
+        check_image_size("Camera", self.width, self.height, field="width, height")
         if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
             raise InputError("Camera", f"found {matrix.tolist()}, expected 3 x 3 numbers", field="matrix")
         if matrix[0, 0] <= 0 or matrix[1, 1] <= 0 or not np.allclose(matrix[2], [0, 0, 1]):

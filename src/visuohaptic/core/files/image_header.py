@@ -33,11 +33,11 @@ def image_size(head: bytes, where: object) -> tuple[int, int]:
         if isinstance(error, InputError):
             raise
         raise InputError(where, "is a damaged image: its header contains no size") from error
-    check_size(where, width, height, "its header declares")
+    check_image_size(where, width, height, "its header declares")
     return width, height
 
 
-def check_size(where: object, width: int, height: int, found: str = "found", field: str = "") -> None:
+def check_image_size(where: object, width: int, height: int, found: str = "found", field: str = "") -> None:
     """Reject an empty image, and one that is too large to take memory for.
 
     Parameters

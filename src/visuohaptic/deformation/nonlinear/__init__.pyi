@@ -4,11 +4,11 @@ from .contents import closed_compliance as closed_compliance
 from .contents import contained_curve as contained_curve
 from .contents import enclosed_gradient as enclosed_gradient
 from .contents import liquid_level_m as liquid_level_m
+from .contents import pinch_curve as pinch_curve
 from .equilibrium_path import EquilibriumPath as EquilibriumPath
 from .equilibrium_path import PathPoint as PathPoint
 from .load_stepping import follow_arc as follow_arc
 from .load_stepping import follow_displacement as follow_displacement
 from .load_stepping import reach_loads as reach_loads
-from .pinch import pinch_curve as pinch_curve
 from .self_contact import SelfContactGuard as SelfContactGuard
 from .self_contact import wall_gap_m as wall_gap_m

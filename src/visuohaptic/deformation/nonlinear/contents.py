@@ -14,13 +14,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from ...core.errors import InputError
 from ...core.ranges import POSITIVE, Ranged, within
 from ..shapes.mesher import ShellObject
 from ..shells.corotational import CorotationalShell, PressureLaw
 from ..shells.shell import ShellModel, enclosed_volume, volume_gradient
 from ..shells.stiffness_map import DualTips, bent_loads, tip_loads
 from .equilibrium_path import EquilibriumPath
-from .pinch import pinch_curve
+from .load_stepping import follow_displacement
 from .self_contact import SelfContactGuard
 
 #: P_0 in the dissertation.
@@ -243,3 +244,33 @@ def pinch_load(model: ShellModel, tips: DualTips, which: int) -> Float[np.ndarra
     """
     out: np.ndarray = tip_loads(model.nodes, tips, model.mesh.vertices_m)[:, [which]].toarray().reshape(-1, 6)
     return out
+
+
+def pinch_curve(
+    shell: CorotationalShell,
+    tips: DualTips,
+    which: int,
+    deformation_m: Sequence[float],
+) -> EquilibriumPath:
+    """Close two tips on a wall: force against the mean deformation of both.
+
+    Parameters
+    ----------
+    shell
+        Wall with its contents.
+    tips
+        As for a map, see :func:`.opposing_points`.
+    which
+        Index of the pair.
+    deformation_m
+        Targets, ascending. ``load`` of the points is the force of one tip [N].
+
+    Raises
+    ------
+    InputError
+        The pair has no opposite wall.
+    """
+    if not tips.valid[which]:
+        raise InputError("pinch_curve", f"pair {which} has no wall across the axis")
+    load = tip_loads(shell.model.nodes, tips)[:, [which]].toarray().reshape(-1, 6)
+    return follow_displacement(shell, load, deformation_m, control=load / 2)

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from ...core.errors import InputError
-from ...core.files import check_size
+from ...core.files import check_image_size
 
 _MAGIC = b"v/1\x01"
 #: Flags of the version field that mark tiled, deep and multi-part files.
@@ -91,7 +91,7 @@ def _read_header(data: bytes, where: str) -> _Header:
         )
     left, top, right, bottom = struct.unpack("<4i", fields["dataWindow"])
     width, height = right - left + 1, bottom - top + 1
-    check_size(where, width, height, "its header declares")
+    check_image_size(where, width, height, "its header declares")
     return _Header(width, height, top, compression, _channels(fields["channels"], where), place + 1)
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Int, UInt8
 
 from ...core.camera.model import Camera
 from ...core.errors import InputError, needs
-from ...core.files import MAX_PIXELS, check_size
+from ...core.files import MAX_PIXELS, check_image_size
 from ..source import RecordedSource
 
 _log = logging.getLogger(__name__)
@@ -62,7 +62,7 @@ class VideoSource(RecordedSource):
         container, stream = self._open()
         with container:
             width, height = stream.codec_context.width, stream.codec_context.height
-            check_size(path, width, height)
+            check_image_size(path, width, height)
             stamps = self._stamps(container, stream)
             if not stamps:
                 raise InputError(path, "found no frames, expected at least one")

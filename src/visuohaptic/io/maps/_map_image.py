@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Int8, UInt
 
 from ...core.errors import InputError
-from ...core.files import MAX_IMAGE_BYTES, check_size, decode_image, image_size, read_bytes
+from ...core.files import MAX_IMAGE_BYTES, check_image_size, decode_image, image_size, read_bytes
 from ...core.ranges import check_numbers, within
 
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
@@ -145,7 +145,7 @@ def _netpbm_header(path: Path, data: bytes) -> tuple[tuple[int, int, int], int]:
     check_numbers(path, within(1, 65535), maxval=top)
     if place < len(data) and not data[place : place + 1].isspace():
         raise InputError(path, f"found {data[place : place + 1]!r} after the PGM header, expected a space")
-    check_size(path, width, height)
+    check_image_size(path, width, height)
     return (width, height, top), place
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from ...core.errors import InputError
-from ...core.files import check_size
+from ...core.files import check_image_size
 
 #: ROS encoding -> channels, bytes per channel, and name of OpenCV's conversion to grey or BGR.
 _ENCODINGS: dict[str, tuple[int, int, str]] = {
@@ -55,7 +55,7 @@ def decode_raw(message: Any, where: str) -> UInt8[np.ndarray, "rows columns *col
             where, f"found {encoding!r}, expected one of {', '.join(_ENCODINGS)}", field="encoding"
         )
     channels, depth, conversion = _ENCODINGS[encoding]
-    check_size(where, width, height)
+    check_image_size(where, width, height)
     used = width * channels * depth
     if step < used:
         raise InputError(
@@ -102,7 +102,7 @@ def decode_depth(message: Any, where: str) -> Float32[np.ndarray, "rows columns"
     kind = np.dtype((">" if message.is_bigendian else "<") + kinds[encoding])
     width, height, step = int(message.width), int(message.height), int(message.step)
     data = np.frombuffer(memoryview(message.data), dtype=np.uint8)
-    check_size(where, width, height)
+    check_image_size(where, width, height)
     if step < width * kind.itemsize:
         raise InputError(
             where, f"found {width} x {height} and {step} bytes per row, expected that of {encoding}"

@@ -1,5 +1,3 @@
-from .catalogue import NODES as NODES
-from .catalogue import node_kind as node_kind
 from .component import Component as Component
 from .component import Host as Host
 from .component import Status as Status
@@ -27,6 +25,8 @@ from .play_node import CameraNode as CameraNode
 from .play_node import CameraParameters as CameraParameters
 from .play_node import PlayNode as PlayNode
 from .play_node import PlayParameters as PlayParameters
+from .run import NODES as NODES
+from .run import node_kind as node_kind
 from .run import run_node as run_node
 from .running import Running as Running
 from .sensor_node import BeamNode as BeamNode

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from ...core.errors import InputError
+from ...core.errors import InputError, brief
 from ..transports.open_node import open_node
 from ..transports.session import RosOptions
-from .catalogue import node_kind
+from .component import Component
 from .lifecycle import LifecycleProcess
 from .parameters import given
 from .running import Running
@@ -85,3 +86,40 @@ def _wait(running: Running, stop: threading.Event, timeout_s: float | None) -> b
         if left_s <= 0:
             return True
     return True
+
+
+#: Name -> module and class.
+NODES: Mapping[str, tuple[str, str]] = {
+    "foam": ("sensor_node", "FoamNode"),
+    "beam": ("sensor_node", "BeamNode"),
+    "scene": ("sensor_node", "SceneNode"),
+    "template": ("sensor_node", "TemplateNode"),
+    "transparency": ("transparency_node", "TransparentPartsNode"),
+    "plan": ("plan_node", "PlanNode"),
+    "layers": ("map_nodes", "LayersNode"),
+    "travel": ("travel_node", "TravelNode"),
+    "camera": ("play_node", "CameraNode"),
+    "play": ("play_node", "PlayNode"),
+    "classify": ("object_nodes", "ClassifyNode"),
+    "grasp": ("object_nodes", "GraspNode"),
+}
+
+
+def node_kind(name: str) -> type[Component]:
+    """The class of a node.
+
+    Parameters
+    ----------
+    name
+        Name of the node, such as ``foam``.
+
+    Raises
+    ------
+    InputError
+        There is no node of this name.
+    """
+    if name not in NODES:
+        raise InputError("node", f"found {brief(name)}, expected one of {', '.join(NODES)}")
+    module, short = NODES[name]
+    found: type[Component] = getattr(importlib.import_module(f".{module}", __package__), short)
+    return found

@@ -25,13 +25,13 @@ from .records import POSE_COLUMNS as POSE_COLUMNS
 from .records import LoadRecord as LoadRecord
 from .records import read_loads as read_loads
 from .records import read_template_poses as read_template_poses
-from .reference import SteadyReference as SteadyReference
 from .rod import RodShape as RodShape
 from .rod import base_wrench as base_wrench
 from .rod import rod_from_base as rod_from_base
 from .sensor import BeamReading as BeamReading
 from .sensor import BeamSensor as BeamSensor
 from .sensor import BeamSetup as BeamSetup
+from .sensor import SteadyReference as SteadyReference
 from .tracked import TrackedBeam as TrackedBeam
 from .tracked import TrackedReading as TrackedReading
 from .zero import BeamDriftSettings as BeamDriftSettings

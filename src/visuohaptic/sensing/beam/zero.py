@@ -25,8 +25,6 @@ MAX_CREEP = 2.5
 #: A scatter below these is acceptable, independent of the declared noise [m, rad].
 FINE_SCATTER = np.array([2e-5, 2e-5, 2e-5, 5e-4, 5e-4, 5e-4])
 
-Numbers6 = Annotated[list[FiniteFloat], Field(min_length=6, max_length=6)]
-
 
 class _ZeroTemplate(PoseSection):
     name: str

@@ -2,7 +2,6 @@ from .at_rest import FoamCurve as FoamCurve
 from .at_rest import Rest as Rest
 from .at_rest import rest_hypotheses as rest_hypotheses
 from .breakaway import breakaway_force as breakaway_force
-from .circle_fit import fit_circle_algebraic as fit_circle_algebraic
 from .contact_outline import FlankPrior as FlankPrior
 from .contact_outline import OutlineFit as OutlineFit
 from .contact_outline import fit_outline as fit_outline
@@ -11,6 +10,7 @@ from .events import DeflectionEvents as DeflectionEvents
 from .events import EventSettings as EventSettings
 from .outline_hypotheses import Hypothesis as Hypothesis
 from .outline_hypotheses import Impression as Impression
+from .outline_hypotheses import fit_circle_algebraic as fit_circle_algebraic
 from .outline_hypotheses import hypotheses as hypotheses
 from .outline_primitive import outline_kind as outline_kind
 from .outline_primitive import outline_primitive as outline_primitive

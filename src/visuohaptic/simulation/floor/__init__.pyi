@@ -6,5 +6,5 @@ from .floor_senses import SensorErrors as SensorErrors
 from .floor_world import FloorBase as FloorBase
 from .floor_world import FloorTouch as FloorTouch
 from .floor_world import FloorWorld as FloorWorld
-from .walls import merged_rectangles as merged_rectangles
-from .walls import wall_boxes as wall_boxes
+from .floor_world import merged_rectangles as merged_rectangles
+from .floor_world import wall_boxes as wall_boxes

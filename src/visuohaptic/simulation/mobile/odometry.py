@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...core.geometry import wrap_angle
 from ...core.robots import BaseState, MobileBase
 
 
@@ -69,8 +70,7 @@ class DriftingBase(MobileBase):
         )
         way = math.hypot(ahead, left)
         slip = e.slip_m * math.sqrt(way) * self._rng.standard_normal(2)
-        turn = true.heading_rad - last.heading_rad
-        turn = (turn + math.pi) % (2 * math.pi) - math.pi
+        turn = wrap_angle(true.heading_rad - last.heading_rad)
         moving = way > 1e-6 or abs(turn) > 1e-6
         # A gyroscope is zeroed at standstill: it drifts only in motion.
         walk = (

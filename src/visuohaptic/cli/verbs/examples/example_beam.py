@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from .... import rigs
 from .example_foam import NEEDS, add_arguments, written
 
 __all__ = ["NEEDS", "add_arguments", "run"]
@@ -25,6 +26,4 @@ __all__ = ["NEEDS", "add_arguments", "run"]
 
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
-    from ....rigs.virtual_beam import write_beam_example
-
-    return written(args, write_beam_example, "example beam")
+    return written(args, rigs.write_beam_example, "example beam")

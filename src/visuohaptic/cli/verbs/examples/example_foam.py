@@ -22,6 +22,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from .... import rigs
+
 #: Optional modules that the verb imports.
 NEEDS = ("av",)
 
@@ -92,6 +94,4 @@ def report_next(args: Any, folder: Path, verb: str) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
-    from ....rigs.foam_example import write_example
-
-    return written(args, write_example, "example foam")
+    return written(args, rigs.write_example, "example foam")

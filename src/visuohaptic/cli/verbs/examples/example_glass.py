@@ -18,6 +18,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ....core import files
+from ....simulation import tabletop
+
 #: Of the simulated views: their distance on a circle [m], width [px], and the errors of their poses [m], [rad].
 _STEP_M, _WIDTH_PX, _SIGMA_M, _SIGMA_RAD = 0.12, 160, 0.001, 0.002
 
@@ -33,16 +36,15 @@ def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
     import numpy as np
 
-    from ....core.files import write_text
-    from ....simulation.tabletop.depth_camera import DepthCamera
-    from ....simulation.tabletop.glass_scenes import glass_scene
     from .example_foam import report_next
 
-    scene = glass_scene(args.seed, kind="thick" if args.clear else "labelled", arc_deg=360, step_m=_STEP_M)
+    scene = tabletop.glass_scene(
+        args.seed, kind="thick" if args.clear else "labelled", arc_deg=360, step_m=_STEP_M
+    )
     args.out.mkdir(parents=True, exist_ok=True)
     views = scene.save(
         args.out / "scan",
-        DepthCamera.kinect(_WIDTH_PX),
+        tabletop.DepthCamera.kinect(_WIDTH_PX),
         np.random.default_rng(args.seed),
         pose_sigma_m=_SIGMA_M,
         pose_sigma_rad=_SIGMA_RAD,
@@ -52,7 +54,7 @@ def run(args: Any) -> dict[str, Any]:
         x, y, _ = solid.foot_m
         radius_m = float(np.max(solid.radius_m(np.linspace(0.0, solid.height_m, 50))))
         rows.append(f"{x:.4f},{y:.4f},{radius_m:.4f},{solid.height_m:.4f}")
-    write_text(args.out / "truth.csv", "\n".join(rows) + "\n")
+    files.write_text(args.out / "truth.csv", "\n".join(rows) + "\n")
     args.report(f"{views} views of {len(scene.glass)} bottles written to {args.out}")
     report_next(args, args.out, "example glass")
     return {"folder": str(args.out), "views": views, "bottles": len(scene.glass)}

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from .... import rigs
 from .example_foam import NEEDS, add_arguments, written
 
 __all__ = ["NEEDS", "add_arguments", "run"]
@@ -26,6 +27,4 @@ __all__ = ["NEEDS", "add_arguments", "run"]
 
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
-    from ....rigs.gripper_example import write_gripper_example
-
-    return written(args, write_gripper_example, "example gripper")
+    return written(args, rigs.write_gripper_example, "example gripper")

@@ -17,6 +17,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from .... import rigs
+
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
@@ -25,7 +27,6 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
-    from ....rigs.virtual_office import write_office_example
     from .example_foam import report_files
 
-    return report_files(args, write_office_example(args.out), "example office")
+    return report_files(args, rigs.write_office_example(args.out), "example office")

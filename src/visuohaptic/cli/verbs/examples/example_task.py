@@ -19,6 +19,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from .... import rigs
+
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
@@ -32,14 +34,10 @@ def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
     truth: dict[str, Any]
     if args.task == "cap":
-        from ....rigs.virtual_crown_cap import open_virtual_cap
-
-        bottle = open_virtual_cap(args.seed, "tracked")
+        bottle = rigs.open_virtual_cap(args.seed, "tracked")
         trace, truth = bottle.opening.trace, {"truly_open": bottle.truly_open}
     else:
-        from ....rigs.virtual_touch_map import map_virtual_room
-
-        room = map_virtual_room(args.seed, args.contacts)
+        room = rigs.map_virtual_room(args.seed, args.contacts)
         trace, score = room.mapping.trace, room.score
         truth = {"contacts": score.contacts, "correct_flags": score.correct_flags, "iou": score.iou}
     args.out.mkdir(parents=True, exist_ok=True)

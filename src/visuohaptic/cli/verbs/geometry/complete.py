@@ -13,15 +13,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .... import core, reconstruction
 from ....core.files.plain_json import picked
+from ....io import meshes
 
 if TYPE_CHECKING:
-    from ....core.camera.pose import Pose
     from ....reconstruction.body_completion import BodyCompletion
     from ....reconstruction.completion.hole_region import HoleRegion
     from ....reconstruction.completion.surface_completion import Completion
     from ....reconstruction.completion.touch import Touch, TouchPlan
-    from ....reconstruction.mesh import SurfaceMesh
 
 #: Optional modules that the verb imports.
 NEEDS = ("robust_laplacian", "skimage")
@@ -46,21 +46,20 @@ def run(args: Any) -> dict[str, Any]:
     """Complete; returns the mapping that ``--json`` prints."""
     import numpy as np
 
-    from ....core.errors import InputError
-    from ....io.meshes.ply import PlyMesh, write_ply
     from ....reconstruction.completion.hole_region import load_hole_regions
     from ....reconstruction.completion.surface_completion import Completion
     from ....reconstruction.completion.touch import read_touches
     from ....reconstruction.completion.touch_registration import register_touches
-    from ....reconstruction.mesh import SurfaceMesh
 
-    model = SurfaceMesh.load(args.model)
+    model = reconstruction.SurfaceMesh.load(args.model)
     regions = load_hole_regions(args.region)
     number = args.cluster
     if number is None:
         number = int(np.argmin([abs(float(r.distance_m(model.vertices_m).min())) for r in regions]))
     if not 0 <= number < len(regions):
-        raise InputError(args.region, f"has {len(regions)} clusters, no number {number}", field="clusters")
+        raise core.InputError(
+            args.region, f"has {len(regions)} clusters, no number {number}", field="clusters"
+        )
     touches = read_touches(args.touches) if args.touches else []
     pose, rms_m = None, 0.0
     if args.register:
@@ -70,11 +69,11 @@ def run(args: Any) -> dict[str, Any]:
     completion = _joined(args, model, regions[number], touches, pose)
     completed = completion.completed()
     fields = {"sigma_m": completion.sigma_m(completed.vertices_m)}
-    write_ply(args.out, PlyMesh(completed.vertices_m, completed.faces, completed.colors, fields))
+    meshes.write_ply(
+        args.out, meshes.PlyMesh(completed.vertices_m, completed.faces, completed.colors, fields)
+    )
     if args.plot:
-        from ....reconstruction.plots import plot_completion
-
-        plot_completion(completion, args.plot)
+        reconstruction.plot_completion(completion, args.plot)
     found: dict[str, Any] = {
         "out": str(args.out),
         "cluster": number,
@@ -100,10 +99,13 @@ def run(args: Any) -> dict[str, Any]:
 
 
 def _joined(
-    args: Any, model: SurfaceMesh, region: HoleRegion, touches: list[Touch], pose: Pose | None
+    args: Any,
+    model: reconstruction.SurfaceMesh,
+    region: HoleRegion,
+    touches: list[Touch],
+    pose: core.Pose | None,
 ) -> Completion | BodyCompletion:
     """The completion with all touches: from the visible band, or of a fully clear vessel from its outlines."""
-    from ....core.errors import InputError
     from ....reconstruction.body_completion import BodyCompletion
     from ....reconstruction.completion.surface_completion import Completion, CompletionSettings
 
@@ -114,7 +116,7 @@ def _joined(
             completion.add(touch)
         return completion
     if region.body is None:
-        raise InputError(
+        raise core.InputError(
             args.region,
             "found no outline of the cluster (axis, radius, height), expected one for --clear",
             remedy="create it with `visuohaptic reconstruct` and the method consistency",
@@ -134,8 +136,6 @@ def _check_reach(touches: Any, path: Any, model_m: Any, region_m: Any, pose: Any
     """Reject contacts too far from the object: wrong unit, or wrong frame."""
     import numpy as np
 
-    from ....core.errors import InputError
-
     centre = region_m.mean(axis=0)
     reach_m = float(np.linalg.norm(np.ptp(model_m, axis=0)) + np.linalg.norm(np.ptp(region_m, axis=0)))
     for index, touch in enumerate(touches):
@@ -144,7 +144,7 @@ def _check_reach(touches: Any, path: Any, model_m: Any, region_m: Any, pose: Any
         point = touch.contact_m if pose is None else pose.apply(touch.contact_m)
         away_m = float(np.linalg.norm(point - centre))
         if away_m > reach_m:
-            raise InputError(
+            raise core.InputError(
                 path,
                 f"found a contact {away_m:.3g} m from the region, expected at most {reach_m:.3g} m",
                 field=f"touch {index + 1}",

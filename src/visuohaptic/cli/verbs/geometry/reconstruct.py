@@ -13,6 +13,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from .... import core, io, reconstruction, viewer
+from ....io import meshes
+from ....reconstruction import fusion
 from ..._console import Arguments
 
 #: Optional modules that the verb imports.
@@ -44,26 +47,20 @@ def run(args: Arguments) -> dict[str, Any]:
     """Read, detect, fuse, write; returns what is printed."""
     from dataclasses import asdict
 
-    from ....core.errors import InputError
-    from ....io.depth.depth_sequence import DepthSequence
-    from ....reconstruction.fusion.depth_noise import sensor_noise
-    from ....reconstruction.fusion.volume import SpaceGrid, space_of_interest
-    from ....reconstruction.pipeline import reconstruct, sequence_noise
-
     if args.sequence.is_dir() and not (args.sequence / "sequence.yaml").exists():
-        raise InputError(
+        raise core.InputError(
             args.sequence,
             "has no sequence.yaml, expected a sequence folder",
             remedy="convert depth images with `visuohaptic recording import`",
         )
-    sequence = DepthSequence(args.sequence)
-    noise = sensor_noise(args.sensor) if args.sensor else sequence_noise(sequence)
+    sequence = io.DepthSequence(args.sequence)
+    noise = fusion.sensor_noise(args.sensor) if args.sensor else reconstruction.sequence_noise(sequence)
     frames = list(sequence)
     if args.space:
-        grid = SpaceGrid.around(args.space[:3], args.space[3:], args.voxel_m)
+        grid = fusion.SpaceGrid.around(args.space[:3], args.space[3:], args.voxel_m)
     else:
-        grid = space_of_interest(frames, voxel_m=args.voxel_m)
-    found = reconstruct(
+        grid = fusion.space_of_interest(frames, voxel_m=args.voxel_m)
+    found = reconstruction.reconstruct(
         frames,
         grid=grid,
         noise=noise,
@@ -81,9 +78,7 @@ def run(args: Arguments) -> dict[str, Any]:
     args.report(f"{parts}, {len(found.surface.faces)} triangles in {args.out}")
     args.report(f"{'search' if found.search.found else 'nothing found'}: {found.search.text}")
     if args.plot:
-        from ....reconstruction.plots import plot_reconstruction
-
-        plot_reconstruction(found, args.plot)
+        reconstruction.plot_reconstruction(found, args.plot)
     if args.view:
         _show(found, args)
     return {
@@ -106,9 +101,6 @@ def _show(found: Any, args: Arguments) -> None:
     """Serve the surface with the transparent parts in yellow until interrupted."""
     import numpy as np
 
-    from ....io.meshes.ply import PlyMesh
-    from ....viewer.browse import BrowsePage
-    from ....viewer.surface_view import SurfaceView
     from ..system.view import wait
 
     surface = found.surface
@@ -117,13 +109,13 @@ def _show(found: Any, args: Arguments) -> None:
     faces = [surface.faces, *(region.faces for region in found.regions)]
     grey = np.full((first[1], 3), 190) if surface.colors is None else surface.colors
     yellow = np.tile([255, 210, 0], (first[-1] - first[1], 1))
-    mesh = PlyMesh(
+    mesh = meshes.PlyMesh(
         np.concatenate(vertices),
         np.concatenate([part + offset for part, offset in zip(faces, first[:-1], strict=True)]),
         np.concatenate([grey, yellow]).astype(np.uint8),
         {},
     )
-    with BrowsePage([SurfaceView("surface and transparent parts", mesh)]) as page:
+    with viewer.BrowsePage([viewer.SurfaceView("surface and transparent parts", mesh)]) as page:
         args.report(f"shown at {page.url}, end with Ctrl+C")
         page.show()
         wait(args)

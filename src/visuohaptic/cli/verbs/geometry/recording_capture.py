@@ -18,13 +18,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from .... import core, io, tracking
 from ....core.errors import InputError
-
-if TYPE_CHECKING:
-    from ....io.depth.depth_live import LiveDepthSource
-    from ....io.depth.depth_sequence import DepthFrame
+from ....io import depth
 
 #: Metres of one unit of the depth images: a quarter of the cameras' own millimetre, up to 16 m.
 _DEPTH_SCALE_M = 2.5e-4
@@ -49,13 +47,9 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Record; returns the mapping that ``--json`` prints."""
-    from ....io.depth.depth_live import open_depth_camera
-    from ....io.depth.depth_sequence_out import write_sequence
-    from ....io.frames.live import find_cameras
-
-    with open_depth_camera(args.source) as source:
+    with depth.open_depth_camera(args.source) as source:
         maker = args.source.partition(":")[0]
-        names = [camera.name for camera in find_cameras() if camera.address.startswith(args.source)]
+        names = [camera.name for camera in io.find_cameras() if camera.address.startswith(args.source)]
         skipped = [0]
         views = _views(args, source, skipped)
         if (first := next(views, None)) is None:
@@ -64,7 +58,7 @@ def run(args: Any) -> dict[str, Any]:
                 f"was not detected in {skipped[0]} images",
                 remedy="check --tag, and that the whole tag is visible in even light",
             )
-        count = write_sequence(
+        count = depth.write_sequence(
             args.out,
             _all(first, views),
             sensor=names[0] if names else maker,
@@ -75,32 +69,27 @@ def run(args: Any) -> dict[str, Any]:
     return {"folder": str(args.out), "frames": count, "skipped": skipped[0]}
 
 
-def _all(first: DepthFrame, others: Iterator[DepthFrame]) -> Iterator[DepthFrame]:
+def _all(first: io.DepthFrame, others: Iterator[io.DepthFrame]) -> Iterator[io.DepthFrame]:
     yield first
     yield from others
 
 
-def _views(args: Any, source: LiveDepthSource, skipped: list[int]) -> Iterator[DepthFrame]:
+def _views(args: Any, source: depth.LiveDepthSource, skipped: list[int]) -> Iterator[io.DepthFrame]:
     """Images with the pose of the camera in the frame of the tag, until there are enough or Ctrl-C."""
     import numpy as np
 
-    from ....core.camera.frame import Frame
-    from ....core.camera.pose import Pose
-    from ....tracking.templates.template import Template
-    from ....tracking.templates.template_tracker import TemplateTracker
-
     # The y axis of the tag points down, its z axis into the paper; the z axis of the world points up.
-    T_template_world = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
-    tag = Template.from_tag(args.tag, size_m=args.size_m)
+    T_template_world = core.Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+    tag = tracking.Template.from_tag(args.tag, size_m=args.size_m)
     stored, last_s = 0, -np.inf
     with (
         suppress(KeyboardInterrupt),
-        TemplateTracker([tag], source.camera, threaded=False) as tracker,
+        tracking.TemplateTracker([tag], source.camera, threaded=False) as tracker,
         args.progress(args.count, "recording") as bar,
     ):
         while stored < args.count:
             image = source.read()
-            (seen,) = tracker.update(Frame(image.color, image.t_s, image.index))
+            (seen,) = tracker.update(core.Frame(image.color, image.t_s, image.index))
             if not seen.valid or seen.T_camera_template is None:
                 skipped[0] += 1
                 if not stored and skipped[0] > 20 * args.count:

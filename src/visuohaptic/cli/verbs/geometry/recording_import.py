@@ -12,6 +12,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from .... import io
 from ....core.files.plain_json import picked
 
 
@@ -29,9 +30,7 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Import; returns the mapping that ``--json`` prints."""
-    from ....io.depth.depth_import import import_sequence
-
-    found = import_sequence(
+    found = io.import_sequence(
         args.folder,
         args.out,
         layout=args.layout,

@@ -11,6 +11,9 @@ from __future__ import annotations
 from argparse import Namespace
 from typing import Any
 
+from .... import core, io
+from ....io import ros
+
 
 def add_arguments(add: Any) -> None:
     """Arguments of the command."""
@@ -22,10 +25,8 @@ def run(args: Namespace) -> dict[str, Any]:
     """Summarise the recording; returns what is printed."""
     from pathlib import Path
 
-    from ....io.ros.sqlite_bag import is_bag
-
     path = Path(args.file)
-    if is_bag(path):
+    if ros.is_bag(path):
         return _mcap(path)
     if path.suffix in (".yaml", ".yml"):
         return _map(path)
@@ -37,9 +38,7 @@ def run(args: Namespace) -> dict[str, Any]:
 
 
 def _depth(path: Any) -> dict[str, Any]:
-    from ....io.depth.depth_sequence import DepthSequence
-
-    sequence = DepthSequence(path)
+    sequence = io.DepthSequence(path)
     frames = list(sequence)
     times = [frame.t_s for frame in frames]
     return {
@@ -55,9 +54,7 @@ def _depth(path: Any) -> dict[str, Any]:
 
 
 def _mcap(path: Any) -> dict[str, Any]:
-    from ....io.ros.sqlite_bag import open_bag
-
-    file = open_bag(path)
+    file = ros.open_bag(path)
     topics = file.topics()
     start = min((topic.start_s for topic in topics), default=0.0)
     stop = max((topic.stop_s for topic in topics), default=0.0)
@@ -76,9 +73,7 @@ def _mcap(path: Any) -> dict[str, Any]:
 
 
 def _map(path: Any) -> dict[str, Any]:
-    from ....io.maps.occupancy_map import OccupancyMap
-
-    grid = OccupancyMap.load(path)
+    grid = io.OccupancyMap.load(path)
     return {
         "file": str(path),
         "kind": "map",
@@ -94,13 +89,9 @@ def _map(path: Any) -> dict[str, Any]:
 
 
 def _frames(args: Namespace) -> dict[str, Any]:
-    from ....core.errors import InputError
-    from ....io.frames.frames import open_source
-    from ....io.source import RecordedSource
-
-    with open_source(args.file, rate_Hz=args.rate_Hz) as source:
-        if not isinstance(source, RecordedSource):
-            raise InputError(args.file, "is a live camera, expected a recording")
+    with io.open_source(args.file, rate_Hz=args.rate_Hz) as source:
+        if not isinstance(source, io.RecordedSource):
+            raise core.InputError(args.file, "is a live camera, expected a recording")
         first = next(iter(source))
         times = source.times_s
         return {

@@ -14,6 +14,8 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
+from .... import io
+
 
 def add_arguments(add: Any) -> None:
     """Arguments of the command."""
@@ -38,7 +40,5 @@ def needs(args: Any) -> set[str]:
 
 def run(args: Namespace) -> dict[str, Any]:
     """Recover; returns what is printed."""
-    from ....io.recovery import recover
-
-    found = recover(args.path, args.out)
+    found = io.recover(args.path, args.out)
     return {"path": str(found.path), "kind": found.kind, "recovered": found.count}

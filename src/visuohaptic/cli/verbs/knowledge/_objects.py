@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from typing import Any
 
+from .... import core, database
 from ....core.objects import VisuoHapticObject
 
 #: Environment variable that names the database if ``--db`` is not given.
@@ -38,9 +39,8 @@ def opened(args: Any, *, create: bool = False) -> Any:
     create
         Create it where it is missing.
     """
-    from ....database.database import open_database
 
-    return open_database(args.db, create=create)
+    return database.open_database(args.db, create=create)
 
 
 def described(obj: VisuoHapticObject) -> dict[str, Any]:
@@ -51,9 +51,8 @@ def described(obj: VisuoHapticObject) -> dict[str, Any]:
     obj
         As stored.
     """
-    from ....core.cards import encode
 
-    card, arrays = encode(obj)
+    card, arrays = core.encode(obj)
     card.pop("evidence", None)
     shapes = {name: "x".join(map(str, array.shape)) for name, array in arrays.items()}
     return {**card, "evidence": len(obj.evidence), "arrays": shapes}

@@ -13,7 +13,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from .... import recognition
 from ....core.files.plain_json import picked
+from ....recognition import trees
 
 
 def add_arguments(add: Any) -> None:
@@ -24,19 +26,14 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Show; returns the mapping that ``--json`` prints."""
-    from ....recognition.classifier_file import load_classifier
-    from ....recognition.trees.tree_file import plan_rows, tree_text
-    from ....recognition.trees.tree_nodes import mean_touches, scaling_touches
-    from ....recognition.trees.tree_plots import plot_tree
-
-    found = load_classifier(args.tree)
+    found = recognition.load_classifier(args.tree)
     tree = found.required_tree()
     if args.plot and found.data is not None:
-        plot_tree(args.plot, tree, found.data.of_classes(tree.classes, found.groups))
-    args.report(tree_text(tree))
+        trees.plot_tree(args.plot, tree, found.data.of_classes(tree.classes, found.groups))
+    args.report(recognition.tree_text(tree))
     return {
         **picked(tree, "classes scheme loss"),
-        "scaling": [f"{axis}{height}" for height, axis in scaling_touches(tree.scheme)],
-        "mean_touches": mean_touches(tree),
-        "nodes": plan_rows(tree),
+        "scaling": [f"{axis}{height}" for height, axis in recognition.scaling_touches(tree.scheme)],
+        "mean_touches": recognition.mean_touches(tree),
+        "nodes": trees.plan_rows(tree),
     }

@@ -21,6 +21,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from .... import recognition, viewer
+from ....core import files
 from ....core.errors import InputError
 
 
@@ -51,19 +53,15 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Classify; returns the mapping that ``--json`` prints."""
-    from ....core.files import write_text
-    from ....recognition.classifier_file import load_classifier
-    from ....recognition.data.curve_file import read_curves
-    from ....recognition.data.readings import TouchNoise, stiffness_grid
-    from ....recognition.touch.steps import tree_steps
-
     if bool(args.curves) == args.ask:
         raise InputError("classify run", "expected either a file of curves or --ask")
-    found = load_classifier(args.tree)
+    found = recognition.load_classifier(args.tree)
     prior = dict(_prior(text) for text in args.prior) or None
     readings: Any = ()
     if not args.ask:
-        readings = read_curves(args.curves, TouchNoise(args.force_noise, args.deformation_noise))
+        readings = recognition.read_curves(
+            args.curves, recognition.TouchNoise(args.force_noise, args.deformation_noise)
+        )
     # Without widths in the file the model omits this feature, and its confidence threshold differs, too.
     wide = args.ask or any(math.isfinite(reading.width_m) for reading in readings)
     model = found.model(use_width=wide and not args.no_width, prior=prior)
@@ -78,9 +76,11 @@ def run(args: Any) -> dict[str, Any]:
                 follow(readings[:count], None if count == len(readings) else _place_of(readings[count]))
         result = _result(args, found, model, readings)
         if args.steps:
-            steps, answer = tree_steps(found.required_tree(), stiffness_grid(readings))
+            steps, answer = recognition.tree_steps(
+                found.required_tree(), recognition.stiffness_grid(readings)
+            )
             walked = {"steps": [list(step) for step in steps], "result": answer}
-            write_text(args.steps, json.dumps(walked, indent=1) + "\n")
+            files.write_text(args.steps, json.dumps(walked, indent=1) + "\n")
         if args.view:
             args.report(f"{result['answer']}: {result['confidence']:.3f}")
         if result["contradiction"]:
@@ -89,15 +89,14 @@ def run(args: Any) -> dict[str, Any]:
 
 
 def _result(args: Any, found: Any, model: Any, readings: Any) -> dict[str, Any]:
-    from ....recognition.data.readings import stiffness_grid
-    from ....recognition.touch.bayes import touch_gains
-    from ....recognition.touch.belief import contradicted_assumption, update_belief
-    from ....recognition.trees.tree_nodes import next_touch
+    from ....recognition.touch.belief import contradicted_assumption
 
-    belief = update_belief(model, readings)
+    belief = recognition.update_belief(model, readings)
     tree = found.tree
-    requested, node = (None, 0) if tree is None else next_touch(tree, stiffness_grid(readings))
-    gains = touch_gains(model, readings)
+    requested, node = (
+        (None, 0) if tree is None else recognition.next_touch(tree, recognition.stiffness_grid(readings))
+    )
+    gains = recognition.touch_gains(model, readings)
     best = max(gains, key=lambda one: gains[one][0] / gains[one][1]) if gains else None
     sure = belief.confidence >= args.confidence
     result: dict[str, Any] = {
@@ -132,24 +131,20 @@ def _page(args: Any, tree: Any, model: Any) -> Iterator[Any]:
     if not args.view:
         yield lambda readings, requested: None
         return
-    from ....recognition.data.readings import stiffness_grid
-    from ....recognition.touch.steps import planner_follower, tree_follower
-    from ....viewer.browse import BrowsePage
-    from ....viewer.steps_view import StepsView
     from ..system.view import wait
 
-    pages = [StepsView("planner")]
-    tellers = [planner_follower(model, pages[0])]
+    pages = [viewer.StepsView("planner")]
+    tellers = [recognition.planner_follower(model, pages[0])]
     if tree is not None:
-        pages.insert(0, StepsView("tree"))
-        tell_tree = tree_follower(tree, pages[0])
-        tellers.append(lambda readings, requested: tell_tree(stiffness_grid(readings)))
+        pages.insert(0, viewer.StepsView("tree"))
+        tell_tree = recognition.tree_follower(tree, pages[0])
+        tellers.append(lambda readings, requested: tell_tree(recognition.stiffness_grid(readings)))
 
     def follow(readings: Any, requested: Any) -> None:
         for tell in tellers:
             tell(readings, requested)
 
-    with BrowsePage(pages, args.port) as page:
+    with viewer.BrowsePage(pages, args.port) as page:
         args.report(f"{page.url} shows the touches; Ctrl-C ends it")
         page.show()
         yield follow
@@ -161,10 +156,7 @@ def _place_of(reading: Any) -> tuple[int, str]:
 
 
 def _interactive(args: Any, model: Any, follow: Any) -> tuple[Any, ...]:
-    from ....recognition.data.readings import CurveCoefficients, TouchReading
-    from ....recognition.touch.bayes import explore
-
-    def touch(height: int, axis: str) -> TouchReading:
+    def touch(height: int, axis: str) -> recognition.TouchReading:
         sys.stderr.write(
             f"touch {axis}{height}: stiffness of {axis}+ and {axis}- [N/m], width, height of the object [m]? "
         )
@@ -181,12 +173,14 @@ def _interactive(args: Any, model: Any, follow: Any) -> tuple[Any, ...]:
                 f"found {line.strip()!r}, expected two stiffnesses, optionally followed by width and height",
             )
         sides = [
-            CurveCoefficients(value, value, float("nan"), model.protocol.relative_sigma(value), float("nan"))
+            recognition.CurveCoefficients(
+                value, value, float("nan"), model.protocol.relative_sigma(value), float("nan")
+            )
             for value in numbers[:2]
         ]
-        return TouchReading(height, axis, (sides[0], sides[1]), *numbers[2:])
+        return recognition.TouchReading(height, axis, (sides[0], sides[1]), *numbers[2:])
 
-    return explore(
+    return recognition.explore(
         model,
         touch,
         confidence=args.confidence,

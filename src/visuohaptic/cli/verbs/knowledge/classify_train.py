@@ -18,14 +18,13 @@ example: visuohaptic classify train --objects objects --classes bottle,cup,ellip
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from .... import deformation, recognition
 from ....core.errors import InputError
 from ....core.files.plain_json import picked
+from ....recognition import touch, trees
 from ..._workers import add_worker_arguments, chosen_workers
-
-if TYPE_CHECKING:
-    from ....recognition.data.data_set import FeatureSet
 
 
 def add_arguments(add: Any) -> None:
@@ -76,37 +75,30 @@ def run(args: Any) -> dict[str, Any]:
 def _states(args: Any) -> dict[str, Any]:
     import numpy as np
 
-    from ....deformation.nonlinear.contents import Contents
-    from ....deformation.shapes.container import load_container
-    from ....recognition.touch.state import fit_state_model, save_state_model, simulate_state_curves
-
     if bad := [fill for fill in args.fill if not 0 < fill <= 1]:
         raise InputError("--fill", f"found {bad[0]:g}, expected more than 0 to 1")
-    states: dict[str, Contents | None] = {"open": None, "closed": Contents()}
-    states |= {f"closed, {100 * fill:g} % full": Contents(fill=fill) for fill in args.fill}
+    states: dict[str, deformation.Contents | None] = {"open": None, "closed": deformation.Contents()}
+    states |= {f"closed, {100 * fill:g} % full": deformation.Contents(fill=fill) for fill in args.fill}
     places = [place.strip() for place in args.places.split(",")]
-    curves = simulate_state_curves(
-        load_container(args.states).middle(),
+    curves = touch.simulate_state_curves(
+        deformation.load_container(args.states).middle(),
         states,
         places,
         variants=args.variants,
         seed=args.seed,
         workers=chosen_workers(args),
     )
-    model = fit_state_model(curves, np.random.default_rng(args.seed))
-    save_state_model(args.out, model)
+    model = touch.fit_state_model(curves, np.random.default_rng(args.seed))
+    touch.save_state_model(args.out, model)
     ranked = dict(zip(model.places, model.accuracy.tolist(), strict=True))
     args.report("\n".join(f"{place}: {100 * fraction:.0f} % correct" for place, fraction in ranked.items()))
     return {"out": str(args.out), "states": list(model.states), "places": ranked}
 
 
 def _curves(args: Any) -> dict[str, Any]:
-    from ....recognition.data.curve_file import read_squeezed
-    from ....recognition.haptic_classifier import HapticClassifier
-
-    squeezed = read_squeezed(args.curves)
+    squeezed = recognition.read_squeezed(args.curves)
     simulated, _, groups = _chosen(args) if args.objects is not None else (None, None, None)
-    classifier = HapticClassifier(args.scheme, args.reuse).fit(
+    classifier = recognition.HapticClassifier(args.scheme, args.reuse).fit(
         squeezed, groups=groups, simulated=simulated, seed=args.seed, workers=chosen_workers(args)
     )
     classifier.save(args.out)
@@ -121,42 +113,35 @@ def _objects(args: Any) -> dict[str, Any]:
 
     import numpy as np
 
-    from ....recognition.haptic_classifier import HapticClassifier
-    from ....recognition.trees.tree_file import tree_text
-    from ....recognition.trees.tree_nodes import feature_name, mean_touches
-    from ....recognition.trees.tree_plots import plot_tree
-
     used, candidates, groups = _chosen(args)
     begin = time.perf_counter()
-    classifier = HapticClassifier(args.scheme, args.reuse)
+    classifier = recognition.HapticClassifier(args.scheme, args.reuse)
     train = classifier.tune if args.tune else classifier.fit
     train(used, groups=groups, seed=args.seed, workers=chosen_workers(args))
     classifier.save(args.out)
     tree, model = classifier.fitted().required_tree(), classifier.model()
     if args.plot:
-        plot_tree(args.plot, tree, candidates)
-    args.report(tree_text(tree))
+        trees.plot_tree(args.plot, tree, candidates)
+    args.report(recognition.tree_text(tree))
     return {
         "out": str(args.out),
         "objects": len(candidates),
         **picked(classifier, "scheme reuse"),
         **picked(tree, "classes loss loss_sigma nested_loss"),
         "nodes": int(np.count_nonzero(tree.feature >= 0)),
-        "features": [feature_name(k) for k in tree.features],
-        "mean_touches": mean_touches(tree),
+        "features": [recognition.feature_name(k) for k in tree.features],
+        "mean_touches": recognition.mean_touches(tree),
         **picked(model, "temperature unknown_log_odds"),
         "seconds": time.perf_counter() - begin,
     }
 
 
-def _chosen(args: Any) -> tuple[FeatureSet, FeatureSet, dict[str, tuple[str, ...]]]:
+def _chosen(args: Any) -> tuple[recognition.FeatureSet, recognition.FeatureSet, dict[str, tuple[str, ...]]]:
     """Objects of the requested classes by their own names and by those of their groups, and the groups."""
     import numpy as np
 
-    from ....recognition.data.data_set import load_feature_set
-
     groups = dict(_group(text) for text in args.group)
-    data = load_feature_set(args.objects)
+    data = recognition.load_feature_set(args.objects)
     named = {member: name for name, members in groups.items() for member in members}
     if unknown := sorted(set(named) - set(data.classes)):
         raise InputError("--group", f"found {unknown[0]!r}, expected one of {', '.join(data.classes)}")

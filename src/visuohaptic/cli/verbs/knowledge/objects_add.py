@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from .... import core
 from ....core.errors import InputError
 from ._objects import add_database, described, opened
 
@@ -52,19 +53,18 @@ def run(args: Any) -> dict[str, Any]:
     """Add; returns the mapping that ``--json`` prints."""
     import time
 
-    from ....core.objects import Provenance, Sighting, VisuoHapticObject
     from ....database.merge import add_evidence
 
-    origin = Provenance(args.origin, time.time())
+    origin = core.Provenance(args.origin, time.time())
     evidence = [_evidence(text, origin) for text in args.estimate]
     state = dict(_state(text) for text in args.state)
     seen = None
     if args.seen is not None:
         if not all(abs(value) < float("inf") for value in args.seen):
             raise InputError("--seen", f"found {args.seen}, expected three finite numbers [m]")
-        seen = Sighting(tuple(args.seen), 0.05, origin.t_s, context=tuple(args.context))
+        seen = core.Sighting(tuple(args.seen), 0.05, origin.t_s, context=tuple(args.context))
     given = {"name": args.name, "visual_class": args.visual_class, "licence": args.licence, "state": state}
-    obj = VisuoHapticObject(
+    obj = core.VisuoHapticObject(
         args.id, seen=seen, provenance={place: origin for place, value in given.items() if value}, **given
     )
     for item in evidence:
@@ -104,14 +104,12 @@ def _plausible(item: Any, known: Any) -> None:
 
 
 def _evidence(text: str, origin: Any) -> Any:
-    from ....core.objects import Estimate, Evidence
-
     place, _, numbers = text.partition("=")
     value, separator, sigma = numbers.partition("+-")
     try:
         if not separator:
             raise ValueError
-        found = Estimate(float(value), float(sigma))
+        found = core.Estimate(float(value), float(sigma))
     except InputError:
         raise
     except ValueError as error:
@@ -123,7 +121,7 @@ def _evidence(text: str, origin: Any) -> Any:
             f"found {text!r} with a SIGMA of 0, expected more than 0",
             remedy="give its standard deviation",
         )
-    return Evidence(place, found, origin)
+    return core.Evidence(place, found, origin)
 
 
 def _state(text: str) -> tuple[str, str | float]:

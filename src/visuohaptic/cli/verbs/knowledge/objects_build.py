@@ -22,6 +22,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from .... import deformation
 from ....core.files.plain_json import picked
 from ..._workers import add_worker_arguments, chosen_workers
 
@@ -38,12 +39,9 @@ def run(args: Any) -> dict[str, Any]:
     """Build; returns the mapping that ``--json`` prints."""
     import time
 
-    from ....deformation.maps.build_plan import load_plan, plan_jobs
-    from ....deformation.maps.class_build import build
-
     workers = chosen_workers(args)
     begin = time.perf_counter()
-    jobs = plan_jobs(*load_plan(args.classes, nonlinear=args.nonlinear))
+    jobs = deformation.plan_jobs(*deformation.load_plan(args.classes, nonlinear=args.nonlinear))
     with args.progress(len(jobs), "objects") as bar:
         shown = 0
 
@@ -52,7 +50,7 @@ def run(args: Any) -> dict[str, Any]:
             bar.advance(done - shown)
             shown = done
 
-        report = build(jobs, args.out, workers=workers, progress=advance)
+        report = deformation.build(jobs, args.out, workers=workers, progress=advance)
     return {
         "folder": str(args.out),
         **picked(report, "objects computed content_sha256"),

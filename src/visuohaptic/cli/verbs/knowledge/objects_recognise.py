@@ -11,8 +11,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from .... import recognition
+from ....core import files
 from ....core.errors import InputError
 from ....core.files.plain_json import picked
+from ....io import meshes
 from ._objects import add_database, opened
 
 
@@ -40,24 +43,20 @@ def needs(args: Any) -> set[str]:
 
 def run(args: Any) -> dict[str, Any]:
     """Recognise; returns the mapping that ``--json`` prints."""
-    from ....core.files import read_image
-    from ....recognition.visual.prior import VisualPrior, model_probabilities
-    from ....recognition.visual.prior_file import load_prior, save_prior
-
     if not (args.image or args.cloud or args.save):
         raise InputError("objects recognise", "found no input", remedy="give --image or --cloud")
     if args.prior:
-        prior = load_prior(args.prior)
+        prior = recognition.load_prior(args.prior)
     else:
         with opened(args) as database:
-            prior = VisualPrior.of_objects(database.get(one.id) for one in database.summaries())
+            prior = recognition.VisualPrior.of_objects(database.get(one.id) for one in database.summaries())
     if args.save:
-        save_prior(args.save, prior)
+        recognition.save_prior(args.save, prior)
         args.report(f"wrote the prior of {len(prior)} objects to {args.save}")
     if not (args.image or args.cloud):
         return {"objects": len(prior), "candidates": []}
     found = prior.candidates(
-        None if args.image is None else read_image(args.image, "grey", upright=True),
+        None if args.image is None else files.read_image(args.image, "grey", upright=True),
         None if args.cloud is None else _cloud(args.cloud),
         [word for word in args.context.split(",") if word],
         min_probability=args.min_probability,
@@ -69,15 +68,11 @@ def run(args: Any) -> dict[str, Any]:
         "candidates": [
             {"id": one.object_id, **picked(one, "probability models matches residual_m")} for one in found
         ],
-        "models": model_probabilities(found),
+        "models": recognition.model_probabilities(found),
     }
 
 
 def _cloud(path: str) -> Any:
-    from ....core.files import read_npy
-
     if path.endswith(".ply"):
-        from ....io.meshes.ply import read_ply
-
-        return read_ply(path).vertices_m
-    return read_npy(path, "a .npy file of points")
+        return meshes.read_ply(path).vertices_m
+    return files.read_npy(path, "a .npy file of points")

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ....core import files
 from ....core.errors import InputError
 from ._objects import add_database, opened
 
@@ -29,7 +30,6 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Search; returns the mapping that ``--json`` prints."""
-    from ....core.files import read_npy
     from ....database.search import index_of
 
     with opened(args) as database:
@@ -39,7 +39,7 @@ def run(args: Any) -> dict[str, Any]:
                 raise InputError(args.like, f"has no features {args.kind!r}, only {sorted(features)}")
             query = features[args.kind].values
         else:
-            query = read_npy(args.features, "a .npy file of numbers")
+            query = files.read_npy(args.features, "a .npy file of numbers")
         found = index_of(database, args.kind).nearest(query, args.count)
     for one in found:
         args.report(f"{one.distance:10.4g}  {one.id}")

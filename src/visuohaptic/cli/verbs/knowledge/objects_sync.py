@@ -11,6 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from .... import database
 from ....core.errors import InputError
 from ._objects import add_database, opened
 
@@ -26,21 +27,17 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Synchronise; returns the mapping that ``--json`` prints."""
-    from ....database.connection import shown_url
-    from ....database.database import open_database
-    from ....database.sync import synchronise
-
     if not _is_there(args.db) and not _is_there(args.shared):
         # Otherwise a mistyped name would create two empty databases and report success.
         raise InputError(
-            shown_url(args.shared),
-            f"is not a database of objects, and neither is {shown_url(args.db)}",
+            database.shown_url(args.shared),
+            f"is not a database of objects, and neither is {database.shown_url(args.db)}",
             remedy="check both names, or add an object first",
         )
     if "://" not in args.db + args.shared and Path(args.db).resolve() == Path(args.shared).resolve():
         raise InputError(args.shared, "is the database of --db itself, expected another one")
-    with opened(args, create=True) as local, open_database(args.shared) as shared:
-        done = synchronise(local, shared)
+    with opened(args, create=True) as local, database.open_database(args.shared) as shared:
+        done = database.synchronise(local, shared)
         return {"shared": shared.where, "sent": done.sent, "received": done.received}
 
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from ....deformation.nonlinear.contents import Contents
-    from ....deformation.shapes.mesher import ShellObject
+from .... import core, deformation
 
 
 def add_container_arguments(add: Any, *, also: str = "") -> None:
@@ -81,7 +79,7 @@ def add_contents_arguments(add: Any) -> None:
     state("--fill", float, "fill level of enclosed contents, 0..1; implies --closed")
 
 
-def read_contents(args: Any) -> tuple[Contents | None, Any]:
+def read_contents(args: Any) -> tuple[deformation.Contents | None, Any]:
     """Contents given by ``--closed`` and ``--fill``, and the same as plain data.
 
     Parameters
@@ -89,15 +87,14 @@ def read_contents(args: Any) -> tuple[Contents | None, Any]:
     args
         As parsed.
     """
-    from ....deformation.nonlinear.contents import Contents
 
     if not args.closed and args.fill is None:
         return None, "open"
-    contents = Contents(fill=args.fill or 0.0)
+    contents = deformation.Contents(fill=args.fill or 0.0)
     return contents, {"closed": True, "fill": contents.fill}
 
 
-def read_container(args: Any) -> ShellObject:
+def read_container(args: Any) -> deformation.ShellObject:
     """The object specified by ``args.object`` and the container options.
 
     Parameters
@@ -105,15 +102,11 @@ def read_container(args: Any) -> ShellObject:
     args
         As parsed.
     """
-    from ....deformation.maps.thickness_map import with_thickness_map
-    from ....deformation.shapes.import_mesh import MeshConvention
-    from ....deformation.shapes.load_shell import load_object
-    from ....deformation.shapes.wall_properties import WallProperties
 
     thickness_m, spread, places = _thickness(args.thickness)
-    container = load_object(
+    container = deformation.load_object(
         args.object,
-        wall=WallProperties(
+        wall=deformation.WallProperties(
             args.material,
             thickness_m,
             spread if args.wall_spread is None else args.wall_spread,
@@ -125,27 +118,25 @@ def read_container(args: Any) -> ShellObject:
         around=args.around,
         variant=args.variant,
         seed=args.seed,
-        convention=MeshConvention(args.unit, args.up, args.remesh),
+        convention=deformation.MeshConvention(args.unit, args.up, args.remesh),
     )
-    return container if places is None else with_thickness_map(container, places, args.thickness)
+    return container if places is None else deformation.with_thickness_map(container, places, args.thickness)
 
 
 def _thickness(text: str | None) -> tuple[float | None, float | None, Any]:
     """Thickness [m], its relative standard deviation, and a thickness map; ``None`` where not given."""
-    from ....core.errors import InputError
-    from ....deformation.maps.thickness_map import load_thickness_map
     from ....deformation.shapes.wall_properties import thickness_range
 
     if text is None:
         return None, None, None
     if text.lower().endswith(".csv"):
-        return None, None, load_thickness_map(text)
+        return None, None, deformation.load_thickness_map(text)
     try:
         bounds = [float(part) for part in text.split(":")]
     except ValueError:
         bounds = []
     if len(bounds) not in (1, 2):
-        raise InputError(
+        raise core.InputError(
             "--thickness", f"found {text!r}, expected a number, LOW:HIGH in metres, or a .csv file"
         )
     return (bounds[0], None, None) if len(bounds) == 1 else (*thickness_range(*bounds), None)

@@ -16,14 +16,12 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from .... import core, deformation, grasping
 from ....core.files.plain_json import picked
+from ....deformation import maps
 from ._container import add_container_arguments, read_container
-
-if TYPE_CHECKING:
-    from ....grasping.grasp_task import Grasp, GraspTask
-    from ....grasping.planner import GraspPlan
 
 
 def add_arguments(add: Any) -> None:
@@ -59,20 +57,16 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Plan and report; returns the mapping that ``--json`` prints."""
-    from ....core.errors import InputError
-    from ....deformation.maps.map_file import check_suffix, load_map
-    from ....grasping.planner import plan_grasps, plan_map
-
-    check_suffix(None, args.plot)
+    maps.check_suffix(None, args.plot)
     begin = time.perf_counter()
     container = None
     if Path(args.object).suffix.lower() == ".npz":
         for flag in ("confirm", "several"):
             if getattr(args, flag):
-                raise InputError(args.object, f"is a map: --{flag} needs the object itself")
-        surface = load_map(args.object)
+                raise core.InputError(args.object, f"is a map: --{flag} needs the object itself")
+        surface = deformation.load_map(args.object)
         name = Path(args.object).stem
-        plan = plan_map(surface, _task(args, surface.vertices_m.mean(axis=0)), count=args.count)
+        plan = grasping.plan_map(surface, _task(args, surface.vertices_m.mean(axis=0)), count=args.count)
     else:
         container = read_container(args)
         name = container.name
@@ -80,12 +74,10 @@ def run(args: Any) -> dict[str, Any]:
         task = _task(args, None)
         if args.mass is not None:
             task = _with_mass(task, args.mass, container)
-        plan = plan_grasps(container, task, count=args.count, confirm=args.confirm)
+        plan = grasping.plan_grasps(container, task, count=args.count, confirm=args.confirm)
     if args.plot:
-        from ....grasping.plots import plot_plan
-
         force = "the force needed" if args.force is None else f"{args.force:g} N"
-        plot_plan(args.plot, [(f"{name}, {force}", plan)])
+        grasping.plot_plan(args.plot, [(f"{name}, {force}", plan)])
     result: dict[str, Any] = {
         "object": str(args.object),
         "name": name,
@@ -108,19 +100,15 @@ def run(args: Any) -> dict[str, Any]:
     return result
 
 
-def _task(args: Any, centre_m: Any) -> GraspTask:
-    from ....grasping.force import GripperModel, Load
-    from ....grasping.grasp_task import GraspTask
-    from ....grasping.score import ScoreParameters
-
+def _task(args: Any, centre_m: Any) -> grasping.GraspTask:
     load = None
     if args.mass is not None and centre_m is not None:
-        load = Load(args.mass, (float(centre_m[0]), float(centre_m[1]), float(centre_m[2])))
-    return GraspTask(
+        load = grasping.Load(args.mass, (float(centre_m[0]), float(centre_m[1]), float(centre_m[2])))
+    return grasping.GraspTask(
         force_N=args.force,
         closed=args.state == "closed",
         fill=args.fill,
-        gripper=GripperModel(
+        gripper=grasping.GripperModel(
             args.opening,
             args.finger_radius,
             args.max_force,
@@ -128,7 +116,7 @@ def _task(args: Any, centre_m: Any) -> GraspTask:
             finger_length_m=args.finger_length,
             finger_thickness_m=args.finger_thickness,
         ),
-        parameters=ScoreParameters(max_deformation_m=args.max_deformation),
+        parameters=grasping.ScoreParameters(max_deformation_m=args.max_deformation),
         min_score=args.min_score,
         load=load,
     )
@@ -136,27 +124,23 @@ def _task(args: Any, centre_m: Any) -> GraspTask:
 
 def _check_mass_known(args: Any, container: Any) -> None:
     """Reject a wall of unknown density before computing: a modulus alone does not determine it."""
-    from ....core.errors import InputError
-
     if args.mass is None and container.material.density_kg_per_m3 is None:
-        raise InputError(
+        raise core.InputError(
             args.object,
             f"its wall is of material {container.material.name!r}, whose density is unknown, and so is its mass",
             remedy="give --mass in kg, or name its --material",
         )
 
 
-def _with_mass(task: GraspTask, mass_kg: float, container: Any) -> GraspTask:
+def _with_mass(task: grasping.GraspTask, mass_kg: float, container: Any) -> grasping.GraspTask:
     from dataclasses import replace
 
-    from ....grasping.force import Load, object_load
-
     # The value of the density is arbitrary: only the position of the centre is used.
-    centre = object_load(container, task.fill, wall_kg_per_m3=1000.0).centre_m
-    return replace(task, load=Load(mass_kg, centre))
+    centre = grasping.object_load(container, task.fill, wall_kg_per_m3=1000.0).centre_m
+    return replace(task, load=grasping.Load(mass_kg, centre))
 
 
-def grasp_json(grasp: Grasp) -> dict[str, Any]:
+def grasp_json(grasp: grasping.Grasp) -> dict[str, Any]:
     """A grasp as plain numbers.
 
     Parameters
@@ -178,21 +162,18 @@ def grasp_json(grasp: Grasp) -> dict[str, Any]:
     }
 
 
-def _several(args: Any, container: Any, plan: GraspPlan) -> dict[str, Any]:
+def _several(args: Any, container: Any, plan: grasping.GraspPlan) -> dict[str, Any]:
     """Simultaneous best grasps with the force distributed over them, superposed by the coupling matrix."""
     import numpy as np
-
-    from ....core.errors import InputError
-    from ....grasping.planner import multi_contact
 
     # A rim grasp pinches the wall and does not squeeze the container.
     sides = [grasp for grasp in plan.grasps if not grasp.rim]
     if not 2 <= args.several <= len(sides):
-        raise InputError(
+        raise core.InputError(
             "--several", f"found {args.several}, expected 2 to {len(sides)}, the number of grasps"
         )
     chosen = sides[: args.several]
-    coupling = multi_contact(
+    coupling = grasping.multi_contact(
         container, [grasp.vertex for grasp in chosen], closed=args.state == "closed", fill=args.fill
     )
     force = np.array([grasp.force_N for grasp in chosen]) / len(chosen)

@@ -18,6 +18,8 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
+from .... import core, io
+from ....navigation import mapping
 from ..._workers import add_worker_arguments, chosen_workers
 
 
@@ -37,27 +39,22 @@ def run(args: Namespace) -> dict[str, Any]:
 
     import numpy as np
 
-    from ....core.errors import InputError
-    from ....core.map_tasks import map_tasks
-    from ....io.laser_scans import read_scans
-    from ....navigation.mapping.mapper import MapperSettings, build_map
-
     workers = chosen_workers(args)
     paths = [Path(name) for name in args.scans]
     targets = (
         [Path(args.out)] if len(paths) == 1 else [Path(args.out) / f"{path.stem}.yaml" for path in paths]
     )
     if len(set(targets)) < len(targets):
-        raise InputError("scans", "found two files with the same name, expected one name for each floor")
-    build = partial(build_map, settings=MapperSettings(resolution_m=args.resolution_m))
+        raise core.InputError("scans", "found two files with the same name, expected one name for each floor")
+    build = partial(mapping.build_map, settings=mapping.MapperSettings(resolution_m=args.resolution_m))
     floors = [
-        read_scans(path, scan_topic=args.scan_topic, odometry_topic=args.odometry_topic) for path in paths
+        io.read_scans(path, scan_topic=args.scan_topic, odometry_topic=args.odometry_topic) for path in paths
     ]
     if len(paths) > 1:
         Path(args.out).mkdir(parents=True, exist_ok=True)
     built: list[dict[str, Any]] = [{}] * len(paths)
     with args.progress(len(paths), "floors") as bar:
-        for number, mapper in map_tasks(build, floors, name="map build", workers=workers):
+        for number, mapper in core.map_tasks(build, floors, name="map build", workers=workers):
             grid = mapper.map()
             grid.save(targets[number])
             bar.advance(text=targets[number].name)

@@ -14,10 +14,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .... import io
 from ....core.errors import InputError
+from ....io import maps
+from ....navigation import files, planning, plots, problem
 
 if TYPE_CHECKING:
-    from ....io.maps.occupancy_map import OccupancyMap
     from ....navigation.grid.cost_grid import SpeedLimits
 
 
@@ -45,15 +47,12 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Build and write; returns the mapping that ``--json`` prints."""
-    from ....io.maps.occupancy_map import OccupancyMap
-    from ....navigation.files.geojson import save_graph, save_route_graph
-    from ....navigation.files.layers import save_layer
     from ....navigation.graph.navigation_graph import build_graph
     from ....navigation.graph.regions import assign_regions
     from ....navigation.grid.cost_grid import SpeedLimits, grid_layers
     from .map_inspect import describe
 
-    grid = OccupancyMap.load(args.map)
+    grid = io.OccupancyMap.load(args.map)
     limits = SpeedLimits(args.radius_m, args.v_max_m_s, args.v_min_m_s)
     layers = grid_layers(grid, limits, unknown_is_free=args.unknown_is_free)
     graph = build_graph(layers, stub_length_m=args.stub_length_m, spacing_m=args.spacing_m)
@@ -71,52 +70,44 @@ def run(args: Any) -> dict[str, Any]:
         ("regions", regions.node, "1"),
         ("potential_s", regions.potential_s, "s"),
     ):
-        save_layer(folder / f"{name}.yaml", values, grid, name=name, unit=unit)
+        files.save_layer(folder / f"{name}.yaml", values, grid, name=name, unit=unit)
         written.append(f"{name}.yaml")
-    save_graph(folder / "graph.geojson", graph, grid, frame=args.frame)
-    save_route_graph(folder / "route_graph.geojson", graph, layers, frame=args.frame)
+    files.save_graph(folder / "graph.geojson", graph, grid, frame=args.frame)
+    files.save_route_graph(folder / "route_graph.geojson", graph, layers, frame=args.frame)
     written += ["graph.geojson", "route_graph.geojson"]
     if args.objects is not None:
-        from ....navigation.files.joint_geojson import save_joint_route_graph
-        from ....navigation.planning.joint_builder import extend_graph
         from ....navigation.problem.node_types import nodes_of
-        from ....navigation.problem.objects_file import load_objects, load_passages
-        from ....navigation.problem.robot_model import RobotModel
 
-        robot = RobotModel(args.radius_m, args.v_max_m_s, args.v_min_m_s)
-        nodes = nodes_of(load_objects(args.objects), load_passages(args.objects))
-        joint = extend_graph(graph, regions, robot, nodes)
-        save_joint_route_graph(folder / "joint_graph.geojson", joint, frame=args.frame)
+        robot = problem.RobotModel(args.radius_m, args.v_max_m_s, args.v_min_m_s)
+        nodes = nodes_of(problem.load_objects(args.objects), problem.load_passages(args.objects))
+        joint = planning.extend_graph(graph, regions, robot, nodes)
+        files.save_joint_route_graph(folder / "joint_graph.geojson", joint, frame=args.frame)
         written.append("joint_graph.geojson")
     result = {"map": str(args.map), **describe(layers, graph), "folder": str(folder), "written": written}
     if args.route is not None:
         result["route"] = _route(grid, limits, args.route, args.unknown_is_free)
     if args.plot:
         from ....core.files import atomic_path
-        from ....navigation.plots.map_plots import plot_navigation
 
         with atomic_path(folder / "navigation.png") as temporary:
-            plot_navigation(regions).savefig(temporary)
+            plots.plot_navigation(regions).savefig(temporary)
         written.append("navigation.png")
     return result
 
 
 def _route(
-    grid: OccupancyMap, limits: SpeedLimits, ends_m: list[float], unknown_is_free: bool
+    grid: io.OccupancyMap, limits: SpeedLimits, ends_m: list[float], unknown_is_free: bool
 ) -> dict[str, Any]:
     """The path of the planner from one point to another."""
     import numpy as np
 
-    from ....io.maps.occupancy_map import FREE, OccupancyMap
-    from ....navigation.planning.policies import without_pushing
-    from ....navigation.problem.planning_problem import PlanningProblem
-    from ....navigation.problem.robot_model import RobotModel
-
     if unknown_is_free:
-        cells = np.where(grid.cells < 0, FREE, grid.cells).astype(np.int8)
-        grid = OccupancyMap(cells, grid.resolution_m, grid.origin)
-    robot = RobotModel(limits.radius_m, limits.v_max_m_s, limits.v_min_m_s)
-    plan = without_pushing(PlanningProblem(grid, robot, np.array(ends_m[:2]), np.array(ends_m[2:])))
+        cells = np.where(grid.cells < 0, maps.FREE, grid.cells).astype(np.int8)
+        grid = io.OccupancyMap(cells, grid.resolution_m, grid.origin)
+    robot = problem.RobotModel(limits.radius_m, limits.v_max_m_s, limits.v_min_m_s)
+    plan = planning.without_pushing(
+        problem.PlanningProblem(grid, robot, np.array(ends_m[:2]), np.array(ends_m[2:]))
+    )
     if not plan.reachable:
         return {"reachable": False, "reason": plan.reason}
     path = [[round(x, 3), round(y, 3)] for task in plan.tasks for x, y in task.path_m]

@@ -11,7 +11,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from .... import io
 from ....core.files.plain_json import picked
+from ....navigation import mapping
 
 #: Maximum number of narrow passages in the output.
 _NARROWEST = 5
@@ -27,11 +29,10 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Summarise the map; returns the mapping that ``--json`` prints."""
-    from ....io.maps.occupancy_map import OccupancyMap
     from ....navigation.graph.navigation_graph import build_graph
     from ....navigation.grid.cost_grid import SpeedLimits, grid_layers
 
-    grid = OccupancyMap.load(args.map)
+    grid = io.OccupancyMap.load(args.map)
     limits = SpeedLimits(args.radius_m, v_min_m_s=0.05, v_max_m_s=0.3)
     layers = grid_layers(grid, limits, unknown_is_free=args.unknown_is_free)
     graph = build_graph(layers)
@@ -41,7 +42,6 @@ def run(args: Any) -> dict[str, Any]:
 def _seen(grid: Any) -> dict[str, Any]:
     """Doors with their probability, and outlines that stand alone."""
     from ....navigation.grid.footprints import find_footprints
-    from ....navigation.mapping.doors import find_doors
 
     return {
         "doors": [
@@ -50,7 +50,7 @@ def _seen(grid: Any) -> dict[str, Any]:
                 "width_m": round(door.width_m, 3),
                 "probability": round(door.confidence, 3),
             }
-            for door in find_doors(grid).doors
+            for door in mapping.find_doors(grid).doors
         ],
         "candidates": [
             {

@@ -21,6 +21,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .... import io
+from ....navigation import planning, plots
+from ....navigation.planning import search
+
 if TYPE_CHECKING:
     from ....navigation.problem.path_plan import Plan
 
@@ -52,9 +56,6 @@ def run(args: Any) -> dict[str, Any]:
     """Plan; returns the mapping that ``--json`` prints."""
     import numpy as np
 
-    from ....io.maps.occupancy_map import OccupancyMap
-    from ....navigation.planning.policies import alternatives, make_plan
-    from ....navigation.planning.search.push_states import SearchLimits
     from ....navigation.problem.objects_file import load_objects, load_passages, load_robot
     from ....navigation.problem.planning_problem import PlanningProblem
 
@@ -62,15 +63,17 @@ def run(args: Any) -> dict[str, Any]:
     objects = load_objects(args.objects) if args.objects else ()
     passages = load_passages(args.objects) if args.objects else ()
     problem = PlanningProblem(
-        OccupancyMap.load(args.map), robot, np.array(args.start), np.array(args.goal), objects, passages
+        io.OccupancyMap.load(args.map), robot, np.array(args.start), np.array(args.goal), objects, passages
     )
     budget_s = args.budget * (PROOF_BUDGETS if args.prove else 1.0)
-    limits = SearchLimits(budget_s, 0.0 if args.prove else SearchLimits().gap, int(args.memory * 1e6))
+    limits = search.SearchLimits(
+        budget_s, 0.0 if args.prove else search.SearchLimits().gap, int(args.memory * 1e6)
+    )
 
     plans = (
-        alternatives(problem, limits=limits)
+        planning.alternatives(problem, limits=limits)
         if args.compare
-        else {"cheapest": make_plan(problem, limits=limits)}
+        else {"cheapest": planning.make_plan(problem, limits=limits)}
     )
     found = plans["cheapest"]
     result = found.to_json()
@@ -84,9 +87,7 @@ def run(args: Any) -> dict[str, Any]:
         for name, plan in plans.items():
             args.report(f"{name:<18}{_line(plan)}")
     if args.plot:
-        from ....navigation.plots.plan_plots import plot_path_plan
-
-        plot_path_plan(problem, found, args.plot)
+        plots.plot_path_plan(problem, found, args.plot)
         args.report(f"written to {args.plot}")
     return result
 

@@ -15,7 +15,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+from .... import core, deformation
 from ....core.files.plain_json import picked
+from ....deformation import maps
 from ._container import (
     add_container_arguments,
     add_contents_arguments,
@@ -41,19 +43,15 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Compute and report; returns the mapping that ``--json`` prints."""
-    from ....core.errors import InputError
-    from ....deformation.maps.map_file import check_suffix
-    from ....deformation.maps.squeeze import plot_squeeze, save_squeeze, squeeze
-
-    check_suffix(None, args.plot)
+    maps.check_suffix(None, args.plot)
     if args.out and args.out.suffix.lower() != ".csv":
-        raise InputError(args.out, f"found suffix {args.out.suffix!r}, expected .csv")
+        raise core.InputError(args.out, f"found suffix {args.out.suffix!r}, expected .csv")
     if args.at and args.height is not None:
-        raise InputError("--height", "found with --at, expected one of them")
+        raise core.InputError("--height", "found with --at, expected one of them")
     begin = time.perf_counter()
     container = read_container(args)
     contents, inside = read_contents(args)
-    found = squeeze(
+    found = deformation.squeeze(
         container,
         point_m=args.at,
         side=args.side,
@@ -64,9 +62,9 @@ def run(args: Any) -> dict[str, Any]:
         contents=contents,
     )
     if args.out:
-        save_squeeze(args.out, found)
+        maps.save_squeeze(args.out, found)
     if args.plot:
-        plot_squeeze(args.plot, found, f"{container.name}, {container.material.name}")
+        maps.plot_squeeze(args.plot, found, f"{container.name}, {container.material.name}")
     curve = found.curve
     result: dict[str, Any] = {
         "object": str(args.object),

@@ -16,19 +16,17 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from .... import core, deformation
 from ....core.files.plain_json import picked, plain
+from ....deformation import maps
 from ._container import (
     add_container_arguments,
     add_contents_arguments,
     read_container,
     read_contents,
 )
-
-if TYPE_CHECKING:
-    from ....core.objects import StiffnessMap
-    from ....deformation.shapes.mesher import ShellObject
 
 
 def add_arguments(add: Any) -> None:
@@ -52,21 +50,17 @@ def run(args: Any) -> dict[str, Any]:
     """Compute and write; returns the mapping that ``--json`` prints."""
     import numpy as np
 
-    from ....core.errors import InputError
-    from ....deformation.maps.confidence_band import object_map
-    from ....deformation.maps.map_file import check_suffix, plot_map, save_map
-
-    check_suffix(args.out, args.plot)
+    maps.check_suffix(args.out, args.plot)
     begin = time.perf_counter()
     container = read_container(args)
     contents, inside = read_contents(args)
-    found = object_map(container, contents, band=not args.no_sigma)
+    found = deformation.object_map(container, contents, band=not args.no_sigma)
     if not np.isfinite(found.stiffness_N_per_m).any():
-        raise InputError(args.object, "no surface point has a finite stiffness")
+        raise core.InputError(args.object, "no surface point has a finite stiffness")
     if args.out:
-        save_map(args.out, found)
+        deformation.save_map(args.out, found)
     if args.plot:
-        plot_map(args.plot, found, f"{container.name}, {container.material.name}")
+        deformation.plot_map(args.plot, found, f"{container.name}, {container.material.name}")
     result = _described(args, container, found, inside)
     result["seconds"] = time.perf_counter() - begin
     result |= {name: str(path) for name, path in (("out", args.out), ("plot", args.plot)) if path}
@@ -75,7 +69,9 @@ def run(args: Any) -> dict[str, Any]:
     return result
 
 
-def _described(args: Any, container: ShellObject, found: StiffnessMap, inside: Any) -> dict[str, Any]:
+def _described(
+    args: Any, container: deformation.ShellObject, found: core.StiffnessMap, inside: Any
+) -> dict[str, Any]:
     """The object and the range of its stiffness."""
     import numpy as np
 
@@ -103,18 +99,19 @@ def _described(args: Any, container: ShellObject, found: StiffnessMap, inside: A
     }
 
 
-def _at(found: StiffnessMap, point_m: list[float]) -> dict[str, Any]:
+def _at(found: core.StiffnessMap, point_m: list[float]) -> dict[str, Any]:
     """Stiffness and sigma at the surface point nearest to a point."""
     import numpy as np
 
-    from ....core.errors import InputError
-    from ....deformation.maps.confidence_band import nearest_value
-
     if not np.isfinite(point_m).all():
-        raise InputError("--at", f"found {point_m}, expected finite numbers")
+        raise core.InputError("--at", f"found {point_m}, expected finite numbers")
     target_m = np.array(point_m)
-    value, place_m = nearest_value(found.vertices_m, found.faces, found.stiffness_N_per_m, target_m)
-    sigma, _ = nearest_value(found.vertices_m, found.faces, found.stiffness_sigma_N_per_m, target_m)
+    value, place_m = deformation.nearest_value(
+        found.vertices_m, found.faces, found.stiffness_N_per_m, target_m
+    )
+    sigma, _ = deformation.nearest_value(
+        found.vertices_m, found.faces, found.stiffness_sigma_N_per_m, target_m
+    )
     return {
         "asked_m": list(point_m),
         "point_m": place_m.tolist(),

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from .... import report
 from ....core.errors import InputError
 from ....core.files.plain_json import picked
-
-if TYPE_CHECKING:
-    from ....report.comparison import ForceRecord
+from ....io import sinks
 
 
 def add_reference(add: Any, reference: str) -> None:
@@ -32,7 +31,7 @@ def add_reference(add: Any, reference: str) -> None:
     add("--max-offset", 2.0, "maximum offset between the clocks [s] (2)", metavar="S")
 
 
-def checked_reference(args: Any, path: Path) -> ForceRecord:
+def checked_reference(args: Any, path: Path) -> report.ForceRecord:
     """The reference, read before anything is measured.
 
     Parameters
@@ -53,15 +52,13 @@ def checked_reference(args: Any, path: Path) -> ForceRecord:
         raise InputError(args.page, f"found suffix {args.page.suffix!r}, expected .html")
     if args.offset is not None and not math.isfinite(args.offset):
         raise InputError("--offset", f"found {args.offset:g}, expected a finite time")
-    from ....io.sinks.table_reader import read_reference_table
-    from ....report.comparison import ForceRecord
 
-    columns = read_reference_table(path)
+    columns = sinks.read_reference_table(path)
     known = np.isfinite(columns["force_N"])
-    return ForceRecord(path.name, columns["t_s"], columns["force_N"], columns["sigma_N"], known)
+    return report.ForceRecord(path.name, columns["t_s"], columns["force_N"], columns["sigma_N"], known)
 
 
-def reported(args: Any, run: ForceRecord, reference: ForceRecord) -> dict[str, Any]:
+def reported(args: Any, run: report.ForceRecord, reference: report.ForceRecord) -> dict[str, Any]:
     """Compare, report, write the page; returns the mapping that ``--json`` prints.
 
     Parameters
@@ -73,13 +70,12 @@ def reported(args: Any, run: ForceRecord, reference: ForceRecord) -> dict[str, A
     reference
         From :func:`checked_reference`.
     """
-    from ....report.comparison import compare_forces, write_comparison
 
-    found = compare_forces(run, reference, offset_s=args.offset, max_offset_s=args.max_offset)
+    found = report.compare_forces(run, reference, offset_s=args.offset, max_offset_s=args.max_offset)
     for line in found.lines():
         args.report(line)
     if args.page:
-        args.report(f"page written to {write_comparison(found, args.page)}")
+        args.report(f"page written to {report.write_comparison(found, args.page)}")
     return {
         "reference": reference.name,
         **picked(

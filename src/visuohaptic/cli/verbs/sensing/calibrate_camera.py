@@ -16,6 +16,8 @@ from contextlib import nullcontext, suppress
 from dataclasses import replace
 from typing import Any
 
+from .... import core, io
+from ....core import camera
 from ..._sensor_run import is_live
 
 
@@ -40,30 +42,29 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Namespace) -> dict[str, Any]:
     """Detect, fit, write; returns what is printed."""
-    from ....core.camera.calibration import Board, CalibrationLimits, calibrate_camera, detect_board
-    from ....core.errors import InputError
-    from ....io.frames.frames import open_source
-
     words = args.squares.lower().split("x")
     if len(words) != 2 or not all(word.isdigit() for word in words):
-        raise InputError("--squares", f"found {args.squares!r}, expected COLUMNSxROWS, such as 9x6")
+        raise core.InputError("--squares", f"found {args.squares!r}, expected COLUMNSxROWS, such as 9x6")
     marker = None if args.marker_mm is None else args.marker_mm * 1e-3
-    board = Board(int(words[0]), int(words[1]), args.square_mm * 1e-3, marker, args.dictionary)
+    board = camera.Board(int(words[0]), int(words[1]), args.square_mm * 1e-3, marker, args.dictionary)
     views = []
     size = (0, 0)
     next_s = -float("inf")
     # The time stamps of a folder of photos are ignored.
     # A live camera has no end: Ctrl-C ends the acquisition.
     ends = suppress(KeyboardInterrupt) if is_live(args.source) else nullcontext()
-    with open_source(args.source, rate_Hz=None if is_live(args.source) else 1.0, grey=True) as source, ends:
+    with (
+        io.open_source(args.source, rate_Hz=None if is_live(args.source) else 1.0, grey=True) as source,
+        ends,
+    ):
         for frame in source:
             if frame.t_s < next_s:
                 continue
             next_s = frame.t_s + args.every
             size = (frame.image.shape[1], frame.image.shape[0])
-            views.append(detect_board(frame.image, board, f"image {frame.index}"))
-    result = calibrate_camera(
-        views, board, size, limits=CalibrationLimits(max_rms_px=args.max_rms_px), name=args.name
+            views.append(camera.detect_board(frame.image, board, f"image {frame.index}"))
+    result = camera.calibrate_camera(
+        views, board, size, limits=camera.CalibrationLimits(max_rms_px=args.max_rms_px), name=args.name
     )
     replace(result.camera, transfer_function=args.transfer_function).save(args.out)
     return {"out": str(args.out), **result.summary()}

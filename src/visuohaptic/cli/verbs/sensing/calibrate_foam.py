@@ -15,7 +15,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from .... import core
 from ....core.files.plain_json import picked
+from ....sensing import foam
 
 
 def add_arguments(add: Any) -> None:
@@ -51,25 +53,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Calibrate, write the files, and return what was found (SI units)."""
     from dataclasses import replace
 
-    from ....core.errors import InputError
-    from ....sensing.foam.material.boundary import calibrate_tension
-    from ....sensing.foam.material.calibration import calibrate_foam
-    from ....sensing.foam.material.records import read_plate, read_strain_stress
-    from ....sensing.foam.material.section import section_material
-
     for name in ("width", "height"):
         # A strip of foam is between a millimetre and a metre thick; larger numbers are millimetres.
         if not 1e-3 <= (size_m := getattr(args, name)) <= 1.0:
-            raise InputError(
+            raise core.InputError(
                 f"--{name}",
                 f"found {size_m:g} m, expected 0.001 to 1 m",
                 remedy="sizes are given in metres: 20 mm is 0.02",
             )
-    data = read_strain_stress(args.data)
-    found = calibrate_foam(data, width_m=args.width, height_m=args.height, curve=args.curve)
+    data = foam.read_strain_stress(args.data)
+    found = foam.calibrate_foam(data, width_m=args.width, height_m=args.height, curve=args.curve)
     material = found.material
     if args.plate is not None:
-        tension = calibrate_tension(read_plate(args.plate), material, where=str(args.plate))
+        tension = foam.calibrate_tension(foam.read_plate(args.plate), material, where=str(args.plate))
         material = replace(material, tension=tension)
         found = replace(found, material=material)
     if args.plot is not None:
@@ -77,7 +73,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
         save_calibration_plot(found, args.plot)
     if args.section != "rectangle":
-        material = section_material(material, args.section)
+        material = foam.section_material(material, args.section)
     material.save(args.out)
     result = {
         "out": str(args.out),

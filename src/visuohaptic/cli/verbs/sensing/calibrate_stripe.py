@@ -15,12 +15,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from .... import core, io
+from ....core import files
 from ....core.errors import InputError
-
-if TYPE_CHECKING:
-    from ....core.camera.frame import Frame
+from ....sensing import foam
 
 #: Optional modules that the verb imports.
 NEEDS = ("sklearn",)
@@ -39,19 +39,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Learn, write, and return what was found."""
     import numpy as np
 
-    from ....core.camera.plane import PlaneView
-    from ....sensing.foam.strip.config import FoamSensorConfig
-    from ....sensing.foam.strip.finger_optics import finger_pose
-    from ....sensing.foam.strip.stripe_view import stripe_masks, train_stripe
-
-    setup = FoamSensorConfig.load(args.config)
+    setup = foam.FoamSensorConfig.load(args.config)
     frame = _read(args.image, setup.camera)
     if frame.image.ndim != 3:
         raise InputError(args.image, "is grey, expected a colour image")
-    plane = PlaneView(setup.camera, finger_pose(setup, frame))
-    model = train_stripe(setup, frame.image, plane, rng=np.random.default_rng(args.seed))
+    plane = core.PlaneView(setup.camera, foam.finger_pose(setup, frame))
+    model = foam.train_stripe(setup, frame.image, plane, rng=np.random.default_rng(args.seed))
     model.save(args.out)
-    stripe, rest = stripe_masks(setup, plane)
+    stripe, rest = foam.stripe_masks(setup, plane)
     if args.mask is not None:
         _draw(args.mask, frame, stripe, rest)
     seen = float(model.likelihood(frame.image[stripe]).mean())
@@ -64,23 +59,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _draw(path: Path, frame: Frame, stripe: Any, rest: Any) -> None:
-    from ....core.files import write_image
-
+def _draw(path: Path, frame: core.Frame, stripe: Any, rest: Any) -> None:
     picture = frame.image.copy()
     picture[rest] //= 2
     picture[stripe] = 255
-    write_image(path, picture)
+    files.write_image(path, picture)
 
 
-def _read(source: str, camera: Any) -> Frame:
-    from ....core.camera.frame import Frame
-    from ....core.files import read_image
-    from ....io.frames.frames import open_source
-
+def _read(source: str, camera: Any) -> core.Frame:
     if Path(source).suffix.lower() in {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"}:
-        return Frame(read_image(source, "colour"), 0.0, 0)
-    with open_source(source, camera=camera) as frames:
+        return core.Frame(files.read_image(source, "colour"), 0.0, 0)
+    with io.open_source(source, camera=camera) as frames:
         for frame in frames:
             return frame
     raise InputError(source, "has no frames")

@@ -15,6 +15,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from .... import io, report
 from ._reference import add_reference, checked_reference, reported
 
 
@@ -26,12 +27,9 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Compare; returns the mapping that ``--json`` prints."""
-    from ....io.sinks.table_reader import read_force_table
-    from ....report.comparison import ForceRecord
-
     reference = checked_reference(args, args.reference)
-    table = read_force_table(args.table)
-    record = ForceRecord(
+    table = io.read_force_table(args.table)
+    record = report.ForceRecord(
         args.table.name, table.t_s, table.force_N, table.force_sigma_N, table.valid,
         tuple(reason.value for reason in table.reason),
     )  # fmt: skip

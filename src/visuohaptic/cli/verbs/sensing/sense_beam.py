@@ -27,6 +27,7 @@ from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from .... import core, io, report, sensing, tracking
 from ....core.errors import InputError
 from ....core.files.plain_json import picked
 from ..._sensor_run import (
@@ -44,12 +45,8 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from ....core.camera.frame import Frame
-    from ....core.measurement import Wrench
     from ....sensing.beam.sensor import BeamSetup
     from ....sensing.beam.tracked import TrackedReading
-    from ....sensing.readers.sensor_reader import SensorReader, SensorReading
-    from ....tracking.templates.template_tracker import TemplatePose
 
 #: Number of frames of a live camera for the zero reference.
 _LIVE_ZERO = 100
@@ -86,19 +83,18 @@ def run(args: Any) -> dict[str, Any]:
         return _stored(args, reader.zero(islice(frames, limit)), reader.zero_path)
 
 
-def _images(args: Any, stack: ExitStack) -> tuple[SensorReader[Any], Iterator[Any]]:
+def _images(args: Any, stack: ExitStack) -> tuple[sensing.SensorReader[Any], Iterator[Any]]:
     """A reader of camera frames, and those of ``--source``."""
     from ....sensing.beam.tracked import TrackedBeam
-    from ....sensing.readers.beam_reader import BeamReader
 
     # With a live camera the detector runs in a thread, to avoid delays; with a recording in sequence, for reproducible results.
     beam = TrackedBeam.load(args.config, threaded=is_live(args.source))
-    reader = stack.enter_context(BeamReader(beam, templates=True))
+    reader = stack.enter_context(sensing.BeamReader(beam, templates=True))
     source = stack.enter_context(opened_frames(args, reader.camera, grey=not args.view))
     return reader, shown_frames(args, source, _doing(args))
 
 
-def _poses(args: Any) -> tuple[SensorReader[Any], Iterator[Any]]:
+def _poses(args: Any) -> tuple[sensing.SensorReader[Any], Iterator[Any]]:
     """A reader of template poses, and those of ``--poses``."""
     if args.view or args.start or args.stop != float("inf") or args.rate_Hz is not None:
         raise InputError(
@@ -123,18 +119,17 @@ class _PoseFrame(NamedTuple):
     templates: Sequence[Any]
 
 
-def _pose_reader(setup: BeamSetup) -> SensorReader[TrackedReading]:
+def _pose_reader(setup: BeamSetup) -> sensing.SensorReader[TrackedReading]:
     """A beam sensor that reads template poses instead of images."""
     from ....sensing.beam.sensor import BeamSensor
     from ....sensing.beam.tracked import TrackedReading
     from ....sensing.beam.zero import BeamZero
-    from ....sensing.readers.sensor_reader import SensorReader, SensorReading
 
     path = setup.zero_path
     stored = BeamZero.load(path, list(setup.xi)) if path is not None and path.is_file() else None
     sensor = BeamSensor(setup, stored)
 
-    class PoseReader(SensorReader[TrackedReading]):
+    class PoseReader(sensing.SensorReader[TrackedReading]):
         kind, camera, zero_path = "beam", None, path
 
         @property
@@ -144,11 +139,11 @@ def _pose_reader(setup: BeamSetup) -> SensorReader[TrackedReading]:
         def zero(self, frames: Any) -> BeamZero:
             return sensor.zero(frames)
 
-        def read(self, frame: Any, sink: Any = None) -> SensorReading[TrackedReading]:
+        def read(self, frame: Any, sink: Any = None) -> sensing.SensorReading[TrackedReading]:
             reading = sensor.read(*frame)
             if sink is not None:
                 sink.write_wrench(reading.wrench, "beam")
-            return SensorReading(TrackedReading(reading, ()), reading.wrench.reason)
+            return sensing.SensorReading(TrackedReading(reading, ()), reading.wrench.reason)
 
         def blank(self, t_s: float, sink: Any) -> None:
             """Do nothing: a recorded table has no time-outs."""
@@ -156,14 +151,14 @@ def _pose_reader(setup: BeamSetup) -> SensorReader[TrackedReading]:
     return PoseReader("beam")
 
 
-def _measure(args: Any, reader: SensorReader[TrackedReading], frames: Iterator[Any]) -> dict[str, Any]:
+def _measure(
+    args: Any, reader: sensing.SensorReader[TrackedReading], frames: Iterator[Any]
+) -> dict[str, Any]:
     import numpy as np
-
-    from ....io.sinks.tables import TableWriter
 
     max_load, noise, exact = np.zeros(6), np.full(6, np.nan), 0
 
-    def note(reading: SensorReading[TrackedReading]) -> None:
+    def note(reading: sensing.SensorReading[TrackedReading]) -> None:
         nonlocal max_load, noise, exact
         found = reading.measured.reading
         exact += found.exact
@@ -174,7 +169,7 @@ def _measure(args: Any, reader: SensorReader[TrackedReading], frames: Iterator[A
             max_load = np.where(np.abs(load) > np.abs(max_load), load, max_load)
 
     outputs: Outputs[TrackedReading] = Outputs(
-        TableWriter,
+        io.TableWriter,
         rows=lambda found: (found.reading.wrench,),
         page_title="beam sensor",
         chart=lambda found: _chart(found.reading.wrench),
@@ -184,7 +179,7 @@ def _measure(args: Any, reader: SensorReader[TrackedReading], frames: Iterator[A
     return _summary(args, done, max_load, noise, exact)
 
 
-def _chart(wrench: Wrench) -> dict[str, dict[str, tuple[float, float]]]:
+def _chart(wrench: core.Wrench) -> dict[str, dict[str, tuple[float, float]]]:
     """Forces [N] and moments [mNm] by their axis, each with its sigma; NaN when the frame is not valid."""
     known = 1.0 if wrench.valid else nan
     sigma = wrench.covariance.diagonal() ** 0.5
@@ -210,9 +205,8 @@ def _summary(
     }
 
 
-def _drawn(frame: Frame, wrench: Wrench, templates: Sequence[TemplatePose]) -> np.ndarray:
+def _drawn(frame: core.Frame, wrench: core.Wrench, templates: Sequence[tracking.TemplatePose]) -> np.ndarray:
     """The image with the templates' outlines and six numbers."""
-    from ....report.annotation import FrameNotes, annotated_frame
     from ....tracking.templates.template_tracker import template_outlines
 
     if wrench.valid:
@@ -225,8 +219,8 @@ def _drawn(frame: Frame, wrench: Wrench, templates: Sequence[TemplatePose]) -> n
         ]
     else:
         lines = [f"not valid: {wrench.reason}"]
-    return annotated_frame(
-        frame.image, FrameNotes(contacts_px=template_outlines(templates), lines=lines), split=False
+    return report.annotated_frame(
+        frame.image, report.FrameNotes(contacts_px=template_outlines(templates), lines=lines), split=False
     )
 
 

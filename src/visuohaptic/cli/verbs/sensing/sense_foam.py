@@ -22,10 +22,12 @@ examples
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from .... import core, report, sensing
 from ....core.errors import InputError
 from ....core.files.plain_json import picked
+from ....sensing import foam
 from ..._sensor_run import (
     SensorRun,
     add_run_arguments,
@@ -35,15 +37,6 @@ from ..._sensor_run import (
     shown_frames,
 )
 from ._reference import add_reference, checked_reference, reported
-
-if TYPE_CHECKING:
-    from ....core.measurement import ForceProfile
-    from ....core.robots import FrameSource
-    from ....report.comparison import ForceRecord
-    from ....sensing.foam.finger import FingerSensor
-    from ....sensing.foam.sensor import FoamSensor
-    from ....sensing.readers.foam_reader import FoamReader
-    from ....sensing.readers.sensor_reader import SensorReading
 
 
 def add_arguments(add: Any) -> None:
@@ -68,17 +61,15 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
-    from ....sensing.foam.finger import load_foam_sensor
-
     if args.page and args.against is None:
         raise InputError("--page", "found without --against, expected a reference to compare with")
     reference = None if args.against is None else checked_reference(args, args.against)
-    sensor = load_foam_sensor(args.config)
+    sensor = foam.load_foam_sensor(args.config)
     with opened_frames(args, sensor.setup.camera) as source:
         return _zero(args, sensor, source) if args.zero else _measure(args, sensor, source, reference)
 
 
-def _zero(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, Any]:
+def _zero(args: Any, sensor: foam.FoamSensor, source: core.FrameSource) -> dict[str, Any]:
     zero = sensor.zero(args.progress(source, "zeroing"))
     zero.save(sensor.setup.zero_path)
     sigma_m = float(zero.width_sigma_m[~zero.inferred].mean())
@@ -96,20 +87,17 @@ def _zero(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, Any]:
 
 
 def _measure(
-    args: Any, sensor: FoamSensor, source: FrameSource, reference: ForceRecord | None
+    args: Any, sensor: foam.FoamSensor, source: core.FrameSource, reference: report.ForceRecord | None
 ) -> dict[str, Any]:
-    from ....core.robots import BaseState
-    from ....sensing.foam.finger import FingerSensor
-
-    finger = sensor if isinstance(sensor, FingerSensor) else None
+    finger = sensor if isinstance(sensor, foam.FingerSensor) else None
     reader = _reader(sensor, finger)
     if args.speed is not None:
-        reader.odometry = lambda t_s: BaseState(t_s, 0.0, 0.0, 0.0, args.speed, 0.0)
-    profiles: list[ForceProfile] = []
-    max_profile: ForceProfile | None = None
+        reader.odometry = lambda t_s: core.BaseState(t_s, 0.0, 0.0, 0.0, args.speed, 0.0)
+    profiles: list[core.ForceProfile] = []
+    max_profile: core.ForceProfile | None = None
     positions: list[float] = []
 
-    def note(reading: SensorReading[ForceProfile]) -> None:
+    def note(reading: sensing.SensorReading[core.ForceProfile]) -> None:
         nonlocal max_profile
         profile = reading.measured
         if profile.valid and (max_profile is None or profile.force_N > max_profile.force_N):
@@ -128,14 +116,12 @@ def _measure(
     return result
 
 
-def _record(args: Any, profiles: list[ForceProfile]) -> ForceRecord:
+def _record(args: Any, profiles: list[core.ForceProfile]) -> report.ForceRecord:
     """Summary of the measured forces."""
     import numpy as np
 
-    from ....report.comparison import ForceRecord
-
     t_s, force_N, sigma_N = np.array([(p.t_s, p.force_N, p.force_sigma_N) for p in profiles]).reshape(-1, 3).T
-    return ForceRecord(
+    return report.ForceRecord(
         Path(args.source).name,
         t_s,
         force_N,
@@ -145,7 +131,7 @@ def _record(args: Any, profiles: list[ForceProfile]) -> ForceRecord:
     )
 
 
-def _summary(args: Any, done: SensorRun, max_profile: ForceProfile | None) -> dict[str, Any]:
+def _summary(args: Any, done: SensorRun, max_profile: core.ForceProfile | None) -> dict[str, Any]:
     args.report(done.text())
     if max_profile is not None:
         args.report(f"maximum force {_force(max_profile)} at {max_profile.t_s:.3f} s")
@@ -156,16 +142,14 @@ def _summary(args: Any, done: SensorRun, max_profile: ForceProfile | None) -> di
     }
 
 
-def _reader(sensor: FoamSensor, finger: FingerSensor | None) -> FoamReader:
+def _reader(sensor: foam.FoamSensor, finger: foam.FingerSensor | None) -> sensing.FoamReader:
     """The reader of the sensor; with a finger it writes the finger's pose, too."""
-    from ....sensing.readers.foam_reader import FoamReader
-
     if finger is None:
-        return FoamReader(sensor)
-    moving: FingerSensor = finger
+        return sensing.FoamReader(sensor)
+    moving: foam.FingerSensor = finger
 
-    class FingerReader(FoamReader):
-        def read(self, frame: Any, sink: Any = None) -> SensorReading[ForceProfile]:
+    class FingerReader(sensing.FoamReader):
+        def read(self, frame: Any, sink: Any = None) -> sensing.SensorReading[core.ForceProfile]:
             reading = super().read(frame, sink)
             if sink is not None and moving.finger.valid:
                 _write_finger(sink, moving)
@@ -174,16 +158,14 @@ def _reader(sensor: FoamSensor, finger: FingerSensor | None) -> FoamReader:
     return FingerReader(sensor)
 
 
-def _write_finger(sink: Any, sensor: FingerSensor) -> None:
+def _write_finger(sink: Any, sensor: foam.FingerSensor) -> None:
     """Pose of frame F on the finger in the fixed frame; unobserved components have no variance."""
     import numpy as np
-
-    from ....core.camera.pose import Pose
 
     finger = sensor.finger
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = finger.sigma_m**2 * np.outer(sensor.axis_foam, sensor.axis_foam)
-    pose = Pose(np.eye(3), finger.position_m * sensor.axis_foam)
+    pose = core.Pose(np.eye(3), finger.position_m * sensor.axis_foam)
     sink.write_pose(pose, finger.t_s, "/finger/pose", frame="finger_rest", covariance=covariance)
 
 
@@ -202,5 +184,5 @@ def _stroke(args: Any, positions: list[float]) -> dict[str, Any]:
     }
 
 
-def _force(profile: ForceProfile) -> str:
+def _force(profile: core.ForceProfile) -> str:
     return f"{profile.force_N:.3f} N +- {profile.force_sigma_N:.3f} N"

@@ -22,9 +22,11 @@ from __future__ import annotations
 
 from math import degrees, isfinite, nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from .... import core, sensing
 from ....core.errors import InputError
+from ....sensing import scene
 from ..._sensor_run import (
     Outputs,
     SensorRun,
@@ -33,12 +35,6 @@ from ..._sensor_run import (
     run_sensor,
     shown_frames,
 )
-
-if TYPE_CHECKING:
-    from ....core.robots import FrameSource
-    from ....sensing.readers.scene_reader import SceneReader
-    from ....sensing.readers.sensor_reader import SensorReading
-    from ....sensing.scene.scene_tracker import SceneReading
 
 
 def add_arguments(add: Any) -> None:
@@ -57,28 +53,23 @@ def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
     import numpy as np
 
-    from ....sensing.readers.scene_reader import SceneReader
-    from ....sensing.scene.scene_file import SceneConfig, SceneSensor, read_odometry
-
     count = args.zero_frames
-    setup = SceneConfig.load(args.config)
+    setup = scene.SceneConfig.load(args.config)
     if count and setup.sensor is None:
         raise InputError("--zero-frames", f"found {count}, but {args.config} names no sensor to zero")
     rng = np.random.default_rng(args.seed)
-    reader = SceneReader(SceneSensor(setup, rng=rng), foam_name="foam", mask=args.mask)
+    reader = sensing.SceneReader(scene.SceneSensor(setup, rng=rng), foam_name="foam", mask=args.mask)
     if args.odometry:
-        reader.odometry = read_odometry(args.odometry).at
+        reader.odometry = scene.read_odometry(args.odometry).at
     with opened_frames(args, setup.camera) as source:
         return _track(args, reader, source)
 
 
-def _track(args: Any, reader: SceneReader, source: FrameSource) -> dict[str, Any]:
-    from ....sensing.scene.scene_record import SceneTable
-
+def _track(args: Any, reader: sensing.SceneReader, source: core.FrameSource) -> dict[str, Any]:
     nearest_m, tracked, tilt_rad = float("inf"), 0, 0.0
-    last: SceneReading | None = None
+    last: sensing.SceneReading | None = None
 
-    def note(found: SensorReading[SceneReading]) -> None:
+    def note(found: sensing.SensorReading[sensing.SceneReading]) -> None:
         nonlocal nearest_m, tracked, tilt_rad, last
         last = reading = found.measured
         if reading.obstacle.valid:
@@ -87,8 +78,8 @@ def _track(args: Any, reader: SceneReader, source: FrameSource) -> dict[str, Any
             tracked += 1
             tilt_rad = max(tilt_rad, reading.object_motion.tilt_rad)
 
-    outputs: Outputs[SceneReading] = Outputs(
-        SceneTable,
+    outputs: Outputs[sensing.SceneReading] = Outputs(
+        scene.SceneTable,
         rows=lambda reading: (reading,),
         page_title="scene",
         chart=lambda reading: _chart(reading, reader.foam is not None),
@@ -101,7 +92,7 @@ def _track(args: Any, reader: SceneReader, source: FrameSource) -> dict[str, Any
     return {**result, "object_frames": tracked, "events": done.events, "out": done.out}
 
 
-def _chart(reading: SceneReading, touches: bool) -> dict[str, dict[str, tuple[float, float]]]:
+def _chart(reading: sensing.SceneReading, touches: bool) -> dict[str, dict[str, tuple[float, float]]]:
     """Drive, obstacle and, with a sensor that touches, object: value and sigma; NaN where unknown."""
     x, y, heading = reading.pose if reading.valid else (nan, nan, nan)
     variance = reading.pose_covariance.diagonal()
@@ -122,7 +113,7 @@ def _chart(reading: SceneReading, touches: bool) -> dict[str, dict[str, tuple[fl
     return panels
 
 
-def _summary(args: Any, done: SensorRun, last: SceneReading, nearest_m: float) -> dict[str, Any]:
+def _summary(args: Any, done: SensorRun, last: sensing.SceneReading, nearest_m: float) -> dict[str, Any]:
     """Report the drive, and its part of the mapping."""
     import numpy as np
 

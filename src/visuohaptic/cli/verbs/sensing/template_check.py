@@ -13,7 +13,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from .... import tracking
+from ....core import files
 from ....core.files.plain_json import picked
+from ....tracking import templates
 
 
 def add_arguments(add: Any) -> None:
@@ -27,12 +30,8 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Evaluate the image; returns the mapping that ``--json`` prints."""
-    from ....core.files import read_image
-    from ....tracking.templates.sheet import SheetItem, save_sheet
-    from ....tracking.templates.template import Template, template_quality
-
-    template = Template.from_file(args.image, width_m=args.width_m)
-    quality = template_quality(template)
+    template = tracking.Template.from_file(args.image, width_m=args.width_m)
+    quality = tracking.template_quality(template)
     width, height = template.size_m
     args.report(f"{'printed size':<24}{1e3 * width:.1f} x {1e3 * height:.1f} mm")
     args.report(f"{'score':<24}{quality.score:.2f} (0 to 1)")
@@ -43,8 +42,8 @@ def run(args: Any) -> dict[str, Any]:
         args.report(f"{'problem':<24}{problem}")
     sheet: dict[str, float] | None = None
     if args.sheet:
-        item = SheetItem(template.name, read_image(args.image, "grey"), width)
-        sheet = save_sheet(args.sheet, [item], paper=args.paper, dpi=args.dpi)
+        item = templates.SheetItem(template.name, files.read_image(args.image, "grey"), width)
+        sheet = templates.save_sheet(args.sheet, [item], paper=args.paper, dpi=args.dpi)
         args.report(f"{'sheet':<24}{args.sheet}")
     return {
         "image": str(args.image),

@@ -11,6 +11,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ....tracking import templates
+
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
@@ -23,12 +25,9 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Write the sheet; returns the mapping that ``--json`` prints."""
-    from ....tracking.templates.sheet import save_sheet, tag_item
-    from ....tracking.templates.template import TAG_CELLS
-
-    items = [tag_item(number, args.size_m) for number in args.ids]
-    widths = save_sheet(args.out, items, paper=args.paper, dpi=args.dpi)
-    sizes = [widths[item.label] * TAG_CELLS / (TAG_CELLS + 2) for item in items]
+    items = [templates.tag_item(number, args.size_m) for number in args.ids]
+    widths = templates.save_sheet(args.out, items, paper=args.paper, dpi=args.dpi)
+    sizes = [widths[item.label] * templates.TAG_CELLS / (templates.TAG_CELLS + 2) for item in items]
     for number, size in zip(args.ids, sizes, strict=True):
         args.report(f"{'tag ' + str(number):<24}size_m: {size:.6f}")
     args.report(f"written to {args.out}")

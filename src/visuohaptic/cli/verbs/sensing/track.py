@@ -20,15 +20,15 @@ from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .... import core, report, tracking
+from ....core import files
+from ....sensing import readers
 from ..._sensor_run import Outputs, add_run_arguments, is_live, opened_frames, run_sensor, shown_frames
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy as np
-
-    from ....core.camera.frame import Frame
-    from ....tracking.templates.template_tracker import TemplatePose
 
 
 def add_arguments(add: Any) -> None:
@@ -42,15 +42,10 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Track through the source; returns the mapping that ``--json`` prints."""
-    from ....core.camera.model import Camera
-    from ....sensing.readers.template_reader import TemplateReader
-    from ....tracking.templates.template import load_templates
-    from ....tracking.templates.template_tracker import TemplateTracker
-
-    camera = Camera.load(args.camera)
-    templates = load_templates(args.templates)
+    camera = core.Camera.load(args.camera)
+    templates = tracking.load_templates(args.templates)
     seen: Counter[str] = Counter()
-    outputs: Outputs[tuple[TemplatePose, ...]] = Outputs(
+    outputs: Outputs[tuple[tracking.TemplatePose, ...]] = Outputs(
         _Table,
         rows=lambda poses: poses,
         page_title="templates",
@@ -60,11 +55,13 @@ def run(args: Any) -> dict[str, Any]:
     with ExitStack() as stack:
         source = stack.enter_context(opened_frames(args, camera, grey=not args.view))
         # With a live camera the detector runs in a thread, to avoid delays; with a recording in sequence, for reproducible results.
-        tracker = stack.enter_context(TemplateTracker(templates, camera, threaded=is_live(args.source)))
+        tracker = stack.enter_context(
+            tracking.TemplateTracker(templates, camera, threaded=is_live(args.source))
+        )
         frames = shown_frames(args, source, "tracking")
         done = run_sensor(
             args,
-            TemplateReader(tracker),
+            readers.TemplateReader(tracker),
             frames,
             outputs,
             lambda reading: seen.update(pose.name for pose in reading.measured if pose.valid),
@@ -81,9 +78,8 @@ def run(args: Any) -> dict[str, Any]:
     }
 
 
-def _drawn(frame: Frame, poses: Sequence[TemplatePose]) -> np.ndarray:
+def _drawn(frame: core.Frame, poses: Sequence[tracking.TemplatePose]) -> np.ndarray:
     """The image with the outlines and positions of the templates."""
-    from ....report.annotation import FrameNotes, annotated_frame
     from ....tracking.templates.template_tracker import template_outlines
 
     lines = []
@@ -94,12 +90,12 @@ def _drawn(frame: Frame, poses: Sequence[TemplatePose]) -> np.ndarray:
             x, y, z = 1e3 * pose.T_camera_template.translation_m
             depth_sigma = 1e3 * pose.covariance[2, 2] ** 0.5
             lines.append(f"{pose.name}: {x:.2f} {y:.2f} {z:.2f} mm, depth +- {depth_sigma:.3f}")
-    return annotated_frame(
-        frame.image, FrameNotes(contacts_px=template_outlines(poses), lines=lines), split=False
+    return report.annotated_frame(
+        frame.image, report.FrameNotes(contacts_px=template_outlines(poses), lines=lines), split=False
     )
 
 
-def _chart(poses: Sequence[TemplatePose]) -> dict[str, dict[str, tuple[float, float]]]:
+def _chart(poses: Sequence[tracking.TemplatePose]) -> dict[str, dict[str, tuple[float, float]]]:
     """Position of each template in the camera frame [cm]; NaN if not detected."""
     found: dict[str, dict[str, tuple[float, float]]] = {"x [cm]": {}, "y [cm]": {}, "distance z [cm]": {}}
     for pose in poses:
@@ -127,9 +123,7 @@ class _Table:
     def __enter__(self) -> _Table:
         import csv
 
-        from ....core.files import atomic_path
-
-        temporary = self._stack.enter_context(atomic_path(self._path))
+        temporary = self._stack.enter_context(files.atomic_path(self._path))
         stream = self._stack.enter_context(temporary.open("w", newline="", encoding="utf-8"))
         self._rows = csv.writer(stream, lineterminator="\n")
         self._rows.writerow(self.COLUMNS)
@@ -138,7 +132,7 @@ class _Table:
     def __exit__(self, *error: Any) -> None:
         self._stack.__exit__(*error)
 
-    def write(self, pose: TemplatePose) -> None:
+    def write(self, pose: tracking.TemplatePose) -> None:
         """One row; empty where there is no number."""
         numbers: list[Any] = [""] * 13
         if pose.T_camera_template is not None:

@@ -13,6 +13,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from .... import io
+
 
 def add_arguments(add: Any) -> None:
     """No arguments of its own."""
@@ -20,9 +22,7 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
-    from ....io.frames.live import find_cameras
-
-    found = find_cameras()
+    found = io.find_cameras()
     for camera in found:
         args.report(f"{camera.address:<24}{camera.name}")
     if not found:

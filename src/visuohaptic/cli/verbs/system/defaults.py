@@ -22,6 +22,8 @@ from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, cast, get_args, get_origin
 
+from .... import core
+from ....core import files
 from ....core.errors import InputError
 
 _REQUIRED: Any = object()
@@ -159,8 +161,6 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
-    from ....core.files import parse_yaml, write_text
-
     if args.kind is None:
         for name, kind in _KINDS.items():
             args.report(f"{name:<11}{kind.file:<16}read by {kind.verb}")
@@ -173,23 +173,24 @@ def run(args: Any) -> dict[str, Any]:
         values = _values(args.config, model)
     text = "\n".join(_lines(model, values)) + "\n"
     if args.out:
-        write_text(args.out, text)
+        files.write_text(args.out, text)
         args.report(f"{args.out}: every setting of a {args.kind} file, with its default")
     else:
         args.report(text.rstrip())
-    return {"kind": args.kind, "settings": parse_yaml(text, args.kind), "out": args.out and str(args.out)}
+    return {
+        "kind": args.kind,
+        "settings": files.parse_yaml(text, args.kind),
+        "out": args.out and str(args.out),
+    }
 
 
 def _values(path: Path, model: Any) -> dict[str, Any]:
     """Values of a file that its own reader accepts."""
-    from ....core.codec import from_dict
-    from ....core.files import load_yaml, load_yaml_model
-
     if is_dataclass(model):
-        from_dict(cast(type, model), load_yaml(path), where=path)
+        core.from_dict(cast(type, model), files.load_yaml(path), where=path)
     else:
-        load_yaml_model(path, model)
-    found: dict[str, Any] = load_yaml(path)
+        files.load_yaml_model(path, model)
+    found: dict[str, Any] = files.load_yaml(path)
     return found
 
 

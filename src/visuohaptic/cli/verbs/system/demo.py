@@ -33,6 +33,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
+from .... import demo, viewer
 from ....core.errors import InputError
 from .warmup import compiling_in_background
 
@@ -82,9 +83,7 @@ def run(args: Any) -> dict[str, Any]:
     with ExitStack() as stack:
         page = None
         if args.view:
-            from ....viewer.page import LivePage
-
-            page = stack.enter_context(LivePage())
+            page = stack.enter_context(viewer.LivePage())
             args.report(f"live page: {page.url}")
             page.show()
         work = _replay if args.quick else _tell
@@ -120,26 +119,17 @@ def _open(report: Path) -> None:
 
 def _tell(args: Any, page: Any) -> dict[str, Any]:
     """The demo in the built-in office and table, or with three obstacles in the user's map."""
-    from ....demo.chapters import Visit, run_mission
-    from ....demo.report import write_story
-    from ....demo.touch_chapters import touch_in_map
-
     if page is not None and args.map is None:
-        from ....demo.story import Mission
-
-        grid = Mission(args.seed, args.out, world=args.world).house.grid
+        grid = demo.Mission(args.seed, args.out, world=args.world).house.grid
         page.set_map(grid.cells, grid.resolution_m, grid.origin)
     if args.map is not None:
-        story = touch_in_map(args.out, args.map, seed=args.seed, on_message=args.report, page=page)
+        story = demo.touch_in_map(args.out, args.map, seed=args.seed, on_message=args.report, page=page)
     else:
-        # The first chapters need few kernels, and leave time for those of the others.
-        background: AbstractContextManager[Any] = nullcontext() if args.part else compiling_in_background()
-        with background:
-            story = run_mission(
-                args.out, part=args.part, seed=args.seed, on_message=args.report, page=page,
-                visit=Visit(args.world, args.visit, args.memory),
-            )  # fmt: skip
-    report = write_story(story, args.out / "report.html")
+        story = demo.run_mission(
+            args.out, part=args.part, seed=args.seed, on_message=args.report, page=page,
+            visit=demo.Visit(args.world, args.visit, args.memory),
+        )  # fmt: skip
+    report = demo.write_story(story, args.out / "report.html")
     args.report("")
     args.report(f"{story.summary()} ({story.duration_s:.0f} s)")
     args.report(f"report: {report}")

@@ -27,6 +27,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ....core.errors import InputError, VisuohapticError
+from ....io import remote
+from ....tasks import framework
 from ..._console import Arguments
 from ..._extras import CORE, OPTIONAL, Library
 
@@ -107,12 +109,11 @@ def run(args: Arguments) -> dict[str, Any]:
 
 def _robot(args: Arguments) -> dict[str, Any]:
     """Test a robot, and report which rules of its protocols it satisfies."""
-    from ....io.remote import start_robot
-    from ....tasks.framework import check_robot
-
     with contextlib.ExitStack() as stack:
-        robot = stack.enter_context(start_robot(args.robot)).served() if args.apart else _made(args.robot)
-        rules = check_robot(robot, motion=not args.still, where=args.robot)
+        robot = (
+            stack.enter_context(remote.start_robot(args.robot)).served() if args.apart else _made(args.robot)
+        )
+        rules = framework.check_robot(robot, motion=not args.still, where=args.robot)
     for rule in rules:
         args.report(f"{rule.part:<9}{'BROKEN' if rule.problem else 'kept':<8}{rule.rule}")
         if rule.problem:

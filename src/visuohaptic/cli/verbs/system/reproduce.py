@@ -16,6 +16,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from .... import reproduce
 from ..._workers import add_worker_arguments, chosen_workers
 
 #: Optional modules that the verb imports.
@@ -43,37 +44,30 @@ def needs(args: Any) -> set[str]:
     args
         As parsed.
     """
-    from ....reproduce.runner import NEEDS as BY_NAME
 
-    return {module for name in _selected(args.names) for module in BY_NAME.get(name, ())}
+    return {module for name in _selected(args.names) for module in reproduce.NEEDS.get(name, ())}
 
 
 def _selected(names: list[str]) -> list[str]:
-    from ....reproduce.runner import EXPERIMENTS, known_name
-
-    return list(EXPERIMENTS) if "all" in names else [known_name(name) for name in names]
+    return list(reproduce.EXPERIMENTS) if "all" in names else [reproduce.known_name(name) for name in names]
 
 
 def run(args: Any) -> dict[str, Any]:
     """Run them, several at a time; returns the mapping that ``--json`` prints."""
-    from ....reproduce.batch import reproduce_all
-    from ....reproduce.pages import write_gallery, write_index
-    from ....reproduce.runner import ExperimentOutcome
-
     selected, workers = _selected(args.names), chosen_workers(args, 0)
     with args.progress(len(selected), "experiments") as progress:
 
-        def tell(one: ExperimentOutcome) -> None:
+        def tell(one: reproduce.ExperimentOutcome) -> None:
             state = f"failed: {one.problem}" if one.problem else "kept" if one.kept else "done"
             args.report(f"{one.name:<12} {one.seconds:6.1f} s  {state}")
             progress.advance(1, one.name)
 
         options = {name: getattr(args, name) for name in ("seed", "quick", "force")}
-        outcomes = reproduce_all(selected, args.out, workers=workers, on_done=tell, **options)
-    index = write_index(args.out)
+        outcomes = reproduce.reproduce_all(selected, args.out, workers=workers, on_done=tell, **options)
+    index = reproduce.write_index(args.out)
     args.report(f"written to {index}")
     if args.gallery is not None:
-        args.report(f"written to {write_gallery(args.out, args.gallery)}")
+        args.report(f"written to {reproduce.write_gallery(args.out, args.gallery)}")
     args.exit_code = 1 if any(one.problem for one in outcomes) else 0
     return {
         "index": str(index),

@@ -19,13 +19,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from .... import ros
 from ....core.resources import reuse_memory
 from ..._stop import signals
-
-if TYPE_CHECKING:
-    from ....ros.bridge import Bridge
 
 #: Optional modules that the verb imports.
 NEEDS = ("zenoh",)
@@ -40,10 +38,9 @@ def add_arguments(add: Any) -> None:
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
     from ....core.files.plain_json import picked
-    from ....ros.bridge import Bridge
 
     reuse_memory()
-    with Bridge.load(args.config) as bridge:
+    with ros.Bridge.load(args.config) as bridge:
         args.report(
             f"{bridge.node.resolve(bridge.node.name)} runs: {', '.join(_topics(bridge))}; end with Ctrl-C"
         )
@@ -60,12 +57,12 @@ def run(args: Any) -> dict[str, Any]:
     return {"sensors": sensors}
 
 
-def _topics(bridge: Bridge) -> Iterator[str]:
+def _topics(bridge: ros.Bridge) -> Iterator[str]:
     for section in bridge.config.sensors:
         yield f"{bridge.node.resolve(section.image)} to {bridge.node.resolve(section.name)}/..."
 
 
-def _wait(args: Any, bridge: Bridge) -> None:
+def _wait(args: Any, bridge: ros.Bridge) -> None:
     left_s = float("inf") if args.duration is None else args.duration
     with args.progress(0, "reading") as bar:
         done = 0

@@ -14,6 +14,8 @@ from __future__ import annotations
 from itertools import islice
 from typing import Any
 
+from .... import ros
+from ....ros import transports
 from .ros_node import add_transport, options_of
 
 
@@ -28,17 +30,15 @@ def add_arguments(add: Any) -> None:
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
     from ....core.files.plain_json import dumps
-    from ....ros.topics import echo, find_topics
-    from ....ros.transports import open_node
 
-    with open_node("visuohaptic_echo", options_of(args), args.transport) as node:
+    with transports.open_node("visuohaptic_echo", options_of(args), args.transport) as node:
         if args.topic is None:
-            topics = {name: one.datatype for name, one in find_topics(node, args.timeout).items()}
+            topics = {name: one.datatype for name, one in ros.find_topics(node, args.timeout).items()}
             for name, datatype in topics.items():
                 args.report(f"{name}  {datatype}")
             return {"topics": topics}
         count = 0
-        for message in islice(echo(node, args.topic, args.timeout), args.count):
+        for message in islice(ros.echo(node, args.topic, args.timeout), args.count):
             args.report(dumps(message))
             count += 1
     return {"topic": args.topic, "messages": count}

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from ....core.errors import InputError
+from ....ros import nodes
 from ..._stop import signals
 
 
@@ -31,8 +32,6 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
-    from ....ros import nodes
-    from ....ros.nodes import read_launch, run_launch
 
     folder = Path(nodes.__file__).with_name("launch_files")
     own = {path.name.removesuffix(".launch.xml"): path for path in sorted(folder.glob("*.launch.xml"))}
@@ -50,10 +49,10 @@ def run(args: Any) -> dict[str, Any]:
         raise InputError(
             args.file, "does not exist", remedy=f"give a *.launch.xml file, or one of {', '.join(own)}"
         )
-    commands = read_launch(own.get(args.file, Path(args.file)), given)
+    commands = nodes.read_launch(own.get(args.file, Path(args.file)), given)
     for words in commands:
         args.report(shlex.join(words))
     stop = threading.Event()
     with signals(stop.set):
-        run_launch(commands, stop)
+        nodes.run_launch(commands, stop)
     return {"commands": [list(words) for words in commands]}

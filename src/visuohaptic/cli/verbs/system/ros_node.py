@@ -25,7 +25,9 @@ import argparse
 import threading
 from typing import Any
 
+from .... import ros
 from ....core.resources import reuse_memory
+from ....ros import nodes
 from ..._stop import signals
 
 
@@ -71,14 +73,12 @@ def add_transport(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
-    from ....ros.nodes import NODES, declared, node_kind, run_node
-
     if args.name is None:
-        for name in NODES:
-            args.report(f"{name:<12} {node_kind(name).summary}")
-        return {"nodes": {name: node_kind(name).summary for name in NODES}}
+        for name in nodes.NODES:
+            args.report(f"{name:<12} {nodes.node_kind(name).summary}")
+        return {"nodes": {name: nodes.node_kind(name).summary for name in nodes.NODES}}
     if args.list:
-        parameters = list(declared(node_kind(args.name).parameter_model))
+        parameters = list(nodes.declared(nodes.node_kind(args.name).parameter_model))
         for one in parameters:
             bounds = "" if one.low is None and one.high is None else f" [{_end(one.low)} to {_end(one.high)}]"
             default = "required" if one.required else repr(one.default)
@@ -87,7 +87,7 @@ def run(args: Any) -> dict[str, Any]:
     reuse_memory()
     stop = threading.Event()
     with signals(stop.set):
-        run_node(
+        nodes.run_node(
             args.name,
             args.param,
             transport=args.transport,
@@ -112,11 +112,10 @@ def options_of(args: Any) -> Any:
     args
         Parsed arguments.
     """
-    from ....ros import RosOptions
 
     places: dict[str, Any] = {}
     if args.connect is not None:
         places["connect"] = () if args.connect == ["none"] else tuple(args.connect)
     if args.listen is not None:
         places["listen"] = tuple(args.listen)
-    return RosOptions(args.domain, args.namespace, **places)
+    return ros.RosOptions(args.domain, args.namespace, **places)

@@ -26,21 +26,14 @@ from collections import deque
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from .... import core, io, sensing, tracking
+from ....core import files
 from ....core.errors import CalibrationError, DeviceError, InputError
+from ....sensing import foam
+from ....tracking import templates
 from ..._sensor_run import force_outputs, is_live, run_sensor
-
-if TYPE_CHECKING:
-    from ....core.camera.frame import Frame
-    from ....core.camera.model import Camera
-    from ....core.camera.pose import Pose
-    from ....core.measurement import ForceProfile
-    from ....core.robots import FrameSource
-    from ....sensing.foam.material.foam_material import FoamMaterial
-    from ....sensing.foam.material.records import PlateRecord
-    from ....sensing.foam.sensor import FoamSensor
-    from ....sensing.foam.strip.zero import ZeroReference
 
 TAG_ID = 7
 #: Frames of each step: of the tag, of the zero reference, and of a load that is held still.
@@ -75,15 +68,11 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
-    from ....io.frames.frames import open_source
-    from ....sensing.foam.sensor import FoamSensor
-    from ....sensing.readers.foam_reader import FoamReader
-
     folder: Path = args.out
     args.source = args.source or _choose_camera(args)
     size_m = {name: 1e-3 * _size_mm(args, name) for name in ("length", "width", "height")}
     material = _given_foam(args.foam, size_m)
-    with open_source(args.source) as source:
+    with io.open_source(args.source) as source:
         frames = iter(source)
         folder.mkdir(parents=True, exist_ok=True)
         _print_tag(args, folder / "tag.pdf")
@@ -103,11 +92,11 @@ def run(args: Any) -> dict[str, Any]:
         loads = [] if args.foam else _known_loads(args, sensor, frames)
         if loads:
             _fit(args, loads, size_m).save(folder / "foam.yaml")
-            sensor = FoamSensor.load(config)
+            sensor = foam.FoamSensor.load(config)
         args.report(
             f"4/4  {'Press the strip' if is_live(args.source) else 'The rest of the recording'}; stop with Ctrl-C"
         )
-        done, max_N = _measure(args, FoamReader(sensor), frames)
+        done, max_N = _measure(args, sensing.FoamReader(sensor), frames)
     args.report(
         f"the sensor is in {folder}; to use it again: visuohaptic sense foam --config {config} --source {args.source}"
     )
@@ -122,7 +111,7 @@ def run(args: Any) -> dict[str, Any]:
     }
 
 
-def _measure(args: Any, reader: Any, frames: Iterator[Frame]) -> tuple[Any, float]:
+def _measure(args: Any, reader: Any, frames: Iterator[core.Frame]) -> tuple[Any, float]:
     """Forces in the terminal and on the page until the source ends."""
     if args.view is None:
         args.view = sys.stdout.isatty() and importlib.util.find_spec("viser") is not None
@@ -154,9 +143,7 @@ def _step(args: Any, text: str) -> None:
 
 
 def _choose_camera(args: Any) -> str:
-    from ....io.frames.live import find_cameras
-
-    found = find_cameras()
+    found = io.find_cameras()
     if not found:
         raise DeviceError("no camera found; connect one, or give --source a file or the address of a stream")
     for camera in found:
@@ -182,25 +169,21 @@ def _size_mm(args: Any, name: str) -> float:
 
 
 def _print_tag(args: Any, path: Path) -> None:
-    from ....tracking.templates.sheet import save_sheet, tag_item
-
-    save_sheet(path, [tag_item(TAG_ID, 1e-3 * args.tag)])
+    templates.save_sheet(path, [templates.tag_item(TAG_ID, 1e-3 * args.tag)])
     args.report(f"print {path} at 100 %, check the bar on it with a ruler, and cut the tag out")
 
 
-def _take(frames: Iterator[Frame], count: int, source: str) -> list[Frame]:
+def _take(frames: Iterator[core.Frame], count: int, source: str) -> list[core.Frame]:
     taken = list(islice(frames, count))
     if len(taken) < count:
         raise InputError(source, f"ended after {len(taken)} of {count} frames of this step")
     return taken
 
 
-def _camera(args: Any, source: FrameSource, frame: Frame) -> Camera:
+def _camera(args: Any, source: core.FrameSource, frame: core.Frame) -> core.Camera:
     """The calibrated camera, its maker's model, or a webcam as most are: 53 degrees wide, without distortion."""
-    from ....core.camera.model import Camera
-
     if args.camera is not None:
-        return Camera.load(args.camera)
+        return core.Camera.load(args.camera)
     if source.camera is not None:
         return source.camera
     rows, columns = frame.image.shape[:2]
@@ -208,20 +191,20 @@ def _camera(args: Any, source: FrameSource, frame: Frame) -> Camera:
         "     no --camera: a field of view of 53 degrees is assumed; a calibrated camera improves forces by some "
         "per cent if it views the strip obliquely"
     )
-    return Camera.simple(columns, rows, focal_px=float(columns))
+    return core.Camera.simple(columns, rows, focal_px=float(columns))
 
 
-def _pose_of_foam(frames: list[Frame], camera: Camera, side_m: float) -> Pose:
+def _pose_of_foam(frames: list[core.Frame], camera: core.Camera, side_m: float) -> core.Pose:
     """Pose of the strip's frame F in the camera: that of the tag on it, turned and moved to its back edge."""
     import numpy as np
 
-    from ....core.camera.pose import Pose
-    from ....tracking.templates.template import Template
-    from ....tracking.templates.template_tracker import TemplateTracker
-
     # The tag's x is to the right and y towards the robot; the strip's x is ahead and y to the left.
-    tag_from_foam = Pose(np.array([[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]]), np.array([0.0, side_m / 2, 0.0]))
-    with TemplateTracker([Template.from_tag(TAG_ID, size_m=side_m)], camera, threaded=False) as tracker:
+    tag_from_foam = core.Pose(
+        np.array([[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]]), np.array([0.0, side_m / 2, 0.0])
+    )
+    with tracking.TemplateTracker(
+        [tracking.Template.from_tag(TAG_ID, size_m=side_m)], camera, threaded=False
+    ) as tracker:
         seen = [pose for frame in frames for pose in tracker.update(frame)]
     if not seen[-1].valid or seen[-1].T_camera_template is None:
         raise CalibrationError(
@@ -232,11 +215,9 @@ def _pose_of_foam(frames: list[Frame], camera: Camera, side_m: float) -> Pose:
     return seen[-1].T_camera_template @ tag_from_foam
 
 
-def _write_sensor(folder: Path, camera: Camera, length_m: float, pose: Pose) -> Path:
-    from ....core.files import save_yaml
-
+def _write_sensor(folder: Path, camera: core.Camera, length_m: float, pose: core.Pose) -> Path:
     camera.save(folder / "camera.yaml")
-    save_yaml(
+    files.save_yaml(
         folder / "sensor.yaml",
         {
             "kind": "foam",
@@ -253,12 +234,10 @@ def _write_sensor(folder: Path, camera: Camera, length_m: float, pose: Pose) -> 
     return folder / "sensor.yaml"
 
 
-def _zeroed(config: Path, frames: list[Frame]) -> tuple[FoamSensor, ZeroReference]:
+def _zeroed(config: Path, frames: list[core.Frame]) -> tuple[foam.FoamSensor, foam.ZeroReference]:
     """The sensor with its zero reference, whose measured width has to be the declared one."""
-    from ....sensing.foam.sensor import FoamSensor
-
     try:
-        sensor = FoamSensor.load(config)
+        sensor = foam.FoamSensor.load(config)
         zero = sensor.zero(frames)
     except InputError as error:
         raise CalibrationError(
@@ -270,13 +249,12 @@ def _zeroed(config: Path, frames: list[Frame]) -> tuple[FoamSensor, ZeroReferenc
     return sensor, zero
 
 
-def _given_foam(path: Path | None, size_m: dict[str, float]) -> FoamMaterial:
-    from ....sensing.foam.material.foam_material import FoamMaterial
+def _given_foam(path: Path | None, size_m: dict[str, float]) -> foam.FoamMaterial:
     from ._known_loads import typical_foam
 
     if path is None:
         return typical_foam(size_m["width"], size_m["height"])
-    material = FoamMaterial.load(path)
+    material = foam.FoamMaterial.load(path)
     for name in ("width", "height"):
         # Another piece of the same foam may be cut by a ruler's millimetre, not by a tenth.
         if abs(getattr(material, f"{name}_m") - size_m[name]) > 0.1 * size_m[name]:
@@ -289,14 +267,12 @@ def _given_foam(path: Path | None, size_m: dict[str, float]) -> FoamMaterial:
     return material
 
 
-def _known_loads(args: Any, sensor: FoamSensor, frames: Iterator[Frame]) -> list[PlateRecord]:
+def _known_loads(args: Any, sensor: foam.FoamSensor, frames: Iterator[core.Frame]) -> list[foam.PlateRecord]:
     """Measurements of the camera under loads read from a scale."""
     import numpy as np
 
-    from ....sensing.foam.material.records import PlateRecord
-
     args.report("3/4  Press the strip against a kitchen scale, hold it still, and type what the scale shows.")
-    loads: list[PlateRecord] = []
+    loads: list[foam.PlateRecord] = []
     held_N: list[float] = []
     while True:
         profile = _held(sensor, frames, held_N)
@@ -313,10 +289,12 @@ def _known_loads(args: Any, sensor: FoamSensor, frames: Iterator[Frame]) -> list
             raise InputError("known load", f"found {answer!r}, expected a number of grams") from None
         held_N.append(profile.force_N)
         delta_m = np.where(profile.point_valid, profile.delta_m, 0.0)
-        loads.append(PlateRecord(float(delta_m.max()), 9.81e-3 * grams, profile.s_m, delta_m))
+        loads.append(foam.PlateRecord(float(delta_m.max()), 9.81e-3 * grams, profile.s_m, delta_m))
 
 
-def _held(sensor: FoamSensor, frames: Iterator[Frame], before_N: list[float]) -> ForceProfile | None:
+def _held(
+    sensor: foam.FoamSensor, frames: Iterator[core.Frame], before_N: list[float]
+) -> core.ForceProfile | None:
     """The next load that is new and constant; ``None`` at the end of the frames."""
     recent: deque[float] = deque(maxlen=HOLD_FRAMES)
     for frame in frames:
@@ -331,7 +309,7 @@ def _held(sensor: FoamSensor, frames: Iterator[Frame], before_N: list[float]) ->
     return None
 
 
-def _fit(args: Any, loads: list[PlateRecord], size_m: dict[str, float]) -> FoamMaterial:
+def _fit(args: Any, loads: list[foam.PlateRecord], size_m: dict[str, float]) -> foam.FoamMaterial:
     import numpy as np
 
     from ._known_loads import fit_known_loads

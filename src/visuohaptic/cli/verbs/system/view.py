@@ -14,6 +14,8 @@ from __future__ import annotations
 import time
 from typing import Any
 
+from .... import grasping, viewer
+
 #: Optional modules that the verb imports.
 NEEDS = ("trimesh", "viser")
 
@@ -30,13 +32,9 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Serve until interrupted; returns the mapping that ``--json`` prints."""
-    from ....grasping.grasp_task import GraspTask
-    from ....viewer.browse import BrowsePage
-    from ....viewer.files import open_views
-
-    task = GraspTask(force_N=args.force, closed=args.state == "closed", fill=args.fill)
-    views = open_views(args.files, task)
-    with BrowsePage(views, args.port) as page:
+    task = grasping.GraspTask(force_N=args.force, closed=args.state == "closed", fill=args.fill)
+    views = viewer.open_views(args.files, task)
+    with viewer.BrowsePage(views, args.port) as page:
         url, names = page.url, page.names
         args.report(f"{url} shows {', '.join(names)}; Ctrl-C ends it")
         page.show()

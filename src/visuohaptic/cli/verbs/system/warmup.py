@@ -21,6 +21,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from .... import core
 from ....core.errors import InputError
 from ....core.map_tasks import available_cores, cluster_hosts, map_tasks
 from ..._console import Arguments, Progress
@@ -143,11 +144,9 @@ def compiling_in_background(packages: Sequence[str] = ()) -> Iterator[subprocess
 
 
 def _remove_stale() -> int:
-    from ....core.kernels import remove_stale
-
     for module in read_signatures():  # only listed kernels can be stale
         importlib.import_module(module)
-    return remove_stale()
+    return core.remove_stale()
 
 
 def _lines() -> list[str]:
