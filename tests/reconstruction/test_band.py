@@ -104,7 +104,7 @@ def test_wrong_poses_that_are_not_refined_leave_one_table():
 
 def test_a_band_of_two_voxels_keeps_a_thin_plate_thin_and_an_oblique_plane_exact():
     """A fifth more thickens the plate by 1.2 mm on each side; with a fifth less, ends of the edges of the grid are clipped."""
-    exact = replace(TrackedNoise(SENSOR_NOISE["kinect"]), depth_m=0.001)
+    exact = replace(TrackedNoise(SENSOR_NOISE["kinect"]), depth_sigma_m=0.001)
     frames = views(CAMERA, 25.0, 24, half_m=THIN_PLATE_M)
     band_m = pipeline._band_m(GRID, frames, exact)
     points, areas = fused(frames, band_m)
@@ -125,5 +125,5 @@ def test_a_table_at_grazing_incidence_has_no_holes():
 def test_a_single_view_has_the_noise_of_its_camera():
     frames = views(CAMERA, 35.0, 1)
     noise = measured(frames)
-    assert np.isnan(noise.depth_m)
+    assert np.isnan(noise.depth_sigma_m)
     assert pipeline._band_m(GRID, frames, noise) == max(3 * noise.sigma_m(np.array(0.8)), 2 * GRID.voxel_m)

@@ -13,6 +13,7 @@ not repeated, axis and profile are sampled from the process, and samples that co
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -120,9 +121,10 @@ class BodyCompletion:
         """Whether a line without contact ends below the cone fitted to the outlines."""
         return touch.contact_m is None and touch.end_m is not None and touch.end_m[2] < self.body.height_m[0]
 
-    def _passed(self) -> list[Touch]:
-        """Lines without contact below the cone: the stem there is thinner than the error of the axis."""
-        return [touch for touch in self.touches if self._below(touch)]
+    def _passed(self) -> Float[np.ndarray, "n 2 3"]:
+        """Starts and ends of lines without contact below the cone: the stem there is thinner than the error of the axis [m]."""
+        lines_m: list[Any] = [(touch.start_m, touch.end_m) for touch in self.touches if self._below(touch)]
+        return np.array(lines_m, dtype=np.float64).reshape(-1, 2, 3)
 
     def _contacts(self) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n"], np.ndarray, np.ndarray]:
         """Directions from the axis, heights, distances from it and standard deviations [m] of contacts and missed stems.
@@ -131,7 +133,7 @@ class BodyCompletion:
         """
         met = [(touch.contact_m, touch.sigma_m) for touch in self.touches if touch.contact_m is not None]
         points = np.array([point for point, _ in met]).reshape(-1, 3)
-        stems_m = [float(touch.end_m[2]) for touch in self._passed() if touch.end_m is not None]
+        stems_m = self._passed()[:, 1, 2]
         stem_sigma_m = float(np.hypot(*self.body.axis_sigma_m) / np.sqrt(3))
         offset = np.concatenate([points[:, :2] - self.body.axis_m, np.zeros((len(stems_m), 2))])
         rho_m = np.hypot(*offset.T)
@@ -168,11 +170,9 @@ class BodyCompletion:
         """Probability that horizontal lines to the estimated axis hit the wall: the true axis is within its radius of them."""
         met = len([touch for touch in self.touches if touch.contact_m is not None])
         way, z2_m, rho_m, sigma_m = (values[:met] for values in self._contacts())
-        passed = self._passed()
-        back = np.array([touch.start_m - touch.end_m for touch in passed if touch.end_m is not None]).reshape(
-            -1, 3
-        )
-        heights_m = np.append(z_m, [touch.end_m[2] for touch in passed if touch.end_m is not None])
+        passed_m = self._passed()
+        back = passed_m[:, 0] - passed_m[:, 1]
+        heights_m = np.append(z_m, passed_m[:, 1, 2])
         levels, level = np.unique(heights_m, return_inverse=True)
         # Axis offset and profile are jointly Gaussian; a contact observes their sum.
         axis = np.diag(self.body.axis_sigma_m**2)

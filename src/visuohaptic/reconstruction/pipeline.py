@@ -236,13 +236,14 @@ def _band_m(grid: SpaceGrid, frames: Sequence[DepthFrame], noise: TrackedNoise) 
 
     A wider band reaches through thin objects and moves their far side outwards: a plate of 10 mm becomes 2 x 1.4 mm thicker
     with a band of 12.5 mm, 2 x 3.9 mm with 20 mm. In a narrower one, second surfaces appear: a reading that errs by more than
-    the band, 1 of 740 at 3 sigma, shows free space where no other view is close enough to object. Two voxels contain both ends
+    the band, 1 of 740 at 3 sigma, shows free space where other views have no readings. Two voxels contain both ends
     of an edge of the grid that crosses the surface, up to an incidence of 60 degrees. Sigma is measured by the agreement of
     neighbouring views, at all incidences and with the errors of the poses; that of the camera for single views.
     """
     middle_m = 0.5 * (grid.low_m + grid.high_m)
     away_m = np.median([np.linalg.norm(frame.T_world_camera.translation_m - middle_m) for frame in frames])
-    sigma_m = noise.depth_m if np.isfinite(noise.depth_m) else float(noise.sigma_m(away_m))
+    known = np.isfinite(noise.depth_sigma_m)
+    sigma_m = noise.depth_sigma_m if known else float(noise.sigma_m(away_m))
     return max(_BAND_SIGMAS * sigma_m, _MIN_BAND_VOXELS * grid.voxel_m)
 
 

@@ -197,13 +197,24 @@ def scatter(cube, edge, first, stop, values):
 
 
 @kernel
-def _fuse_cube(distance, weight, color, use_color, edge, first, stop, corner, offsets, view, pixels, there, seen, near, mass):  # fmt: skip
+def _buffers(edge, steps):
+    """Offsets of the voxels of a cube (3, n), and buffers of their pixels (2, n), depths, observations, distances and weights."""
+    n = edge * edge * edge
+    offsets, pixels = np.empty((3, n), np.float32), np.empty((2, n), np.int32)
+    set_offsets(edge, steps, offsets)
+    there, seen = np.empty(n, np.float32), np.empty(n, np.float32)
+    near, mass = np.zeros(n, np.float32), np.zeros(n, np.float32)
+    return offsets, pixels, there, seen, near, mass
+
+
+@kernel
+def _fuse_cube(distance, weight, color, use_color, edge, first, stop, corner, view, buffers):
     """Project the voxels of a cube from ``first`` to ``stop`` and average their observations.
 
     ``view``: intrinsics, depth, image, half width of the band, reach behind surfaces, weight of the view, maximum weight.
-    ``pixels`` (2, edge^3), ``there``, ``seen``, ``near`` and ``mass`` (edge^3) are buffers.
     """
     camera, depth, image, band, reach, gain, cap = view
+    offsets, pixels, there, seen, near, mass = buffers
     rows, columns = np.float32(depth.shape[0]), np.float32(depth.shape[1])
     project_cube(offsets, corner, camera, rows, columns, np.float32(1e-3), pixels, there)
     look_up(depth, pixels, seen)
@@ -272,15 +283,7 @@ def fuse_dense(distance, weight, color, use_color, marked, origin, steps, camera
     """Integrate a view into the marked cubes of a dense grid; ``origin`` is its first voxel in the camera frame [m]."""
     shape, view = distance.shape, (camera, depth, image, band, reach, gain, cap)
     first, stop, corner = np.zeros(3, np.int64), np.zeros(3, np.int64), np.zeros(3, np.float32)
-    n = CUBE * CUBE * CUBE
-    offsets, pixels, there, seen = (
-        np.empty((3, n), np.float32),
-        np.empty((2, n), np.int32),
-        np.empty(n, np.float32),
-        np.empty(n, np.float32),
-    )
-    near, mass = np.zeros(n, np.float32), np.zeros(n, np.float32)
-    set_offsets(CUBE, steps, offsets)
+    buffers = _buffers(CUBE, steps)
     for brick in range(_bricks(shape[0]) * _bricks(shape[1]) * _bricks(shape[2])):
         i = brick // (_bricks(shape[1]) * _bricks(shape[2])) * BRICK
         j, k = brick // _bricks(shape[2]) % _bricks(shape[1]) * BRICK, brick % _bricks(shape[2]) * BRICK
@@ -312,9 +315,8 @@ def fuse_dense(distance, weight, color, use_color, marked, origin, steps, camera
                         _fuse_free(distance, weight, first, stop, gain, cap)
                     elif case == _NEAR:
                         _fuse_cube(
-                            distance, weight, color, use_color, CUBE, first, stop, corner, offsets, view, pixels, there, seen,
-                            near, mass
-                        )  # fmt: skip
+                            distance, weight, color, use_color, CUBE, first, stop, corner, view, buffers
+                        )
 
 
 @kernel
@@ -328,24 +330,14 @@ def fuse_bricks(distance, weight, color, use_color, bricks, chosen, origin, step
     """Integrate a view into chosen bricks of a sparse grid; ``bricks`` are integer positions, ``origin`` as in :func:`fuse_dense`."""
     view = (camera, depth, image, band, reach, gain, cap)
     corner, first, stop = np.zeros(3, np.float32), np.zeros(3, np.int64), np.full(3, BRICK, np.int64)
-    n = BRICK * BRICK * BRICK
-    offsets, pixels, there, seen = (
-        np.empty((3, n), np.float32),
-        np.empty((2, n), np.int32),
-        np.empty(n, np.float32),
-        np.empty(n, np.float32),
-    )
-    near, mass = np.empty(n, np.float32), np.empty(n, np.float32)
-    set_offsets(BRICK, steps, offsets)
+    buffers = _buffers(BRICK, steps)
     for q in range(chosen.size):
         b = chosen[q]
         for axis in range(3):
             corner[axis] = origin[axis]
             for edge in range(3):
                 corner[axis] += np.float32(bricks[b, edge] * BRICK) * steps[edge, axis]
-        _fuse_cube(
-            distance[b], weight[b], color[b], use_color, BRICK, first, stop, corner, offsets, view, pixels, there, seen, near, mass
-        )  # fmt: skip
+        _fuse_cube(distance[b], weight[b], color[b], use_color, BRICK, first, stop, corner, view, buffers)
 
 
 @kernel

@@ -79,9 +79,8 @@ class TrackedNoise:
     turn_rad: float = 0.0015  #: standard deviation of the camera orientation [rad]
 
     factor: float = 1.0  #: factor on both, estimated from the sequence
-    depth_m: float = (
-        np.nan
-    )  #: standard deviation of a depth at the incidences of the sequence; NaN if not measured [m]
+    #: measured standard deviation of a depth, over all incidences; NaN if unknown [m]
+    depth_sigma_m: float = np.nan
 
     @classmethod
     def measured(
@@ -119,8 +118,8 @@ class TrackedNoise:
             return noise
         # The median absolute deviate of a normal distribution is 0.6745 standard deviations.
         factor = float(np.clip(np.median(found) / 0.6745, 1.0, _TRUSTED))
-        depth_m = float(np.sqrt(np.mean((found * np.concatenate(sigmas_m)) ** 2)))
-        return cls(device, noise.tracking_m, noise.turn_rad, factor, depth_m)
+        depth_sigma_m = float(np.sqrt(np.mean((found * np.concatenate(sigmas_m)) ** 2)))
+        return cls(device, noise.tracking_m, noise.turn_rad, factor, depth_sigma_m)
 
     def sigma_m(self, depth_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
         """Standard deviation of depths of a surface at normal incidence [m].
