@@ -278,6 +278,9 @@ class SteadyReference:
     rotation noise into half of the noise of F_Y; a mean over ``frames`` frames
     removes it. A bump of the camera is detected by the distance of the new poses
     from the mean: the first such frames are ``moved``, then the mean restarts.
+    Corners of a print err together, by more than the tracker declares: the
+    covariance of a frame is scaled by the mean squared distance of earlier frames,
+    with the declared covariance as one more.
 
     Parameters
     ----------
@@ -296,6 +299,7 @@ class SteadyReference:
         self.covariance: Float[np.ndarray, "6 6"] = np.full((6, 6), np.nan)
         self._count = 0
         self._deviating = 0
+        self._squares = 0.0
         self._held = False
 
     def hold(self) -> None:
@@ -320,12 +324,15 @@ class SteadyReference:
         turn = so3_log(pose.rotation @ self.pose.rotation.T)
         offset = np.concatenate([pose.translation_m - self.pose.translation_m, turn])
         distance = float(offset @ np.linalg.solve(covariance + self.covariance, offset))
-        if distance > self.LIMIT:
+        # The first frame has no distance, and stands for the declared covariance.
+        if distance > self.LIMIT * max(1.0, (6.0 + self._squares) / (6.0 * self._count)):
             self._deviating += 1
             if self._deviating >= self.patience:
                 self.pose, self.covariance, self._count, self._deviating = pose, covariance, 1, 0
+                self._squares = 0.0
             return Reason.MOVED
         self._deviating = 0
+        self._squares = (self._squares + distance) * min(1.0, self.frames / (self._count + 1))
         self._count = min(self._count + 1, self.frames)
         gain = 1 / self._count
         step = gain * offset
