@@ -125,10 +125,13 @@ def _tell(args: Any, page: Any) -> dict[str, Any]:
     if args.map is not None:
         story = demo.touch_in_map(args.out, args.map, seed=args.seed, on_message=args.report, page=page)
     else:
-        story = demo.run_mission(
-            args.out, part=args.part, seed=args.seed, on_message=args.report, page=page,
-            visit=demo.Visit(args.world, args.visit, args.memory),
-        )  # fmt: skip
+        # The first chapters need few kernels, and leave time for those of the others.
+        background: AbstractContextManager[Any] = nullcontext() if args.part else compiling_in_background()
+        with background:
+            story = demo.run_mission(
+                args.out, part=args.part, seed=args.seed, on_message=args.report, page=page,
+                visit=demo.Visit(args.world, args.visit, args.memory),
+            )  # fmt: skip
     report = demo.write_story(story, args.out / "report.html")
     args.report("")
     args.report(f"{story.summary()} ({story.duration_s:.0f} s)")
