@@ -115,14 +115,14 @@ def compile_lines(lines: Sequence[str]) -> float:
 
 @contextmanager
 def compiling_in_background(packages: Sequence[str] = ()) -> Iterator[subprocess.Popen[bytes] | None]:
-    """Compile kernels meanwhile, in another process that only uses otherwise idle time; it ends with the block.
+    """Compile kernels while the block runs, in another process of the lowest priority that is terminated after it.
 
-    Without a second core, or with a cache that has as many entries as the list, there is no such process (None).
+    No process is started (None) on a single core, or if the cache has as many entries as the list.
 
     Parameters
     ----------
     packages
-        As of the verb; all by default.
+        As for the verb; all by default.
     """
     from ....core.kernels import cache_folder
 
