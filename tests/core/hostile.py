@@ -61,7 +61,8 @@ for line in sys.stdin:
 def _server() -> subprocess.Popen[str]:
     command = ["env", "OPENBLAS_NUM_THREADS=1", sys.executable, "-c", _SERVER]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    atexit.register(process.kill)
+    atexit.register(process.wait)
+    atexit.register(process.kill)  # what is registered last is called first
     return process
 
 
