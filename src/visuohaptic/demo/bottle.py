@@ -24,20 +24,6 @@ from ..simulation.tabletop.bottles import Bottle, random_bottle
 from ..simulation.tabletop.deformable import GRAIN_FILL, WATER_FILL, BulkFill, DeformableContainer
 from ..simulation.tabletop.refraction import PET, Band, Box, RefractingScene, Revolution
 
-__all__ = [
-    "CLASS",
-    "GROUPS",
-    "HEIGHTS",
-    "PLACE",
-    "TableBottle",
-    "container_of_outline",
-    "filled_container",
-    "random_table_bottle",
-    "table_bottle",
-    "table_views",
-    "training_objects",
-]  # fmt: skip
-
 #: Class of the bottle on the table, to be recognised by the robot.
 CLASS = "bottle"
 #: Round classes known to the robot, of PET.

@@ -20,7 +20,6 @@ from .story import Chapter, Mission, Story, run_chapters
 if TYPE_CHECKING:
     from ..viewer.page import LivePage
 
-__all__ = ["CHAPTERS", "PARTS", "Visit", "run_mission"]
 
 CHAPTERS: tuple[Chapter, ...] = (
     Chapter(

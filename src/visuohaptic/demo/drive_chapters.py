@@ -28,8 +28,6 @@ from .judge import Claim
 from .push_demo import show_obstacle
 from .story import ChapterResult, Illustration, Measure, Mission, counted, done, failed
 
-__all__ = ["drive_to_the_table"]
-
 #: Time between two scans that are matched to the map [s].
 SCAN_S = 0.33
 #: Mass of fixed objects in the simulated world [kg].
@@ -276,6 +274,12 @@ def _picture(
 
 
 def default_arrival(mission: Mission) -> None:
-    """The platform is at the position from which the table is reached."""
+    """The platform is at the position from which the table is reached.
+
+    Parameters
+    ----------
+    mission
+        State of the mission; what the chapter would have found is set.
+    """
     mission.known.arrived = True
     mission.known.pose = (*mission.house.table_m, 0.0)

@@ -28,8 +28,6 @@ from .judge import Claim
 from .memory import RememberedMap
 from .story import ChapterResult, Illustration, Measure, Mission, done, failed
 
-__all__ = ["ROBOT", "find_the_door_blocked", "map_picture", "map_route", "world_map"]
-
 ROBOT = RobotModel(0.17)
 #: Distance between two scans [m].
 STEP_M = 0.1
@@ -367,7 +365,13 @@ def map_picture(
 
 
 def default_map(mission: Mission) -> None:
-    """The true floor instead of a measured map."""
+    """The true floor instead of a measured map.
+
+    Parameters
+    ----------
+    mission
+        State of the mission; what the chapter would have found is set.
+    """
     house, known = mission.house, mission.known
     grid = house.grid
     if mission.fault is FaultKind.WRONG_MAP:
@@ -379,7 +383,13 @@ def default_map(mission: Mission) -> None:
 
 
 def default_door(mission: Mission) -> None:
-    """True positions of the obstacles."""
+    """True positions of the obstacles.
+
+    Parameters
+    ----------
+    mission
+        State of the mission; what the chapter would have found is set.
+    """
     house, obstacles = mission.house, []
     path = _path(house.grid, [house.start[:2], house.table_m], ROBOT.radius_m)
     for one in house.obstacles:

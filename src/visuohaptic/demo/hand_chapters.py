@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     from ..grasping.grasp_task import Grasp
     from ..grasping.planner import GraspPlan
 
-__all__ = ["grasp_the_bottle", "mission_classes", "recognise_the_bottle"]
 
 #: At a single location an unusual bottle can be as stiff and as wide as another class. Of objects of no class, one in ten, two in
 #: a hundred may be misclassified: 0.02 * 0.1 / 0.9 of all claims. Known objects need two squeezes, unknown ones up to a dozen.

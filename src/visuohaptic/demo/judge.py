@@ -14,14 +14,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-__all__ = ["CONFIDENT_PROBABILITY", "RULES", "Claim", "RunOutcome"]
-
 #: A wrong claim with a higher probability is a confident error.
 CONFIDENT_PROBABILITY = 0.98
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class ClaimTolerance:
     """Tolerance of a value; without both fields it has to be equal."""
 
     tolerance: float = 0.0  #: in the unit of the value
@@ -39,26 +37,26 @@ class Rule:
         return max(self.tolerance, self.fraction * size)
 
 
-RULES: dict[str, Rule] = {
+RULES: dict[str, ClaimTolerance] = {
     # A platform of 34 cm is led through doors of 90 cm, and reaches a table from a distance of 15 cm.
-    "place": Rule(tolerance=0.10),
+    "place": ClaimTolerance(tolerance=0.10),
     # A hand that closes on an object moves it to its centre from 2 cm off.
-    "foot": Rule(tolerance=0.02),
+    "foot": ClaimTolerance(tolerance=0.02),
     # A push is planned with a margin of 10 % of its force; the foam's noise is at least 0.1 N.
-    "friction": Rule(tolerance=0.1, fraction=0.10),
-    "fixed": Rule(),
-    "withstood": Rule(),
+    "friction": ClaimTolerance(tolerance=0.1, fraction=0.10),
+    "fixed": ClaimTolerance(),
+    "withstood": ClaimTolerance(),
     # Fingers open a centimetre wider than an outline: half of it on either side.
-    "shape": Rule(tolerance=0.005),
-    "height": Rule(tolerance=0.008),
-    "class": Rule(),
-    "lid": Rule(),
-    "fill": Rule(tolerance=0.15),
+    "shape": ClaimTolerance(tolerance=0.005),
+    "height": ClaimTolerance(tolerance=0.008),
+    "class": ClaimTolerance(),
+    "lid": ClaimTolerance(),
+    "fill": ClaimTolerance(tolerance=0.15),
     # A grip has a safety factor of two for the mass.
-    "mass": Rule(tolerance=0.005, fraction=0.10),
+    "mass": ClaimTolerance(tolerance=0.005, fraction=0.10),
     # A touch is detected from 0.4 N on.
-    "force": Rule(tolerance=0.1),
-    "grip": Rule(),
+    "force": ClaimTolerance(tolerance=0.1),
+    "grip": ClaimTolerance(),
 }
 
 

@@ -36,8 +36,6 @@ from ..recognition.touch.haptic_model import UNKNOWN
 from ..tasks.mobile.floor_outline import POINT_M, FloorOutline
 from ..tasks.mobile.known_objects import CONFIDENT_PROBABILITY
 
-__all__ = ["BottleMemory", "MissionMemory", "RememberedMap", "recognise_bottle"]
-
 #: An object within this distance of its last position has not been moved [m].
 MOVED_M = 0.15
 #: Standard deviation of an observed radius, and of the population [m]; heights at which outlines are stored.

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from ..reconstruction.pipeline import Reconstruction
     from ..sensing.beam.tracked import TrackedBeam
 
-__all__ = ["complete_the_bottle", "find_the_glass", "place_bottle", "zero_the_beam"]
 
 #: Region of interest on the table [m], and its voxels.
 LOW, HIGH, VOXEL_M = (-0.3, -0.3, -0.02), (0.3, 0.3, 0.32), 0.006
@@ -142,7 +141,13 @@ def _zeroed_probe(mission: Mission) -> TrackedBeam:
 
 
 def default_beam(mission: Mission) -> None:
-    """A zeroed sensor, and the noise of its data sheet."""
+    """A zeroed sensor, and the noise of its data sheet.
+
+    Parameters
+    ----------
+    mission
+        State of the mission; what the chapter would have found is set.
+    """
     _zeroed_probe(mission)
     mission.known.probe_sigma_N = 0.03
 
@@ -391,7 +396,13 @@ def _outline_figure(
 
 
 def default_outline(mission: Mission) -> None:
-    """The outline as a completion would return it: ground truth with an error of half a millimetre."""
+    """The outline as a completion would return it: ground truth with an error of half a millimetre.
+
+    Parameters
+    ----------
+    mission
+        State of the mission; what the chapter would have found is set.
+    """
     bottle = place_bottle(mission)
     off = 5e-4 * mission.rng(24).standard_normal(len(bottle.outline_m))
     mission.known.outline_m = bottle.outline_m + np.column_stack([off, np.zeros(len(off))])

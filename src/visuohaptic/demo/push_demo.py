@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from ..sensing.foam.strip.optics import ObservedStrip
     from ..viewer.page import LivePage
 
-__all__ = ["SLOW_EXPLORATION", "DemoObject", "DemoResult", "run_demo", "show_obstacle"]
 
 log = logging.getLogger(__name__)
 

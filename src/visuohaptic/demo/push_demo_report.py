@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from .push_demo import DemoObject, DemoResult
 
-__all__ = ["annotated_push", "force_of_push"]
-
 
 def force_of_push(one: DemoObject) -> Figure:
     """Force over time of one push, with ground truth and its events.

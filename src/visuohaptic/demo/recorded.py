@@ -25,7 +25,6 @@ from ..core.measurement import ForceProfile
 if TYPE_CHECKING:
     from ..viewer.page import LivePage
 
-__all__ = ["RECORDED", "replay"]
 
 #: The mission of seed 2 that comes with the package; ``python docs/pictures.py mission`` records it again.
 RECORDED = Path(__file__).with_name("mission.zip")

@@ -12,8 +12,6 @@ from ..report.html_report import Report
 from .judge import Claim
 from .story import ChapterOutcome, ChapterResult, Measure, Story
 
-__all__ = ["measure_texts", "write_story"]
-
 _YES_NO = {True: "yes", False: "no", None: ""}
 
 #: What a claim of each kind states of its object; unit, factor from SI units, and decimals of a number.

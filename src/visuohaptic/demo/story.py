@@ -46,20 +46,6 @@ if TYPE_CHECKING:
     from .bottle import TableBottle
     from .memory import BottleMemory, MissionMemory
 
-__all__ = [
-    "Chapter",
-    "ChapterOutcome",
-    "ChapterResult",
-    "Illustration",
-    "Known",
-    "Measure",
-    "Mission",
-    "Story",
-    "counted",
-    "done",
-    "failed",
-    "run_chapters",
-]
 
 _log = logging.getLogger(__name__)
 

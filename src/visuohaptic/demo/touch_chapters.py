@@ -30,7 +30,6 @@ from .story import ChapterResult, Illustration, Measure, Mission, Story, done, f
 if TYPE_CHECKING:
     from ..viewer.page import LivePage
 
-__all__ = ["default_tags", "explore_obstacles", "tag_claims", "touch_in_map"]
 
 #: Distance from the platform's hull to its target: the foam of the virtual sensor, 2 cm wide, and floor on which the camera can
 #: observe the target, 18 cm [m].

@@ -22,8 +22,6 @@ from .trees.tree_nodes import ClassificationTree
 #: Temperature, log odds and tail of a :class:`.HapticModel`.
 Calibration = tuple[float, float, float]
 
-__all__ = ["Classifier", "load_classifier", "save_classifier"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Classifier:

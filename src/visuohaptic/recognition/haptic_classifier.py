@@ -32,8 +32,6 @@ from .touch.haptic_model import HapticModel, ModelSettings, fit_model
 from .trees.tree import train_tree
 from .trees.tree_nodes import SCHEMES, ClassificationTree, mean_touches, next_touch
 
-__all__ = ["HapticClassifier", "TouchPrediction"]
-
 #: Objects with complete features: a set, its file or the folder of a build, or several of these.
 Training = FeatureSet | Path | str | Sequence[FeatureSet | Path | str]
 #: Minimum number of objects of a class, for its covariance and the folds of its cross-validation; maximum number of folds.

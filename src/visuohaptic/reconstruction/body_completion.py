@@ -23,8 +23,6 @@ from .completion.touch import Touch, TouchPlan
 from .mesh import SurfaceMesh
 from .transparency.outline_fit import UprightBody
 
-__all__ = ["BodyCompletion"]
-
 #: Standard deviation of the profile about the cone, and of the deviation from a circular section, in radii.
 _PROFILE, _NONCIRCULARITY = 0.25, 0.02
 #: Correlation length of the profile in heights of the body, and of the deviation from a circular section over the angle [rad].

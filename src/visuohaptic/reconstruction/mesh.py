@@ -12,8 +12,6 @@ from ..core.errors import InputError
 from ..core.geometry import area_vectors, vertex_normals
 from ..io.meshes.ply import PlyMesh, read_ply, write_ply
 
-__all__ = ["SurfaceMesh"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceMesh:

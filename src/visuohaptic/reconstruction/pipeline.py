@@ -30,8 +30,6 @@ from .transparency.regions import TransparentRegion, mask_refracted_rays, outer_
 from .transparency.search_report import SearchReport
 from .transparency.view_selection import view_graph
 
-__all__ = ["METHODS", "Reconstruction", "reconstruct", "sequence_noise"]
-
 #: Half width of the band of signed distances: standard deviations of a depth, and at least this many voxels; see :func:`_band_m`.
 _BAND_SIGMAS, _MIN_BAND_VOXELS = 3.0, 2.0
 

@@ -15,8 +15,6 @@ from .completion.surface_completion import Completion
 from .mesh import SurfaceMesh
 from .pipeline import Reconstruction
 
-__all__ = ["plot_completion", "plot_reconstruction"]
-
 _SUFFIXES = (".png", ".pdf", ".svg")
 #: Azimuths of the two views of an object, and their elevation [deg].
 _AZIMUTHS_DEG, _ELEVATION_DEG = (-60.0, 30.0), 20.0

@@ -49,10 +49,6 @@ from numba.core.types.misc import NoneType
 from .code import code_digest, kernel_name, text_digest
 from .compiler import call_template, compile_kernel
 
-__all__ = [
-    "KERNELS", "SHIPPED_CPU", "KernelCache", "cache_folder", "kernel", "remove_stale", "shipped_name",
-]  # fmt: skip
-
 _log = logging.getLogger(__name__)
 
 #: All kernels of the modules imported so far, in order of definition.

@@ -18,8 +18,6 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 from numba.core.types import Type
 
-__all__ = ["code_digest", "kernel_name", "text_digest"]
-
 _log = logging.getLogger(__name__)
 
 #: Libraries whose functions a cached kernel may use: part of Python, or named in the folder's name.

@@ -25,8 +25,6 @@ from numba.core.types.misc import StringLiteral, unliteral
 from numba.core.untyped_passes import InlineClosureLikes
 from numba.np.ufunc.dufunc import DUFunc
 
-__all__ = ["call_template", "compile_kernel", "compiled_s"]
-
 _log = logging.getLogger(__name__)
 
 

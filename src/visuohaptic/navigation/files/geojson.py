@@ -20,8 +20,6 @@ from ..graph.navigation_graph import NavigationGraph
 from ..grid.cost_grid import GridLayers
 from .route_edges import route_pieces
 
-__all__ = ["save_graph", "save_route_graph"]
-
 
 def save_graph(path: Path | str, graph: NavigationGraph, map: OccupancyMap, *, frame: str = "map") -> None:
     """Write a graph with the path of each edge and the grid of its map.

@@ -11,8 +11,6 @@ from ..planning.joint_graph import JointGraph
 from .geojson import edge_properties, feature, write_features
 from .route_edges import route_pieces
 
-__all__ = ["save_joint_route_graph"]
-
 
 def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = "map") -> None:
     """Write the joint graph for the Nav2 route server: visual and added nodes, edges in both directions.

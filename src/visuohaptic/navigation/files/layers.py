@@ -26,8 +26,6 @@ from ...core.errors import InputError
 from ...core.files import load_yaml_model, read_image, save_yaml, write_image
 from ...io.maps.occupancy_map import OccupancyMap
 
-__all__ = ["Layer", "load_layer", "save_layer"]
-
 #: 16 bit levels for values that are not finite numbers.
 _NAN, _INF, _MINUS_INF, _TOP = 65535, 65534, 65533, 65532
 

@@ -12,8 +12,6 @@ from ..graph.navigation_graph import NavigationGraph
 from ..grid.cost_grid import GridLayers
 from ._route_kernels import chord_measures, split_path
 
-__all__ = ["RoutePieces", "route_pieces"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoutePieces:

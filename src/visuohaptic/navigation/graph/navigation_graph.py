@@ -15,8 +15,6 @@ from .tracing._path_kernels import measure
 from .tracing._prune_kernels import keep_edges, prune
 from .tracing.skeletonize import skeleton_marks
 
-__all__ = ["NavigationGraph", "build_graph"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NavigationGraph:

@@ -11,8 +11,6 @@ from ..grid.cost_grid import GridLayers
 from ._sweep_kernels import UNREACHED, sweep
 from .navigation_graph import NavigationGraph
 
-__all__ = ["Regions", "assign_regions"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Regions:

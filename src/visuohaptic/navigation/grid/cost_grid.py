@@ -13,8 +13,6 @@ from ...core.ranges import POSITIVE, check_ranges
 from ...io.maps.occupancy_map import OCCUPIED, OccupancyMap
 from ._distance_kernels import distance_rows, near_distance, vertical_cells
 
-__all__ = ["OBSTACLE_FROM", "GridLayers", "SpeedLimits", "grid_layers", "window_distance"]
-
 #: Minimum occupancy of an obstacle: occupied is then more likely than free.
 OBSTACLE_FROM = OCCUPIED // 2
 

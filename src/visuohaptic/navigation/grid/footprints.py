@@ -16,8 +16,6 @@ from ...core.geometry import polygon_area
 from ...core.ranges import NON_NEGATIVE, POSITIVE, check_order, check_ranges, within
 from ...io.maps.occupancy_map import OccupancyMap
 
-__all__ = ["Footprint", "FootprintSettings", "find_footprints"]
-
 
 @dataclass(frozen=True, slots=True)
 class FootprintSettings:

@@ -15,8 +15,6 @@ from jaxtyping import Bool, Float, Float32, Int
 
 from ...io.maps.occupancy_map import OccupancyMap
 
-__all__ = ["MEASURES", "DoorSpace", "Opening", "free_space", "measure", "narrow_places"]
-
 #: Names of the measures of an opening, in the order of :attr:`Opening.measures`: log-ratios, metres and radians.
 MEASURES = (
     "width",  #: log of the ratio of the width to that of a single door
@@ -76,7 +74,13 @@ class Opening:
 
 
 def distance_cells(free: Bool[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
-    """Distance to the nearest non-free cell [cells]."""
+    """Distance to the nearest non-free cell [cells].
+
+    Parameters
+    ----------
+    free
+        Whether a cell is free, (R, C).
+    """
     import cv2
 
     return np.asarray(
@@ -111,7 +115,15 @@ def free_space(grid: OccupancyMap) -> DoorSpace:
 def without_gaps(
     free: Bool[np.ndarray, "rows columns"], gap_m: float, resolution_m: float
 ) -> Bool[np.ndarray, "rows columns"]:
-    """Free cells that are covered by a disc of diameter ``gap_m`` in free space (morphological opening)."""
+    """Free cells that are covered by a disc of diameter ``gap_m`` in free space (morphological opening).
+
+    Parameters
+    ----------
+    free
+        Whether a cell is free, (R, C).
+    gap_m, resolution_m
+        Diameter of the disc, size of a cell [m].
+    """
     core = distance_cells(free) > 0.5 * gap_m / resolution_m
     return free & (distance_cells(~core) < 0.5 * gap_m / resolution_m)
 

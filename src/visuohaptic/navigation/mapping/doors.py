@@ -26,18 +26,6 @@ from ...core.ranges import POSITIVE, check_order, check_ranges, within
 from ...io.maps.occupancy_map import OccupancyMap
 from .door_openings import MEASURES, DoorSpace, Opening, free_space, measure, narrow_places, without_gaps
 
-__all__ = [
-    "Door",
-    "DoorMap",
-    "DoorSettings",
-    "door_candidates",
-    "door_probability",
-    "doors_around",
-    "find_doors",
-    "room_pairs",
-    "select_doors",
-]
-
 #: Minimum area of a numbered room (m^2).
 _ROOM_M2 = 0.8
 #: Narrower gaps (m) do not connect rooms unless they are doors: scans leave many in a glass wall.

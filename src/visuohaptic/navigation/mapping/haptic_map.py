@@ -17,8 +17,6 @@ from ...core.geometry import rotation_2d
 from ...core.objects import Primitive, PrimitiveKind
 from ...io.maps.occupancy_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
-__all__ = ["HapticContact", "HapticMap", "primitive_occupancy"]
-
 #: Weight below which a cell is not changed.
 _MIN = 0.01
 #: Maximum number of cells of a map.

@@ -10,8 +10,6 @@ from scipy import ndimage
 
 from ...io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 
-__all__ = ["map_agreement", "mark_points", "new_objects", "scan_fit"]
-
 #: Points in cells at least this far from all mapped obstacles are new [m]; groups of fewer points are noise.
 NEW_M, MIN_POINTS = 0.10, 8
 #: Points of one object are linked over gaps of up to three cells of this size [m].

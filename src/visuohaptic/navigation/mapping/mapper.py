@@ -25,8 +25,6 @@ from ._mapper_kernels import add_beams
 from .scan_matching import FREE_LOG_ODDS as _SURELY_FREE
 from .scan_matching import HitGrid, MatchSettings, ScanMatch, match_scan
 
-__all__ = ["MapperSettings", "OccupancyMapper", "build_map"]
-
 #: Probability below which a cell is free: passed by two beams.
 _FREE_BELOW = 0.35
 

@@ -20,9 +20,6 @@ from ...core.measurement import Reason
 from ...core.ranges import POSITIVE, check_ranges
 from ._mapper_kernels import correlate, nearest_lines
 
-__all__ = ["HitGrid", "MatchSettings", "ScanMatch", "match_scan"]
-
-
 #: Log-odds below which a point in a cell contradicts the map: passed by three beams or more.
 FREE_LOG_ODDS = -1.0
 

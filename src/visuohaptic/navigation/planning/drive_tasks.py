@@ -15,8 +15,6 @@ from .search.search_domain import SearchDomain, world_from_grid
 if TYPE_CHECKING:
     import shapely
 
-__all__ = ["drive_tasks"]
-
 
 def drive_tasks(domain: SearchDomain, path: Float[np.ndarray, "k 2"], cost: float) -> list[Task]:
     """Tasks along a path, including those at passages: stop before, wait or push, continue.

@@ -19,8 +19,6 @@ from .search import _travel_kernels
 from .search._travel_kernels import FAR, UNITS
 from .search.search_domain import grid_from_world
 
-__all__ = ["extend_graph"]
-
 #: Step 7: an edge is kept if it shortens the path between two neighbours by at least this fraction.
 SIGNIFICANT = 0.05
 

@@ -17,8 +17,6 @@ from ..graph.navigation_graph import NavigationGraph
 from ..graph.regions import Regions
 from ..problem.planning_problem import RobotModel
 
-__all__ = ["JointGraph", "JointNode", "NodeType", "costs_between"]
-
 
 class NodeType(Protocol):
     """Interface of a kind of node; ``planner`` names its local planner."""

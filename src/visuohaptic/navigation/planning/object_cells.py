@@ -7,8 +7,6 @@ from jaxtyping import Bool, Float
 
 from ._joint_kernels import free_object
 
-__all__ = ["clear_cells", "fill_cells"]
-
 
 def _window(shape: tuple[int, int], outline: Float[np.ndarray, "p 2"], grow: float) -> tuple[slice, slice]:
     c0, r0 = np.maximum(np.floor(outline.min(axis=0) - grow).astype(int), 0)

@@ -37,8 +37,6 @@ from .search.domain_builder import build_search_domain
 from .search.drives import pull_string
 from .search.search_domain import grid_from_world, world_from_grid
 
-__all__ = ["OffCentrePush", "plan_off_centre_pushes"]
-
 #: Maximum number of simulated candidates, and number of samples of the uncertain parameters for each.
 MAX_PLANS, SAMPLES = 6, 12
 

@@ -15,8 +15,6 @@ from ...core.ranges import POSITIVE
 from ...core.robots import BaseState
 from ..grid.cost_grid import SpeedLimits
 
-__all__ = ["FollowLimits", "PathFollower"]
-
 
 @dataclass(frozen=True, slots=True)
 class FollowLimits(SpeedLimits):

@@ -21,8 +21,6 @@ from .search.push_search import load_kernels, search_pushes
 from .search.push_states import Deadline, PushStep, SearchLimits, SearchResult
 from .search.search_domain import SearchDomain, grid_from_world, world_from_grid
 
-__all__ = ["assemble", "plan_in_domain"]
-
 #: Fraction of the budget for the search; the rest is for the drives of the plan.
 SEARCH_FRACTION = 0.9
 #: Allowed decrease of the interpolated clearance along a straight escape path [cells].

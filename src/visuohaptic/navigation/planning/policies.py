@@ -20,8 +20,6 @@ from .search.push_states import Deadline, SearchLimits
 from .search.search_domain import SearchDomain, grid_from_world, world_from_grid
 from .sideward_plan import via_sideward
 
-__all__ = ["alternatives", "make_plan", "via_exploration", "without_pushing"]
-
 #: Weight of reliability in the most reliable plan [s per -log(1 - p)].
 RELIABLE_RISK_S = 600.0
 #: Fraction of the budget for a plan without exploration, if there are unknown objects.

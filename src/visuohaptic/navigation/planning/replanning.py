@@ -16,8 +16,6 @@ from ..problem.planning_problem import MovableObject, PlanningProblem
 from .object_cells import clear_cells, fill_cells
 from .search.search_domain import grid_from_world
 
-__all__ = ["after_push"]
-
 
 def after_push(
     problem: PlanningProblem,

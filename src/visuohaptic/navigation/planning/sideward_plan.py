@@ -23,8 +23,6 @@ from .search.push_states import Deadline
 from .search.search_domain import SearchDomain, grid_from_world, world_from_grid
 from .sideward_push import SLIDE_M, SidewardPush, sideward_pushes
 
-__all__ = ["SidewardCheck", "via_sideward"]
-
 #: Displacement that moves a body off any map [cells].
 AWAY = 1e7
 #: A path whose heading changes by less than this is stored as its end points [rad].

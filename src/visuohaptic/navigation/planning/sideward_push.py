@@ -21,8 +21,6 @@ from ..pushing.quasi_static import PushTrace, arc_path, remaining_m, simulate_pu
 from .off_centre_rollouts import OffCentreScene, fits, has_room
 from .search.push_states import Deadline
 
-__all__ = ["SidewardOutcome", "SidewardPush", "evaluate_push", "sideward_candidates", "sideward_pushes"]
-
 #: Maximum distance of start and end from the object: "about 6 r_rob" (Sec. 4.3.2).
 SLIDE_M = 1.0
 #: Heading changes of the arcs that are tried if all lines fail (rad).

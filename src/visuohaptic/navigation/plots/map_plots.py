@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["plot_navigation"]
 
 _RED, _INK = "#d55e00", "#1c2430"
 

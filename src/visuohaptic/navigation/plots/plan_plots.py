@@ -12,8 +12,6 @@ from ...core.geometry import rotation_2d
 from ..problem.path_plan import Plan
 from ..problem.planning_problem import PlanningProblem
 
-__all__ = ["plot_path_plan"]
-
 
 def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> None:
     """Draw map, objects, path (green) and pushes (red) into a PNG.

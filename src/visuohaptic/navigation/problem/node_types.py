@@ -13,8 +13,6 @@ from .planning_problem import MovableObject
 from .push_costs import PushCosts, failure_probability, push_cost
 from .robot_model import RobotModel
 
-__all__ = ["ManipulationNode", "PassageNode", "TransparencyNode", "nodes_of"]
-
 #: Local planner of each kind of passage.
 PLANNERS = {
     PassageKind.DOOR_PUSH: "push door",

@@ -18,15 +18,6 @@ from .outlines import outline_of
 from .passages import Passage, PassageKind
 from .planning_problem import MovableObject, PushMode, RobotModel
 
-__all__ = [
-    "load_objects",
-    "load_passages",
-    "load_robot",
-    "objects_from_data",
-    "passages_from_data",
-    "robot_from_data",
-]
-
 T = TypeVar("T")
 
 #: Maximum number of objects on one map; more indicate an error in the file.

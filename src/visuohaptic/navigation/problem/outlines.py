@@ -8,8 +8,6 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ...core.geometry import polygon_area
 
-__all__ = ["outline_of"]
-
 #: Maximum number of vertices of one footprint; more indicate a scan, not an outline.
 MAX_VERTICES = 2000
 #: Maximum distance of corners from the map's origin [m]; larger values are not plausible.

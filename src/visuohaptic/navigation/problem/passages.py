@@ -15,8 +15,6 @@ from .outlines import outline_of
 from .push_costs import failure_probability
 from .robot_model import RobotModel
 
-__all__ = ["Passage", "PassageCost", "PassageKind", "is_door_wing"]
-
 #: Expected opening time of a passage without observations, from the trigger on [s].
 SLIDING_S = Estimate(4.0, spread=2.0)
 #: Waiting time for a person who operates it, with one random arrival per minute: exponential, deviation equals mean.

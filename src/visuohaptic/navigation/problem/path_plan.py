@@ -11,8 +11,6 @@ import numpy as np
 from ...core.codec import from_dict
 from ...core.errors import InputError
 
-__all__ = ["Plan", "Task", "plan_from_json"]
-
 #: Kinds of tasks. ``explore`` touches an unknown object and decides; ``sideward`` displaces an object while driving
 #: past it; ``wait`` and ``door`` come from passages.
 Kind = Literal["navigate", "push", "sideward", "explore", "wait", "door"]

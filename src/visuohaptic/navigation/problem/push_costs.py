@@ -21,17 +21,6 @@ from ...core.errors import InputError
 from ...core.objects import Estimate, HapticTag
 from .robot_model import RobotModel
 
-__all__ = [
-    "Manipulability",
-    "PushCost",
-    "PushCosts",
-    "failure_probability",
-    "manipulability",
-    "push_cost",
-    "push_speed_m_s",
-]
-
-
 #: A push is aborted once its object has rotated by this angle [rad].
 TURN_LIMIT_RAD = 0.5
 

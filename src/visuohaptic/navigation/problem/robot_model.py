@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from ...core.ranges import NON_NEGATIVE, POSITIVE
 from ..grid.cost_grid import SpeedLimits
 
-__all__ = ["RobotModel"]
-
 
 @dataclass(frozen=True, slots=True)
 class RobotModel(SpeedLimits):

@@ -11,8 +11,6 @@ from jaxtyping import Float
 
 from ._outline_kernels import disc_touches_at
 
-__all__ = ["PushContact", "push_contacts"]
-
 #: Maximum angle between contact normal and push; friction cones are wider.
 STABLE_RAD = np.deg2rad(8.0)
 #: Oblique pushes; they need a contact friction of the tangent, 0.21 and 0.45, which foam has on most objects.

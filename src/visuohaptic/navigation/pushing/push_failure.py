@@ -11,8 +11,6 @@ from jaxtyping import Bool, Float
 from ._push_kernels import GAP, YAW, X, push_object
 from .push_model import PushModel
 
-__all__ = ["PushUncertainty", "covariance_of_ends", "sampled_pushes"]
-
 #: A platform that would start inside the object starts this distance earlier (m): up to 4 sigma of position and yaw.
 BACK_M = (0.0, 0.04, 0.08, 0.16, 0.32)
 #: Maximum depth of the rim in the outline at the start (m).

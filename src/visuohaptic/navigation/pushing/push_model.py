@@ -11,8 +11,6 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ...core.geometry import polygon_area, polygon_second_moments
 
-__all__ = ["PushModel", "load_of_feet", "patch_points"]
-
 #: Default contact friction (foam or plastic on furniture).
 CONTACT_FRICTION = 0.25
 #: Support points of a flat bottom: its limit surface is accurate to 1 %.

@@ -13,8 +13,6 @@ from ...core.geometry import wrap_angle
 from .push_model import PushModel
 from .quasi_static import STEP_M, PushTrace, arc_path, remaining_m, simulate_push
 
-__all__ = ["PushEstimate", "PushMonitor"]
-
 #: Standard deviation of a tracked contact point along the rim (m).
 CONTACT_SIGMA_M = 0.006
 #: Standard deviations of the prior: contact friction, centre of friction x, y [m], lateral offset of the object [m].

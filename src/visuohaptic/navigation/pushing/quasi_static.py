@@ -23,8 +23,6 @@ from ...core.errors import InputError
 from ._push_kernels import FORCE_X, GAP, X, push_object
 from .push_model import PushModel
 
-__all__ = ["PushTrace", "arc_path", "check_path", "line_path", "simulate_push"]
-
 #: Distance between poses of the platform (m): trajectory errors are of second order in it, 2 mm at 2 cm.
 STEP_M = 0.02
 #: Length before the path's end in which the contact does not count as lost (m).
@@ -117,7 +115,15 @@ def simulate_push(
 
 
 def remaining_m(path_m: Float[np.ndarray, "k 3"], row: int) -> float:
-    """Length of a path after one of its rows [m]."""
+    """Length of a path after one of its rows [m].
+
+    Parameters
+    ----------
+    path_m
+        Poses x, y [m], heading [rad], (K, 3).
+    row
+        Index of the row.
+    """
     steps = np.diff(path_m[row:, :2], axis=0)
     return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
 

@@ -14,8 +14,6 @@ from ...core.files import CsvRow, check_columns, read_csv
 from .places import HEIGHTS, SIDES
 from .readings import CurveCoefficients, TouchNoise, TouchReading, fit_curve
 
-__all__ = ["SqueezedObject", "read_curves", "read_squeezed"]
-
 #: Files with more samples are rejected.
 MAX_SAMPLES = 1_000_000
 

@@ -8,8 +8,6 @@ from jaxtyping import Float
 from .pose_error import POSE_m
 from .protocol import TouchProtocol
 
-__all__ = ["as_measured"]
-
 
 def as_measured(
     log_stiffness: Float[np.ndarray, "m 16 4"],

@@ -1,7 +1,5 @@
 """Places of the stiffness features: 16 heights, four sides."""
 
-__all__ = ["HEIGHTS", "SIDES", "Touch"]
-
 #: As in :mod:`visuohaptic.deformation.maps.features`; repeated here because that import takes half a second.
 HEIGHTS, SIDES = 16, ("x+", "x-", "y+", "y-")
 #: A touch is a height 1 .. 16 and the axis along which the tips press, "x" or "y".

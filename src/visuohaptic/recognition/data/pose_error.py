@@ -14,8 +14,6 @@ from jaxtyping import Float
 from ...core.geometry import so3_exp
 from .places import HEIGHTS, SIDES
 
-__all__ = ["COPIES", "POSE_m", "TILT_rad", "pose_error_changes"]
-
 #: Number of sampled poses of each object; their standard deviations along [m] and about [rad] each axis.
 COPIES, POSE_m, TILT_rad = 8, 0.002, 0.05
 

@@ -11,8 +11,6 @@ from jaxtyping import Float
 from .places import Touch
 from .readings import TouchNoise
 
-__all__ = ["TouchProtocol", "travel_seconds"]
-
 _MIN_SAMPLES = 6.0  # of a curve, however stiff the object
 
 

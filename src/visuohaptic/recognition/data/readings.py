@@ -18,8 +18,6 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from .places import HEIGHTS
 
-__all__ = ["CurveCoefficients", "TouchNoise", "TouchReading", "fit_curve", "stiffness_grid"]
-
 #: Range of the coefficient i [m]; nominal force [N] and deformation [m] of II.
 LOW_m, NOMINAL_N, NOMINAL_m = 0.003, 50.0, 0.01
 

@@ -12,16 +12,6 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ...core.measurement import AIR_PA, GRAVITY_M_S2
 
-__all__ = [
-    "EMPTY",
-    "FILLINGS",
-    "Filling",
-    "RoundBody",
-    "round_body",
-    "stiffness_scatter",
-    "wall_from_stiffness",
-]
-
 #: Density of PET [kg/m^3].
 PET_DENSITY = 1380.0
 #: Thickness of the neck with its thread [m], and the fraction of the height where it starts.

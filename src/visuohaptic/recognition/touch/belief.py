@@ -22,21 +22,6 @@ from ..data.readings import TouchReading
 from .haptic_model import NUISANCES, HapticModel
 from .unknown_class import FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
-__all__ = [
-    "WIDTH_VARIANCE",
-    "Belief",
-    "belief_of",
-    "by_answer",
-    "class_chi_square",
-    "condition",
-    "contradicted_assumption",
-    "evidence",
-    "log_likelihood",
-    "sequential_likelihood",
-    "update_belief",
-    "with_outline",
-]
-
 #: Relative variance of a measured width: 1e-4 m of noise at each tip, at a width of about 6 cm, is 0.24 %; the contact error
 #: is part of the model.
 WIDTH_VARIANCE = 0.0024**2

@@ -27,8 +27,6 @@ from .belief import FALSE_ALARM, WIDTH_VARIANCE, class_chi_square, sequential_li
 from .haptic_model import APART, RANGE_WIDENING, HapticModel, fit_model
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
-__all__ = ["calibrate"]
-
 #: Number of folds of the training objects, each of which is left out in turn; candidate temperatures.
 FOLDS = 3
 TEMPERATURES = np.geomspace(0.5, 6.0, 16)

@@ -32,8 +32,6 @@ from .haptic_model import (
 )
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, UNKNOWN_CLASS_SIGMAS, smooth_profile, unknown_kinds
 
-__all__ = ["learn_from_curves"]
-
 #: Prior standard deviations of the features of containers, including grooves and shoulders, in the order of
 #: :data:`.UNKNOWN_CLASS_SIGMAS`, and the number of places over which a profile is smooth. Root mean squares over classes of
 #: glass, tin and plastic, waists and bowls.

@@ -33,21 +33,6 @@ from ..data.pose_error import POSE_m
 from ..data.protocol import TouchProtocol
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, UNKNOWN_CLASS_SIGMAS, USUAL_HEIGHT_m, unknown_kinds
 
-__all__ = [
-    "NUISANCES",
-    "UNKNOWN",
-    "ClassStatistics",
-    "HapticModel",
-    "ModelSettings",
-    "assemble",
-    "class_statistics",
-    "fit_model",
-    "log_features",
-    "nuisance_effects",
-    "pose_covariance",
-    "with_prior",
-]
-
 UNKNOWN = "unknown"
 #: A parameter uniform in its range has a standard deviation of 0.29 widths. If every fourth one exceeds its range by up to
 #: 0.3 widths, the root mean square is 0.41 widths: a factor of 1.43. If all do, the factor is 2.25; with this factor, more

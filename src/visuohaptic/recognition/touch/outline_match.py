@@ -9,8 +9,6 @@ from ...deformation.shapes.container import ContainerDescription
 from ...deformation.shapes.mesher import mesh_container
 from ...deformation.shapes.variants import draw_variants
 
-__all__ = ["container_outline", "nearest_variant"]
-
 #: Compared heights, as fractions of the object's height: the foot and the closure are not part of the shape.
 FRACTIONS = np.linspace(0.05, 0.9, 20)
 

@@ -14,8 +14,6 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ...core.objects import StiffnessMap
 
-__all__ = ["correct_map"]
-
 #: Standard deviations of the logarithm of the ratio of true to simulated stiffness: of the part that is common to an object
 #: (wall, modulus), and of the part that varies over the wall; correlation length of the latter [m].
 COMMON, LOCAL, REACH_m = 0.2, 0.1, 0.04

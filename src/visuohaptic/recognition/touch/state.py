@@ -33,17 +33,6 @@ from ..data.readings import NOMINAL_N, NOMINAL_m, TouchNoise, TouchReading, fit_
 from .haptic_model import UNKNOWN
 from .unknown_state import posterior_with_unknown
 
-__all__ = [
-    "HapticStateModel",
-    "StateCurve",
-    "fit_state_model",
-    "load_state_model",
-    "save_state_model",
-    "simulate_state_curves",
-    "state_features",
-    "state_probability",
-]
-
 _FORMAT = 1
 #: Number of noisy readings of each curve that a model is fitted to.
 COPIES = 20

@@ -14,8 +14,6 @@ from ..trees.tree_nodes import ClassificationTree, feature_name, next_touch, sca
 from .belief import update_belief
 from .haptic_model import HapticModel
 
-__all__ = ["Listener", "planner_follower", "planner_steps", "tree_follower", "tree_steps"]
-
 #: Question and answer; a pending question has an empty answer.
 Step = tuple[str, str]
 

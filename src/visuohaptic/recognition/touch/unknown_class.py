@@ -11,8 +11,6 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ..data.places import HEIGHTS
 
-__all__ = ["FEATURES", "FIRST_WIDTH", "HEIGHT", "USUAL_HEIGHT_m", "smooth_profile", "unknown_kinds"]
-
 FIRST_WIDTH = HEIGHTS * 4  #: index of the first width among the features
 HEIGHT = HEIGHTS * 6  #: index of the height of the object, the last feature
 FEATURES = HEIGHT + 1

@@ -16,8 +16,6 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
-__all__ = ["FALSE_ALARM", "posterior_with_unknown"]
-
 #: Probability that a known state is rejected.
 FALSE_ALARM = 1e-3
 

@@ -15,8 +15,6 @@ from ...core.files import load_json, write_text
 from ..data.places import HEIGHTS, Touch
 from .tree_nodes import SCHEMES, ClassificationTree, feature_name, scaling_touches, touch_of
 
-__all__ = ["load_tree", "plan_rows", "save_tree", "tree_mapping", "tree_text"]
-
 _FORMAT = 1
 
 

@@ -22,8 +22,6 @@ from ..data.noise import as_measured
 from ..data.places import HEIGHTS, Touch
 from .tree_nodes import ClassificationTree, scaled_features, scaling_touches, touch_of
 
-__all__ = ["SAMPLES", "grown", "predictors", "smoothed"]
-
 #: Number of samples added to each class, and of additional samples with measurement noise.
 SAMPLES = 300
 #: Fraction of the weight that belongs to the samples with noise.

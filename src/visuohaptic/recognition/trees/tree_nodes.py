@@ -18,20 +18,6 @@ from jaxtyping import Float, Int
 from ...core.errors import InputError
 from ..data.places import HEIGHTS, SIDES, Touch
 
-__all__ = [
-    "SCHEMES",
-    "ClassificationTree",
-    "decide",
-    "feature_name",
-    "mean_touches",
-    "next_touch",
-    "predict",
-    "scaled_features",
-    "scaling_touches",
-    "touch_of",
-    "walk",
-]
-
 #: Normalisation of the features: Eqs. (6.4), (6.5), and relative to one point; see deformation.normalised.
 SCHEMES = ("norm", "centre", "point")
 

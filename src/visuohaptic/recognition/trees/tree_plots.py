@@ -13,8 +13,6 @@ from ..data.data_set import FeatureSet
 from ..data.places import HEIGHTS
 from .tree_nodes import ClassificationTree, feature_name, scaled_features
 
-__all__ = ["class_correlation", "plot_correlation", "plot_tree"]
-
 
 def class_correlation(data: FeatureSet, scheme: str = "centre") -> Float[np.ndarray, "c c"]:
     """Mean normalised cross-correlation of the features of two classes (Fig. 6.6).

@@ -10,8 +10,6 @@ from jaxtyping import Float, Int
 from ...core.errors import InputError
 from .tree_nodes import ClassificationTree
 
-__all__ = ["pruned", "pruning_alphas", "pruning_middles", "simplest", "stratified_folds"]
-
 #: Intervals of alpha with a ratio of end to start below this are left out.
 _NARROW = 1.1
 

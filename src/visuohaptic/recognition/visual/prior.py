@@ -29,8 +29,6 @@ from .visual_words import (
     train_vocabulary,
 )
 
-__all__ = ["Candidate", "VisualPrior", "model_probabilities"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:

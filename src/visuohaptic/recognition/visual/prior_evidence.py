@@ -20,8 +20,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["PriorSettings", "VisualEvidence", "posterior"]
-
 
 @dataclass(frozen=True, slots=True)
 class PriorSettings:

@@ -17,8 +17,6 @@ from .prior_evidence import PriorSettings
 from .shape import DESCRIPTOR_LENGTH, ShapeViews
 from .visual_words import LocalFeatures
 
-__all__ = ["load_prior", "save_prior"]
-
 _FORMAT = "visuohaptic visual prior 1"
 _ARRAYS = ("card", "places", "descriptors", "points_m", "directions", "views")
 

@@ -17,16 +17,6 @@ from jaxtyping import Float, Float32
 from ...core.errors import InputError, MissingExtraError
 from ...core.geometry import sphere_directions
 
-__all__ = [
-    "DESCRIPTOR_LENGTH",
-    "ShapeFit",
-    "ShapeViews",
-    "describe_cloud",
-    "fit_shape",
-    "shape_views",
-    "thinned",
-]
-
 #: Limits of the bins of point-pair distances [m], and their number.
 _NEAR_M, _FAR_M, _DISTANCE_BINS = 0.004, 2.0, 32
 _ANGLE_BINS = 12
@@ -193,6 +183,13 @@ def visible_from(points_m: Float[np.ndarray, "n 3"], direction: Float[np.ndarray
 
     The points are projected into an image whose cells are slightly larger than their spacing; a point is hidden
     if a cell around it has a much nearer one.
+
+    Parameters
+    ----------
+    points_m
+        Points of the surface [m], (N, 3).
+    direction
+        From the surface to the camera, of any length, (3,).
     """
     from scipy.ndimage import maximum_filter
 

@@ -18,15 +18,6 @@ from ...core.errors import InputError
 from ...tracking.points.homography import estimate_homography_robust
 from ...tracking.templates.alignment.warp import is_proper
 
-__all__ = [
-    "LocalFeatures",
-    "WordIndex",
-    "agreeing_matches",
-    "find_features",
-    "nearest_words",
-    "train_vocabulary",
-]
-
 #: Larger images are resized to this side [px]: finer detail is not repeatable from other viewpoints.
 SIDE_PX = 800
 #: Quantisation steps per unit: RootSIFT values are at most about one half and fit into a byte.

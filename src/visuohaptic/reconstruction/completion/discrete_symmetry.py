@@ -18,8 +18,6 @@ from .hole import SupportBand
 from .hole_region import HoleRegion
 from .rbf_centres import Centres
 
-__all__ = ["DiscreteSymmetry"]
-
 #: Grid points of each symmetry along both of its parameters; the second grid is centred on the maximum of the first.
 _STEPS = (21, 11)
 #: Deviations from exact symmetry that are compared, in sizes of the region; uniform prior.

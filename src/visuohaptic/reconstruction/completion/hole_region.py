@@ -22,8 +22,6 @@ from ...core.errors import InputError
 from ...core.files import field_problems, load_json
 from ..transparency.outline_fit import UprightBody
 
-__all__ = ["HoleRegion", "load_hole_regions"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HoleRegion:

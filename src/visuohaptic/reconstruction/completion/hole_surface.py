@@ -12,8 +12,6 @@ from ..surfaces.rbf import Grid, RbfSurface, isosurface
 from .hole import SupportBand
 from .hole_region import HoleRegion
 
-__all__ = ["HoleSpace", "supported_part"]
-
 
 class HoleSpace:
     """The region grown by the band, and cached grids over it.

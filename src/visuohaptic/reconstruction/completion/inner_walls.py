@@ -20,8 +20,6 @@ from ..mesh import SurfaceMesh
 from .hole_region import HoleRegion
 from .visibility import open_sight
 
-__all__ = ["remove_back_sides"]
-
 #: Minimum radial component of the unit normal of an outer wall.
 _OUTWARDS = 0.3
 #: Minimum downward component of the unit normal of an underside.

@@ -11,8 +11,6 @@ from ..mesh import SurfaceMesh
 from .hole import SupportBand
 from .symmetry import MAX_WALL_NZ, ShapePrior
 
-__all__ = ["VisibleWall", "axial_part", "measured_outline", "polar", "wall_seen"]
-
 #: Minimum z component of the unit normal of a wall face: fusion closes the lower edge of a label.
 MIN_NORMAL_Z = -0.3
 #: Faces below this height belong to the table [m].

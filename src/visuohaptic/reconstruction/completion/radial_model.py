@@ -37,8 +37,6 @@ from ...core.resources import one_blas_thread
 from .outline import ANGLES, VisibleWall, polar
 from .symmetry import ShapePrior
 
-__all__ = ["RadialMixture", "RadialModel", "RadialProfile", "fit_radial_mixture", "fit_radial_model"]
-
 #: Grids of correlation lengths (in sizes of the region) and of deviations of p, for both orders.
 _LENGTHS, _DEVIATIONS = (0.15, 0.3, 0.6), (0.01, 0.02, 0.05, 0.1, 0.2)
 #: Minimum likelihood of a process relative to the likeliest, and maximum number of processes that are averaged.

@@ -14,8 +14,6 @@ from .hole import SupportBand
 from .hole_region import HoleRegion
 from .touch import Touch
 
-__all__ = ["Centres", "constrain_core", "constrain_to_hull", "free_points", "with_off_surface"]
-
 #: Maximum number of refinement rounds that add centres at violated constraints, and of centres per round.
 _CORE_ROUNDS, _CORE_POINTS = 4, 6
 #: Number of directions in which the surface is constrained to the hull.

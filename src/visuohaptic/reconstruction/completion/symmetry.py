@@ -16,8 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["ShapePrior", "fit_prior"]
-
 #: Maximum vertical component of the unit normal of a wall; at floors and shoulders the height does not determine the radius.
 MAX_WALL_NZ = 0.85
 #: Number of harmonics of a cross-section.
@@ -178,6 +176,13 @@ def height_axis(
 
     The point with least squared distance from the lines of the normals, regularised
     towards the centroid.
+
+    Parameters
+    ----------
+    points_m
+        Points of the surface [m], (N, 3).
+    normals
+        Their unit normals, (N, 3).
     """
     flat = normals[:, :2]
     length = np.linalg.norm(flat, axis=1)

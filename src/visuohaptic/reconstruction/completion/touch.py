@@ -14,8 +14,6 @@ from ...core.errors import InputError
 from ...core.files import CsvRow, read_csv
 from ..mesh import SurfaceMesh
 
-__all__ = ["Touch", "TouchPlan", "best_vertex", "reachable", "read_touches", "starts"]
-
 #: Larger files are rejected: about 100,000 rows.
 MAX_TOUCH_BYTES = 16 * 1024 * 1024
 

@@ -15,8 +15,6 @@ from ...core.camera.pose import Pose
 from ...core.errors import CalibrationError, InputError
 from ..mesh import SurfaceMesh
 
-__all__ = ["MIN_CONTACTS", "register_touches"]
-
 #: Minimum number of contacts for six degrees of freedom.
 MIN_CONTACTS = 6
 _SAMPLES = 20_000

@@ -12,8 +12,6 @@ from ..mesh import SurfaceMesh
 from ..surfaces.rbf import RbfSurface
 from .symmetry import ShapePrior
 
-__all__ = ["SurfaceUncertainty", "TouchResiduals", "between", "spline_sigma_m"]
-
 #: Minimum slope of the signed distance.
 _MIN_SLOPE = 0.2
 #: Number of points at which the variance is computed.

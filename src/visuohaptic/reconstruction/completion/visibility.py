@@ -13,8 +13,6 @@ from ...core.geometry import sphere_directions
 from ..mesh import SurfaceMesh
 from .hole_region import HoleRegion
 
-__all__ = ["open_sight"]
-
 #: Number of directions on the sphere, evenly spread.
 _DIRECTIONS = 48
 #: Number of voxels along the size of the region.

@@ -8,8 +8,6 @@ from jaxtyping import Float, Float32, Int
 from ...core.errors import InputError
 from . import _fusion_kernels as kernels
 
-__all__ = ["brick_surface", "cube_of_tiles"]
-
 
 def cube_of_tiles(count: int) -> tuple[int, np.ndarray, np.ndarray]:
     """Array for the tiles of bricks: tiles along an edge, values, and which of them are known.

@@ -10,8 +10,6 @@ from ...core.errors import InputError
 from ...io.depth.depth_sequence import DepthFrame
 from . import _fusion_kernels as kernels
 
-__all__ = ["NO_COLOR", "FusionView", "checked_sizes", "pinhole_images"]
-
 #: Voxels that are observed behind a surface, along a ray. They contain both ends of each edge of the grid that crosses it up to
 #: the incidence at which cameras still have readings (tangent 4, 1 / cos 4.1); behind the band they count if nothing else does.
 GRAZING_VOXELS = 4

@@ -23,8 +23,6 @@ from . import _fusion_kernels as kernels
 from ._brick_surface import brick_surface, cube_of_tiles
 from ._fusion_view import NO_COLOR, FusionView, checked_sizes
 
-__all__ = ["TsdfVolume"]
-
 #: Maximum number of voxels of a grid; checked before memory is allocated.
 MAX_VOXELS = 1 << 30
 

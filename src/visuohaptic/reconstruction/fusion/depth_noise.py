@@ -9,8 +9,6 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 
-__all__ = ["SENSOR_NOISE", "DepthNoise", "sensor_noise"]
-
 
 @dataclass(frozen=True, slots=True)
 class DepthNoise:

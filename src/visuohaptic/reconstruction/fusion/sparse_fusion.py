@@ -14,8 +14,6 @@ from . import _fusion_kernels as kernels
 from ._brick_surface import brick_surface, cube_of_tiles
 from ._fusion_view import NO_COLOR, FusionView, checked_sizes
 
-__all__ = ["SparseTsdfVolume"]
-
 
 class SparseTsdfVolume:
     """Truncated signed distances in bricks of 8 x 8 x 8 voxels, allocated where surfaces are observed.

@@ -11,8 +11,6 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ...io.depth.depth_sequence import DepthFrame
 
-__all__ = ["SpaceGrid", "space_of_interest"]
-
 #: Maximum number of voxels: 1 GB of counts.
 MAX_VOXELS = 100_000_000
 

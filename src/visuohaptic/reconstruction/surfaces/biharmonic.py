@@ -19,8 +19,6 @@ from jaxtyping import Float, Int
 from ...core.errors import InputError
 from ...core.resources import one_blas_thread
 
-__all__ = ["BiharmonicMesh"]
-
 #: Number of eigenpairs of the embedding.
 MODES = 40
 #: Candidates for the least supported vertex, and supports near each, whose distances are computed exactly.

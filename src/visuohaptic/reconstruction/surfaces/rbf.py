@@ -20,8 +20,6 @@ from ...core.errors import InputError
 from ...core.resources import one_blas_thread
 from . import _rbf_kernels as kernels
 
-__all__ = ["Grid", "RbfSurface", "isosurface"]
-
 #: Maximum number of centres added by Schur complement before the whole matrix is factored again.
 MAX_ADDED = 150
 

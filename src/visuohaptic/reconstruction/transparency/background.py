@@ -16,17 +16,6 @@ from ...io.depth.depth_sequence import DepthFrame
 from ..fusion._fusion_view import pinhole_images
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 
-__all__ = [
-    "HELLINGER_WEIGHT",
-    "BackgroundModel",
-    "LocalViews",
-    "back_motions",
-    "background_model",
-    "ideal_depth",
-    "intrinsics",
-    "motions",
-]
-
 #: w of Eq. (5.3), such that the reliability is 0 at sigma = 4 sigma_s.
 HELLINGER_WEIGHT = 1 / (1 - math.sqrt(8 / 17))
 

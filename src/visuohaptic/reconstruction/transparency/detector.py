@@ -31,8 +31,6 @@ from .background import (
 from .regions import TransparentRegion, find_regions
 from .search_report import SearchReport
 
-__all__ = ["ErrorImage", "TransparencyDetector", "TransparencySettings", "error_image"]
-
 _log = logging.getLogger(__name__)
 
 

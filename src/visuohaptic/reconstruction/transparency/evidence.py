@@ -55,8 +55,6 @@ from .search_report import SearchReport, next_eye
 from .surface_rates import surface_ratios
 from .view_selection import ray_stride, thinned, view_graph
 
-__all__ = ["EvidenceDetector", "EvidenceSettings"]
-
 #: Stride of the pixels whose windows are used to estimate e [px].
 _STRIDE = 5
 

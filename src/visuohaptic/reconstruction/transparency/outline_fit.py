@@ -28,8 +28,6 @@ from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import DepthNoise
 from .background import intrinsics
 
-__all__ = ["OutlineView", "UprightBody", "body_evidence", "disjoint_bodies", "fit_bodies"]
-
 #: Number of points on each of the two bounding circles of a body.
 _CORNERS = 16
 #: Probability that a window inside the outline shows no effect of the glass.

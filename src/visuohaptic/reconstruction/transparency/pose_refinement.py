@@ -24,8 +24,6 @@ from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from .background import ideal_depth, intrinsics
 from .view_selection import view_graph
 
-__all__ = ["common_sigma_m", "refine_poses"]
-
 #: Number of neighbours that each view is compared with.
 _NEIGHBOURS = 6
 #: Number of points of all views together that are matched to each neighbour, and minimum number of each view.

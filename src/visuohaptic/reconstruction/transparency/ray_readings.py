@@ -22,21 +22,6 @@ from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
 from .background import back_motions, ideal_depth, intrinsics, motions
 
-__all__ = [
-    "CONTEXTS",
-    "DROPPED",
-    "FAR",
-    "HIDDEN",
-    "NEAR",
-    "SAME",
-    "RayImage",
-    "TrackedNoise",
-    "ViewDepth",
-    "look_alike_fraction",
-    "ray_image",
-    "reading_tables",
-]
-
 #: Minimum fraction of windows that look like glass, for causes outside the model, and iterations of its estimate.
 LOOK_ALIKE, _ROUNDS = 0.05, 12
 

@@ -16,10 +16,6 @@ from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.volume import SpaceGrid
 from .outline_fit import UprightBody
 
-__all__ = [
-    "TransparentRegion", "find_regions", "mask_refracted_rays", "outer_voxels", "region_of", "save_regions",
-]  # fmt: skip
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TransparentRegion:

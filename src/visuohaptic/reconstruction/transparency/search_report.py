@@ -17,8 +17,6 @@ from ..fusion.volume import SpaceGrid
 from .background import ideal_depth, intrinsics, motions
 from .ray_readings import HIDDEN
 
-__all__ = ["Cause", "SearchReport", "chance_of_finding", "next_eye"]
-
 #: Why nothing was found; ``found``: something was found.
 Cause = Literal["found", "no views", "no rays", "too few rays", "below threshold", "no outline"]
 

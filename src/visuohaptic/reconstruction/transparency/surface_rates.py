@@ -11,8 +11,6 @@ from ...io.depth.depth_sequence import DepthFrame
 from .background import intrinsics
 from .ray_readings import CONTEXTS, KINDS, RayImage
 
-__all__ = ["surface_ratios"]
-
 
 def surface_ratios(
     frames: Sequence[DepthFrame],

@@ -12,8 +12,6 @@ from ...core.camera.model import Camera
 from ...io.depth.depth_sequence import DepthFrame
 from .background import ideal_depth
 
-__all__ = ["ViewGraph", "ray_stride", "thinned", "view_graph"]
-
 #: Number of sample pixels of a view, down and across, for its overlap with the others.
 _SAMPLES = (9, 12)
 #: Minimum fraction of the samples in common of two views that are compared.

@@ -18,15 +18,6 @@ from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
 from .uneven_light import SCATTER_POINTS, blur_excess_px2, gap_shift_px, light_shift_px
 
-__all__ = [
-    "Deflection",
-    "edge_uncertainty_m",
-    "fill_gaps",
-    "measure_deflection",
-    "pressed_force_N",
-    "with_states",
-]
-
 #: Frame-to-frame scatter of a point at a kink, and of an interpolated point, relative to its systematic error, from rendered
 #: plates of 1 to 10 mm depth. The remaining error is the same in all frames.
 _KINK_NOISE, _BRIDGE_NOISE = 0.08, 0.33

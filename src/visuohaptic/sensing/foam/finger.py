@@ -20,8 +20,6 @@ from .strip.config import FoamSensorConfig, FoamSetup
 from .strip.finger_optics import FingerOptics, FingerPosition
 from .strip.zero import ZeroReference
 
-__all__ = ["FingerReading", "FingerSensor", "load_foam_sensor"]
-
 #: Largest motion of a finger at standstill during zeroing [m].
 _STILL_M = 2e-4
 

@@ -16,8 +16,6 @@ from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
 from .uneven_light import local_statistics
 
-__all__ = ["image_evidence"]
-
 
 def image_evidence(
     strip: ObservedStrip,

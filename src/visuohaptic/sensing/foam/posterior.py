@@ -41,8 +41,6 @@ from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
 from .uneven_light import local_statistics
 
-__all__ = ["BULGE", "DECAY_PER_WIDTH", "FALSE_ALARM", "EdgePosterior", "EdgeStates"]
-
 #: Shortest decay length of free foam, relative to the width of the strip: continuum simulations of five foams under plates,
 #: wedges and cylinders stay above it with a tolerance of 3 % of the higher point and 1/400 (``OPTICS``) of the width.
 DECAY_PER_WIDTH = 0.15

@@ -27,8 +27,6 @@ from .material.boundary import BOUNDARIES, SHEARED_SIGMA, Boundary, contour_forc
 from .material.foam_material import FoamMaterial
 from .material.hysteresis import RELEASE_STRAIN, HysteresisState
 
-__all__ = ["ContactRegion", "FoamContour", "FoamReading", "read_profile"]
-
 SEED_PAIR_SIGMAS, SEED_SINGLE_SIGMAS = 3.5, 5.5
 #: Gaps of up to this many invalid points are interpolated linearly.
 MAX_GAP_POINTS = 3

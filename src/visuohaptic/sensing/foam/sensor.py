@@ -37,8 +37,6 @@ from .strip.optics import ObservedStrip, StripOptics
 from .strip.stripe_view import StripeView
 from .strip.zero import ZeroReference, ZeroWatch, check_width
 
-__all__ = ["FoamSensor"]
-
 log = logging.getLogger(__name__)
 
 #: Number of recent images that are compared with a new one, because a camera with mixed-up buffers may repeat one of them.

@@ -20,8 +20,6 @@ from ._light_kernels import local_medians, mean_between
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
 
-__all__ = ["SCATTER_POINTS", "blur_excess_px2", "gap_shift_px", "light_shift_px", "local_statistics"]
-
 #: Fraction a of the step that is due to a shadow within the blur: the ratio of squared shift to excess squared blur is 0.05
 #: to 0.19 over 1,300 positions of shadows of 10 to 60 %.
 _SHADOW_PART = 0.11

@@ -11,8 +11,6 @@ from ...grid.cost_grid import GridLayers
 from ._junction_kernels import edge_paths, gather_junctions, join_lines
 from ._line_kernels import BITS, find_ends, find_lines
 
-__all__ = ["RawGraph", "skeleton_lines", "speeds"]
-
 
 def speeds(layers: GridLayers) -> Float[np.ndarray, "3"]:
     """Radius [m], and the reciprocals of the minimum and maximum speed [s/m], in the format of the kernels.

@@ -8,8 +8,6 @@ from jaxtyping import Bool, UInt8
 from ...grid.cost_grid import GridLayers
 from ._skeleton_kernels import refine, start, survey
 
-__all__ = ["skeleton", "skeleton_marks"]
-
 
 def skeleton_marks(layers: GridLayers) -> UInt8[np.ndarray, "rows columns"]:
     """1 on the skeleton of the reachable cells, 0 elsewhere; see :func:`skeleton`.

@@ -15,8 +15,6 @@ from ...problem.push_costs import Manipulability
 from ...pushing._outline_kernels import distance_patch
 from ...pushing.contact_candidates import PushContact, push_contacts
 
-__all__ = ["OUTLINE_INSET_M", "Body", "grid_from_world", "lower_clearance", "lower_window", "world_from_grid"]
-
 #: Distance between robot and body before and after a push [m].
 STAND_OFF_M = 0.03
 #: Spacing of the points along an outline that are checked for collisions [cells].

@@ -10,8 +10,6 @@ from ._push_search_kernels import descend
 from ._travel_kernels import FAR, UNITS, segment_cost
 from .search_domain import SearchDomain
 
-__all__ = ["cheapest_cells", "resampled", "thinned", "unclear_steps"]
-
 
 def cheapest_cells(
     domain: SearchDomain,

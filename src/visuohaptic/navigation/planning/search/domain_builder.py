@@ -15,8 +15,6 @@ from .bodies import OUTLINE_INSET_M, Body, grid_from_world, lower_clearance
 from .push_states import needed_clearance
 from .search_domain import SearchDomain, full_speed_clearance
 
-__all__ = ["build_search_domain"]
-
 #: Approximate number of lattice nodes (blocks of cells) per robot radius.
 NODES_PER_RADIUS = 2.0
 #: Maximum size of the lattice; a larger one is reduced to no less than one node per radius.

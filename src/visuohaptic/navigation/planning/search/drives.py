@@ -13,8 +13,6 @@ from .cell_paths import cheapest_cells, resampled, thinned, unclear_steps
 from .push_states import Deadline, PushStep
 from .search_domain import Corridor, SearchDomain
 
-__all__ = ["changed_drives_cost", "drive_cost", "drives_cells", "drives_cost", "pull_string"]
-
 #: Maximum number of points of a grid path that one straight segment may span.
 STRING_WINDOW = 80
 #: Maximum number of rounds of corner cutting.

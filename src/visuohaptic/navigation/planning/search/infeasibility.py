@@ -20,8 +20,6 @@ from .push_heuristic import PushHeuristic
 from .push_lengths import free_length, push_step
 from .push_states import Deadline, SearchLimits, SearchState
 
-__all__ = ["Infeasibility"]
-
 #: Maximum number of bodies that are considered jointly.
 MAX_TOGETHER = 3
 #: Step length of the pushes [m].

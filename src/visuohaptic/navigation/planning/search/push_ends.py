@@ -13,8 +13,6 @@ from ...pushing.quasi_static import STEP_M, line_path
 from .bodies import STAND_OFF_M
 from .search_domain import SearchDomain
 
-__all__ = ["end_errors", "turn_probability"]
-
 #: Number of simulated pushes for a covariance in three dimensions, and for the probability of an event.
 SAMPLES, PRICED = 160, 40
 #: Step of these simulations [m]: twice that of a single push, which changes final poses by hundredths of a millimetre.

@@ -21,8 +21,6 @@ from .push_ends import turn_probability
 from .push_states import PushStep
 from .search_domain import SearchDomain
 
-__all__ = ["PushHeuristic"]
-
 #: Minimum useful length of a push [m].
 MIN_PUSH_M = 0.01
 #: Maximum number of nodes of cached fields.

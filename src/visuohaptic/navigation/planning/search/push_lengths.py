@@ -25,18 +25,6 @@ from .push_heuristic import PushHeuristic
 from .push_states import Deadline, PushStep, SearchResult, needed_clearance
 from .search_domain import SearchDomain
 
-__all__ = [
-    "SWEEP_STEP",
-    "end_of_push",
-    "free_length",
-    "opening_at",
-    "push_step",
-    "refine_lengths",
-    "replanning_units",
-    "replayed",
-    "stand_is_free",
-]
-
 #: Step in which a push is checked for collisions [cells].
 SWEEP_STEP = 0.5
 #: Number of final poses near a drive for which a detour is searched; the standard error of their fraction is 0.18.

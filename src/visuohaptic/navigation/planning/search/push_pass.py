@@ -23,8 +23,6 @@ from .push_lengths import free_length, opening_at, push_step, stand_is_free
 from .push_states import Deadline, SearchLimits, SearchResult, SearchState, SeenFields, push_sequence
 from .search_domain import CLEAR_SLACK_M
 
-__all__ = ["LENGTH_STEP_M", "PushPass"]
-
 #: Push lengths are multiples of this [m], where the free space allows it.
 LENGTH_STEP_M = 0.05
 #: Lengths tried for every push, and beyond one that connects components of free space [steps].

@@ -34,8 +34,6 @@ from .push_pass import LENGTH_STEP_M, PushPass
 from .push_states import Deadline, PushStep, SearchLimits, SearchResult, SearchState
 from .search_domain import SearchDomain, grid_from_world
 
-__all__ = ["load_kernels", "search_pushes"]
-
 #: Heuristic weights of the passes for a first plan, and of a last pass if nothing was found.
 WEIGHTS, LAST_WEIGHT = (1.2, 3.0), 10.0
 #: Fraction of the time for a first plan or a proof that is spent on perpendicular pushes only; the rest is for oblique ones.

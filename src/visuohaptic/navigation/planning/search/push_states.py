@@ -11,17 +11,6 @@ from jaxtyping import Float, Int32
 from ....core.kernels import compiled_s
 from ....core.ranges import NON_NEGATIVE, POSITIVE, check_ranges
 
-__all__ = [
-    "Deadline",
-    "PushStep",
-    "SearchLimits",
-    "SearchResult",
-    "SearchState",
-    "SeenFields",
-    "needed_clearance",
-    "push_sequence",
-]
-
 #: Limit of the wall time, as a multiple of the budget: a search may share its processor.
 WALL_PER_CPU = 3.0
 

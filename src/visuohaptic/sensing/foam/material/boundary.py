@@ -35,8 +35,6 @@ from .foam_material import FoamMaterial
 from .records import PlateRecord
 from .tension import Tension, softening
 
-__all__ = ["BOUNDARIES", "Boundary", "calibrate_tension", "contour_force"]
-
 Boundary = Literal["tension", "enlarged", "local"]
 #: Relative scatter of the force of a calibrating plate about the law, from depth to depth.
 PLATE_SIGMA = 0.002

@@ -21,8 +21,6 @@ from .records import StrainStress
 from .stress_curve import CurveKind, StressCurve
 from .tension import Tension
 
-__all__ = ["FoamCalibration", "StressCurveFit", "calibrate_foam", "fit_curve", "plateau"]
-
 #: Multiples of the minimum slope at which the plateau ends and densification begins.
 PLATEAU_SLOPE, DENSIFICATION_SLOPE = 2.0, 3.0
 INTERIOR_KNOTS = (1, 2, 3, 4, 6, 8, 10)

@@ -22,7 +22,6 @@ from .tension import Tension, softening
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-__all__ = ["FoamMaterial"]
 
 #: Largest number of parameters of a curve in a file: a spline has about ten.
 MAX_PARAMETERS = 64

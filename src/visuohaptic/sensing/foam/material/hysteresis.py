@@ -25,8 +25,6 @@ from jaxtyping import Bool, Float, Int
 from ....core.errors import InputError
 from .stress_curve import StressCurve
 
-__all__ = ["HysteresisLaw", "HysteresisState", "identify_hysteresis", "stop_path"]
-
 #: A point below this strain is released, and its history is reset.
 RELEASE_STRAIN = 0.005
 #: Unloading is flagged when the strain is below its peak by this much, relative to the peak.

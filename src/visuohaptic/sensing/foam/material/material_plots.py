@@ -14,7 +14,6 @@ from .section import Section, section_material, sensitivity
 if TYPE_CHECKING:
     from .calibration import FoamCalibration
 
-__all__ = ["draw_sensitivity", "draw_strain_stress", "save_calibration_plot"]
 
 LOADING, UNLOADING, CURVE = "#e07b00", "#2c6fbb", "#b3122a"
 

@@ -8,8 +8,6 @@ from jaxtyping import Float
 from ....core.errors import CalibrationError
 from .stress_curve import StressCurve
 
-__all__ = ["MAX_RESIDUAL", "MIN_STRAINS", "REQUIRED_RANGE", "refuse_bad_points", "refuse_unsuitable"]
-
 #: Minimum number of different strains on the loading branch.
 MIN_STRAINS = 10
 #: The calibration has to begin at or below the first strain and to reach the second one.

@@ -12,8 +12,6 @@ from jaxtyping import Float, Int
 from ....core.errors import CalibrationError
 from ....core.files import read_csv
 
-__all__ = ["PlateRecord", "StrainStress", "read_plate", "read_strain_stress"]
-
 #: Larger files are rejected: a press log of an hour at 100 Hz is about 10 MB.
 MAX_BYTES = 64 * 1024 * 1024
 #: No foam is so soft that its stress stays below this [Pa]; values in kPa without a unit would.

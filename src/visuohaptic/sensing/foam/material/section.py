@@ -23,8 +23,6 @@ from .calibration import fit_curve, plateau
 from .foam_material import FoamMaterial
 from .stress_curve import StressCurve
 
-__all__ = ["Section", "force_sigma", "section_height", "section_material", "section_stress", "sensitivity"]
-
 Section = Literal["rectangle", "triangle", "trapezoid"]
 
 #: Height of the front of each section relative to its back; a triangle is truncated at a fiftieth,

@@ -21,8 +21,6 @@ from jaxtyping import Float
 from ....core.errors import InputError
 from ....core.kernels import kernel
 
-__all__ = ["CurveKind", "StressCurve"]
-
 CurveKind = Literal["spline", "cubic"]
 
 

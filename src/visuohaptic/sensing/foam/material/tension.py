@@ -25,8 +25,6 @@ from jaxtyping import Float
 from ....core.ranges import check_ranges, within
 from .stress_curve import StressCurve
 
-__all__ = ["Tension", "shear_modulus", "softening"]
-
 #: Lower limit of the strain in the quotient m / eps, as both vanish at zero.
 SMALL_STRAIN = 2e-3
 #: Slightly compressed columns have not yet relieved their shear: relative increment of kappa at zero strain, and the strain over

@@ -11,8 +11,6 @@ from jaxtyping import Bool, Float
 from ....core.kernels import kernel
 from ....tracking._solve_kernels import median
 
-__all__ = ["ImageMotion", "fit_motion", "motion_basis"]
-
 #: Prior standard deviations of the motion [px]: shift x, shift y, and the displacement by rotation and scale at
 #: the far end. Unobservable directions (along a straight strip) remain zero.
 _PRIOR_PX = 20.0

@@ -16,8 +16,6 @@ from ...config_fields import PoseSection, Positive, Section, Vector3
 from ..material.foam_material import FoamMaterial
 from .geometry import StripGeometry
 
-__all__ = ["FoamSensorConfig", "FoamSetup"]
-
 Point2 = Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
 
 

@@ -21,15 +21,6 @@ from scipy.special import ndtr, ndtri
 
 from ....tracking.contours.contour import PIXEL_PX, Contour
 
-__all__ = [
-    "ENCODINGS",
-    "UNKNOWN_ENCODING",
-    "EdgeSkew",
-    "edge_skew",
-    "encoded_shift_px",
-    "encoding_probability",
-]
-
 #: Prior probability that an unknown camera encodes its grey levels.
 UNKNOWN_ENCODING = 0.5
 #: Probability of encoding for each known transfer function.

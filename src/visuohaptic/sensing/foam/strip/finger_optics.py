@@ -19,8 +19,6 @@ from .optics import BaseView, ObservedStrip, StripOptics
 from .stripe_view import StripeView
 from .zero import ZeroReference
 
-__all__ = ["FingerOptics", "FingerPosition", "finger_pose"]
-
 log = logging.getLogger(__name__)
 
 #: The lines are placed again if the reference contour is farther than this from its expected position.

@@ -10,8 +10,6 @@ from jaxtyping import Float
 from ....core.camera.model import Camera
 from ....core.camera.pose import Pose
 
-__all__ = ["TagFix", "TagView"]
-
 #: Standard deviation of a corner after sub-pixel refinement [px].
 _CORNER_PX = 0.1
 #: Residuals below this are errors of the corners (blur, print, distortion), not motion of the camera [px].

@@ -9,8 +9,6 @@ from jaxtyping import Float
 
 from ....core.errors import InputError
 
-__all__ = ["StripGeometry"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StripGeometry:

@@ -21,8 +21,6 @@ from .geometry import StripGeometry
 from .stripe_view import StripeView
 from .zero import PARALLELS, ZeroReference
 
-__all__ = ["BaseView", "ObservedStrip", "StripOptics"]
-
 _POLARITY = {"brighter": 1, "darker": -1, "either": 0}
 
 #: The front is searched from this fraction of the width ...

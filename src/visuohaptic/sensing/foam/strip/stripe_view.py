@@ -15,8 +15,6 @@ from ....tracking.contours.lines import ConstraintLines
 from ....tracking.contours.stripe import StripeModel
 from .config import FoamSetup
 
-__all__ = ["StripeView", "stripe_masks", "train_stripe"]
-
 #: Pixels next to the edges of the stripe, with mixed colours: not used for training.
 _MIXED_PX = 3
 #: Pixels on either side of the edge that determine its levels: a deeply pressed stripe is not much wider.

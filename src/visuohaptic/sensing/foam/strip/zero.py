@@ -17,8 +17,6 @@ from ....core.files import decode_image, load_yaml_model, save_yaml
 from ...config_fields import Section
 from .encoding import UNKNOWN_ENCODING
 
-__all__ = ["DriftSettings", "ZeroReference", "ZeroWatch", "check_width"]
-
 #: Accepted relative difference between measured and declared width, due to ruler, pose and texture of the edge.
 _WIDTH_TOLERANCE = 0.10
 
