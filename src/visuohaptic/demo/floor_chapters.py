@@ -372,8 +372,7 @@ def default_map(mission: Mission) -> None:
     mission
         State of the mission; what the chapter would have found is set.
     """
-    house, known = mission.house, mission.known
-    grid = house.grid
+    house, known, grid = mission.house, mission.known, mission.house.grid
     if mission.fault is FaultKind.WRONG_MAP:
         grid = OccupancyMap(wrong_map(grid.cells, mission.rng(4)), grid.resolution_m, grid.origin)
     known.map = known.map_now = grid
@@ -395,8 +394,7 @@ def default_door(mission: Mission) -> None:
     for one in house.obstacles:
         if _distance(outline_m(mission, one), path) < BESIDE_M:
             pose = compose_2d(mission.placed[one.name], (-0.5 * one.length_m, 0.0, 0.0))
-            outline = FloorOutline(
-                one.kind is ObstacleKind.CYLINDER, pose, (one.width_m, one.length_m), (SIDE_M, SIDE_M)
-            )
+            size_m, is_round = (one.width_m, one.length_m), one.kind is ObstacleKind.CYLINDER
+            outline = FloorOutline(is_round, pose, size_m, (SIDE_M, SIDE_M))
             obstacles.append((outline, outline))
     mission.known.obstacles = tuple(obstacles)

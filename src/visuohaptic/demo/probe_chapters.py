@@ -20,7 +20,7 @@ from ..simulation.tabletop.glass_scenes import disturb_pose
 from ..tasks.framework.path_clearance import Capsule, KnownObstacles
 from ..tasks.framework.supervised_parts import Supervisor
 from ..tasks.manipulation.complete import CompleteSettings, CompletionByTouch, complete_by_touch
-from .bottle import PLACE, TableBottle, random_table_bottle, table_bottle, table_views
+from .bottle import PLACE, place_bottle, table_views
 from .judge import Claim
 from .memory import recognise_bottle
 from .story import ChapterResult, Illustration, Measure, Mission, counted, done, failed
@@ -50,20 +50,6 @@ HEIGHT_SIGMA_M = 0.003
 ROD_M, ROD_RADIUS_M = 0.15, 0.0025
 #: Search radius for the bottle around its axis [m].
 REACH_M = 0.065
-
-
-def place_bottle(mission: Mission) -> TableBottle:
-    """Create the bottle on the simulated table, once.
-
-    Parameters
-    ----------
-    mission
-        Creates and stores the bottle.
-    """
-    if mission.bottle is None:
-        rng = mission.world_rng(20)
-        mission.bottle = random_table_bottle(rng, mission.rng(26)) if mission.world else table_bottle(rng)
-    return mission.bottle
 
 
 def zero_the_beam(mission: Mission) -> ChapterResult:
@@ -393,18 +379,3 @@ def _outline_figure(
         axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
 
     return draw_axes(1, 1, draw, size=(6.4, 5.6))
-
-
-def default_outline(mission: Mission) -> None:
-    """The outline as a completion would return it: ground truth with an error of half a millimetre.
-
-    Parameters
-    ----------
-    mission
-        State of the mission; what the chapter would have found is set.
-    """
-    bottle = place_bottle(mission)
-    off = 5e-4 * mission.rng(24).standard_normal(len(bottle.outline_m))
-    mission.known.outline_m = bottle.outline_m + np.column_stack([off, np.zeros(len(off))])
-    mission.known.bottle_at_m, mission.known.outline_sigma_m = np.array(bottle.foot_m) + 5e-4, 5e-4
-    mission.known.outline_errors = np.diag((5e-4 / bottle.outline_m[:, 0]) ** 2)
