@@ -20,7 +20,7 @@ from ..simulation.tabletop.glass_scenes import disturb_pose
 from ..tasks.framework.path_clearance import Capsule, KnownObstacles
 from ..tasks.framework.supervised_parts import Supervisor
 from ..tasks.manipulation.complete import CompleteSettings, CompletionByTouch, complete_by_touch
-from .bottle import PLACE, place_bottle, table_views
+from .bottle import PLACE, TableBottle, place_bottle, table_views
 from .judge import Claim
 from .memory import recognise_bottle
 from .story import ChapterResult, Illustration, Measure, Mission, counted, done, failed
