@@ -466,7 +466,8 @@ def call_of(name):
     if name not in calls:
         module, _, expression = readers[name].partition(":")
         package = importlib.import_module("visuohaptic." + module)
-        calls[name] = (compile(expression, name, "eval"), {n: getattr(package, n) for n in package.__all__})
+        scope = {n: getattr(package, n) for n in getattr(package, "__all__", vars(package))}
+        calls[name] = (compile(expression, name, "eval"), scope)
     return calls[name]
 names = json.loads(sys.argv[1])
 for _, name, _ in names: call_of(name)

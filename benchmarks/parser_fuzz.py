@@ -111,7 +111,7 @@ def _work(name: str, options: list[str]) -> None:
         call |= {key: text for key, (_, text) in _bytes_targets().items()}
         package, _, expression = call[name].partition(":")
         module = import_module(f"visuohaptic.{package}")
-        scope = {one: getattr(module, one) for one in module.__all__}
+        scope = {one: getattr(module, one) for one in getattr(module, "__all__", vars(module))}
     scope["KINDS"] = (
         "geometry_msgs/msg/Point",
         "sensor_msgs/msg/Image",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import errno
 import math
+import os
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -18,6 +19,7 @@ from visuohaptic.core.clock_watch import ClockWatch
 from visuohaptic.core.errors import MissingExtraError, needs
 from visuohaptic.core.files import atomic_path, decode_image, encode_image, load_yaml_model, parse_yaml
 from visuohaptic.core.files.atomic import write_text
+from visuohaptic.core.files.part_file import PartFile
 from visuohaptic.core.files.plain_json import dumps, picked, plain
 from visuohaptic.core.files.regular import read_bytes, read_head, read_text, similar_names
 from visuohaptic.core.measurement import Contact, ErrorBudget, ForceProfile, Reason
@@ -202,6 +204,12 @@ def test_files_that_cannot_be_read_or_written(tmp_path: Path, monkeypatch: pytes
         write_text(tmp_path / "none" / "a", "x")
     with pytest.raises(InputError, match="is a folder, expected the name of a file"):
         write_text(tmp_path, "x")
+    os.mkfifo(pipe := tmp_path / "pipe")
+    for write in (lambda: write_text(pipe, "x"), lambda: PartFile(pipe)):
+        with pytest.raises(InputError, match="is a pipe, expected the name of a file"):
+            write()
+    assert pipe.is_fifo()  # devices, too: /dev/null was replaced by a file
+    pipe.unlink()
     path = tmp_path / "map.yaml"
     write_text(path, "\ufeffa: 1\r\nb: 2\r")
     assert read_text(path, 100) == "a: 1\nb: 2\n"

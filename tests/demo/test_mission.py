@@ -32,9 +32,9 @@ from visuohaptic.demo import (
     training_objects,
     write_story,
 )
-from visuohaptic.demo.bottle import default_outline
 from visuohaptic.demo.hand_chapters import hand_of_mission
 from visuohaptic.demo.judge import Claim
+from visuohaptic.demo.probe_chapters import default_outline
 from visuohaptic.demo.story import done, failed
 from visuohaptic.recognition.touch import container_outline, wall_from_stiffness
 from visuohaptic.rigs import VirtualHand

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.core.camera import Frame, Pose
-from visuohaptic.demo.bottle import place_bottle
-from visuohaptic.demo.probe_chapters import _probe, default_beam
+from visuohaptic.demo.probe_chapters import _probe, default_beam, place_bottle
 from visuohaptic.demo.story import Mission
 from visuohaptic.reconstruction import SurfaceMesh
 from visuohaptic.reconstruction.completion import Completion, HoleRegion

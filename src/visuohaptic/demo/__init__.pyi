@@ -5,7 +5,6 @@ from .bottle import PLACE as PLACE
 from .bottle import TableBottle as TableBottle
 from .bottle import container_of_outline as container_of_outline
 from .bottle import filled_container as filled_container
-from .bottle import place_bottle as place_bottle
 from .bottle import random_table_bottle as random_table_bottle
 from .bottle import table_bottle as table_bottle
 from .bottle import table_views as table_views
@@ -27,6 +26,7 @@ from .judge import Claim as Claim
 from .judge import RunOutcome as RunOutcome
 from .probe_chapters import complete_the_bottle as complete_the_bottle
 from .probe_chapters import find_the_glass as find_the_glass
+from .probe_chapters import place_bottle as place_bottle
 from .probe_chapters import zero_the_beam as zero_the_beam
 from .push_demo import SLOW_EXPLORATION as SLOW_EXPLORATION
 from .push_demo import DemoObject as DemoObject

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -24,9 +23,6 @@ from ..recognition.touch.outline_match import container_outline
 from ..simulation.tabletop.bottles import Bottle, random_bottle
 from ..simulation.tabletop.deformable import GRAIN_FILL, WATER_FILL, BulkFill, DeformableContainer
 from ..simulation.tabletop.refraction import PET, Band, Box, RefractingScene, Revolution
-
-if TYPE_CHECKING:
-    from .story import Mission
 
 #: Class of the bottle on the table, to be recognised by the robot.
 CLASS = "bottle"
@@ -58,6 +54,18 @@ class TableBottle:
     def height_m(self) -> float:
         """Height above the table."""
         return float(self.outline_m[-1, 1])
+
+    def outline_error_m(self, outline_m: Float[np.ndarray, "k 2"]) -> float:
+        """Root mean square error of the radius over the height [m].
+
+        Parameters
+        ----------
+        outline_m
+            (radius, height) from the foot up.
+        """
+        z = np.linspace(0.01, 0.9 * self.height_m, 60)
+        found, true = (np.interp(z, one[:, 1], one[:, 0]) for one in (outline_m, self.outline_m))
+        return float(np.sqrt(np.mean((found - true) ** 2)))
 
     def probed(self) -> Bottle:
         """The same shape as a target of the probe."""
@@ -256,32 +264,3 @@ def table_views(views: int, rng: np.random.Generator) -> list[Pose]:
         Camera.pose_of_view((radius * math.cos(a), radius * math.sin(a), height), (0.0, 0.0, 0.08))
         for a in first + np.linspace(0, 2 * math.pi, views, endpoint=False)
     ]
-
-
-def place_bottle(mission: Mission) -> TableBottle:
-    """Create the bottle on the simulated table, once.
-
-    Parameters
-    ----------
-    mission
-        Creates and stores the bottle.
-    """
-    if mission.bottle is None:
-        rng = mission.world_rng(20)
-        mission.bottle = random_table_bottle(rng, mission.rng(26)) if mission.world else table_bottle(rng)
-    return mission.bottle
-
-
-def default_outline(mission: Mission) -> None:
-    """The outline as a completion would return it: ground truth with an error of half a millimetre.
-
-    Parameters
-    ----------
-    mission
-        State of the mission; what the chapter would have found is set.
-    """
-    bottle = place_bottle(mission)
-    off = 5e-4 * mission.rng(24).standard_normal(len(bottle.outline_m))
-    mission.known.outline_m = bottle.outline_m + np.column_stack([off, np.zeros(len(off))])
-    mission.known.bottle_at_m, mission.known.outline_sigma_m = np.array(bottle.foot_m) + 5e-4, 5e-4
-    mission.known.outline_errors = np.diag((5e-4 / bottle.outline_m[:, 0]) ** 2)

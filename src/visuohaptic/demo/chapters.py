@@ -15,7 +15,6 @@ from . import floor_chapters as floor
 from . import hand_chapters as hand
 from . import probe_chapters as probe
 from . import touch_chapters as touch
-from .bottle import default_outline
 from .story import Chapter, Mission, Story, run_chapters
 
 if TYPE_CHECKING:
@@ -49,7 +48,7 @@ CHAPTERS: tuple[Chapter, ...] = (
     ),
     Chapter(
         "probe", "The probe completes the bottle", ("glass", "beam"), probe.complete_the_bottle, 1,
-        default_outline, "with twice the lines",
+        probe.default_outline, "with twice the lines",
     ),
     Chapter(
         "squeeze", "The gripper squeezes: class and contents", ("probe",), hand.recognise_the_bottle, 2,

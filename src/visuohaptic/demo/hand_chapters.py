@@ -32,10 +32,10 @@ from ..tasks.manipulation.foam_finger import FoamFingerOnDrive
 from ..tasks.manipulation.grasp import LiftPlan, grasp_and_lift
 from ..tasks.manipulation.hand import Hand, Place
 from ..tasks.manipulation.squeeze_task import SqueezeCurve, SqueezeSettings
-from .bottle import GROUPS, HEIGHTS, PLACE, TableBottle, container_of_outline, place_bottle, training_objects
+from .bottle import GROUPS, HEIGHTS, PLACE, TableBottle, container_of_outline, training_objects
 from .judge import Claim
 from .memory import BottleMemory
-from .probe_chapters import HEIGHT_SIGMA_M
+from .probe_chapters import HEIGHT_SIGMA_M, place_bottle
 from .story import ChapterResult, Illustration, Known, Measure, Mission, counted, done, failed
 
 if TYPE_CHECKING:

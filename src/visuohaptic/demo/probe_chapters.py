@@ -20,7 +20,7 @@ from ..simulation.tabletop.glass_scenes import disturb_pose
 from ..tasks.framework.path_clearance import Capsule, KnownObstacles
 from ..tasks.framework.supervised_parts import Supervisor
 from ..tasks.manipulation.complete import CompleteSettings, CompletionByTouch, complete_by_touch
-from .bottle import PLACE, TableBottle, place_bottle, table_views
+from .bottle import PLACE, TableBottle, random_table_bottle, table_bottle, table_views
 from .judge import Claim
 from .memory import recognise_bottle
 from .story import ChapterResult, Illustration, Measure, Mission, counted, done, failed
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from ..reconstruction.completion.surface_completion import Completion
     from ..reconstruction.pipeline import Reconstruction
     from ..sensing.beam.tracked import TrackedBeam
-
 
 #: Region of interest on the table [m], and its voxels.
 LOW, HIGH, VOXEL_M = (-0.3, -0.3, -0.02), (0.3, 0.3, 0.32), 0.006
@@ -239,7 +238,7 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
         error_m, radial = touched.error_m, completion.radial
     known.outline_m, known.bottle_at_m, known.outline_sigma_m = outline, np.asarray(foot), error_m
     known.outline_errors = None if radial is None else radial.ring_errors(outline)
-    rms_m = _outline_error(outline, bottle)
+    rms_m = bottle.outline_error_m(outline)
     if error_m > MAX_ERROR_M:
         return failed(
             f"after {len(contacts)} contacts the outline is still expected to be {1e3 * error_m:.1f} mm off"
@@ -252,7 +251,7 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
         Measure("expected error of the missing part, before touching [m]", before_m),
         Measure("expected error of the missing part, after [m]", error_m),
         Measure("rms error of the outline's radius [m]", rms_m),
-        Measure("rms error of the outline that was only seen [m]", _outline_error(seen, bottle)),
+        Measure("rms error of the outline that was only seen [m]", bottle.outline_error_m(seen)),
         Illustration(
             _outline_figure(outline, bottle, seen, _radial(contacts, foot)),
             "Outline of the bottle: seen by the camera, touched by the probe, completed, and true",
@@ -350,14 +349,6 @@ def _radial(contacts: list[np.ndarray], foot_m: np.ndarray) -> Float[np.ndarray,
     return np.column_stack([np.hypot(*(points[:, :2] - foot_m).T), points[:, 2]])
 
 
-def _outline_error(outline: Float[np.ndarray, "k 2"], bottle: TableBottle) -> float:
-    """Root mean square error of the radius over the height [m]."""
-    z = np.linspace(0.01, 0.9 * bottle.height_m, 60)
-    found = np.interp(z, outline[:, 1], outline[:, 0])
-    true = np.interp(z, bottle.outline_m[:, 1], bottle.outline_m[:, 0])
-    return float(np.sqrt(np.mean((found - true) ** 2)))
-
-
 def _outline_figure(
     outline: np.ndarray, bottle: TableBottle, seen: np.ndarray, contacts: Float[np.ndarray, "n 2"]
 ) -> Figure:
@@ -370,12 +361,40 @@ def _outline_figure(
                 (outline, COLOURS["blue"], 2.0, "completed"),
             ):
                 axes.plot(
-                    side * 1e3 * part[:, 0], 1e3 * part[:, 1], color=colour, lw=width,
-                    label=label if side == 1 else None,
-                )  # fmt: skip
+                    *(1e3 * part * (side, 1)).T, color=colour, lw=width, label=label if side > 0 else None
+                )
         axes.plot(*(1e3 * seen).T, ".", color=COLOURS["grey"], label="seen")
         axes.plot(*(1e3 * contacts).T, "o", color=COLOURS["orange"], label="touched")
         axes.set(xlabel="distance from the axis [mm]", ylabel="height [mm]", aspect="equal")
         axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
 
     return draw_axes(1, 1, draw, size=(6.4, 5.6))
+
+
+def place_bottle(mission: Mission) -> TableBottle:
+    """Create the bottle on the simulated table, once.
+
+    Parameters
+    ----------
+    mission
+        Creates and stores the bottle.
+    """
+    if mission.bottle is None:
+        rng = mission.world_rng(20)
+        mission.bottle = random_table_bottle(rng, mission.rng(26)) if mission.world else table_bottle(rng)
+    return mission.bottle
+
+
+def default_outline(mission: Mission) -> None:
+    """The outline as a completion would return it: ground truth with an error of half a millimetre.
+
+    Parameters
+    ----------
+    mission
+        State of the mission; what the chapter would have found is set.
+    """
+    bottle = place_bottle(mission)
+    off = 5e-4 * mission.rng(24).standard_normal((len(bottle.outline_m), 1))
+    mission.known.outline_m = bottle.outline_m + off * (1, 0)
+    mission.known.bottle_at_m, mission.known.outline_sigma_m = np.array(bottle.foot_m) + 5e-4, 5e-4
+    mission.known.outline_errors = np.diag((5e-4 / bottle.outline_m[:, 0]) ** 2)

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ..errors import InputError
+from .regular import check_target
 
 
 @contextmanager
@@ -26,13 +27,10 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
     Raises
     ------
     InputError
-        The folder does not exist or is not writable, or ``target`` is a folder.
+        The folder does not exist or is not writable, or ``target`` is a folder, pipe, device or socket.
     """
     target = Path(target)
-    if not target.parent.is_dir():
-        raise InputError(target, "its folder does not exist", remedy=f"create {target.parent}")
-    if target.is_dir():
-        raise InputError(target, "is a folder, expected the name of a file to write")
+    check_target(target)
     try:
         handle, name = tempfile.mkstemp(
             prefix=f".{target.stem}.", suffix=f".part{target.suffix}", dir=target.parent

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from .regular import file_size, read_bytes
+from .regular import check_target, file_size, read_bytes
 
 _log = logging.getLogger(__name__)
 
@@ -30,16 +30,13 @@ class PartFile:
     Raises
     ------
     InputError
-        The folder does not exist or is not writable, ``target`` is a folder, or another process is writing the file.
+        The folder does not exist or is not writable, ``target`` is a folder, pipe, device or socket, or another process is writing the file.
     """
 
     def __init__(self, target: Path | str) -> None:
         self.path = Path(target)
         self.part = self.path.with_name(self.path.name + ".part")
-        if not self.path.parent.is_dir():
-            raise InputError(target, "its folder does not exist", remedy=f"create {self.path.parent}")
-        if self.path.is_dir():
-            raise InputError(target, "is a folder, expected a file name")
+        check_target(target)
         try:
             if self.part.exists():
                 _keep(self.part, self.path)

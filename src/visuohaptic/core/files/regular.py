@@ -43,11 +43,34 @@ def file_size(path: Path | str, max_bytes: int | None = None, *, error: type[Inp
     except (OSError, ValueError) as problem:
         raise error(path, _unreadable(problem), remedy=similar_names(path)) from problem
     if not stat.S_ISREG(found.st_mode):
-        kind = next((name for check, name in _KINDS if check(found.st_mode)), "a special file")
-        raise error(path, f"cannot be read: it is {kind}, expected a file")
+        raise error(path, f"cannot be read: it is {_kind(found.st_mode)}, expected a file")
     if max_bytes is not None and found.st_size > max_bytes:
         raise error(path, f"has {found.st_size} bytes, expected at most {max_bytes}")
     return found.st_size
+
+
+def check_target(path: Path | str) -> None:
+    """Reject the name of a file to write that is in use by something else: it would be replaced (``/dev/null``, too).
+
+    Parameters
+    ----------
+    path
+        File that is created or replaced; symbolic links are followed.
+
+    Raises
+    ------
+    InputError
+        The folder does not exist, or ``path`` is a folder, pipe, device or socket.
+    """
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise InputError(path, "its folder does not exist", remedy=f"create {path.parent}")
+    if path.exists() and not path.is_file():
+        raise InputError(path, f"is {_kind(path.stat().st_mode)}, expected the name of a file to write")
+
+
+def _kind(mode: int) -> str:
+    return next((name for check, name in _KINDS if check(mode)), "a special file")
 
 
 def similar_names(path: Path | str) -> str:
