@@ -127,3 +127,14 @@ def test_a_single_view_has_the_noise_of_its_camera():
     noise = measured(frames)
     assert np.isnan(noise.depth_sigma_m)
     assert pipeline._band_m(GRID, frames, noise) == max(3 * noise.sigma_m(np.array(0.8)), 2 * GRID.voxel_m)
+
+
+def test_what_a_surface_hides_ends_without_a_surface():
+    """A step from behind the band to free space that other views saw, and one that an oblique surface has between two voxels."""
+    for value, other, seen in ((-1.5, 1.0, False), (-1.3, 0.9, True)):
+        volume = TsdfVolume(np.zeros(3), (8, 8, 8), 0.006, truncation_m=0.012, color=False)
+        volume.distance[:, :, :4], volume.weight[:, :, :4] = value, 1e-5
+        volume.distance[:, :, 4:], volume.weight[:, :, 4:] = other, 5.0
+        volume.distance[:, :2, 6:] = -0.5  # another surface, in the band
+        places = volume.mesh(min_weight=0.0).vertices_m
+        assert ((places[:, 1] > 0.02) & (places[:, 2] < 0.025)).any() == seen

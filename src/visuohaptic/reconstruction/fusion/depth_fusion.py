@@ -176,7 +176,7 @@ class TsdfVolume:
         places = places[:count]
         side, tiled, known = cube_of_tiles(count)
         kernels.gather_cells(self.distance, self.weight, lowest, places, side, tiled, known)
-        vertices, faces = brick_surface(tiled, known, places)
+        vertices, faces = brick_surface(tiled, known, places, self.reach_m / self.truncation_m)
         colors = None
         if self.color is not None:
             near = np.rint(vertices).astype(np.int64)

@@ -196,5 +196,7 @@ class SparseTsdfVolume:
             )
             tiled[at[0], at[1], at[2]] = rows_of_cells[row]
             known[at[0], at[1], at[2]] = known_of_cells[row]
-        vertices, faces = brick_surface(tiled, known, self._places[crossed] * b)
+        vertices, faces = brick_surface(
+            tiled, known, self._places[crossed] * b, self.reach_m / self.truncation_m
+        )
         return SurfaceMesh(vertices * self.voxel_m, faces)

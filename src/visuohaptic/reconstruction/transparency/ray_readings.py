@@ -97,13 +97,16 @@ class TrackedNoise:
             residual = np.abs(warped[0] - here.depth_m) / (np.sqrt(2) * here.sigma_m)
             same = residual < 2 * _WIDTH
             ratios.append(residual[same])
-            sigmas_m.append(here.sigma_m[same])
+            if (
+                same.any()
+            ):  # readings of two surfaces at edges are no noise; errors of poses differ from pair to pair
+                sigmas_m.append(float(np.median((residual * here.sigma_m)[same])) / 0.6745)
         found = np.concatenate(ratios) if ratios else np.zeros(0)
         if len(found) < _MIN_RESIDUALS:
             return noise
         # The median absolute deviate of a normal distribution is 0.6745 standard deviations.
         factor = float(np.clip(np.median(found) / 0.6745, 1.0, _TRUSTED))
-        depth_sigma_m = float(np.sqrt(np.mean((found * np.concatenate(sigmas_m)) ** 2)))
+        depth_sigma_m = float(np.sqrt(np.mean(np.square(sigmas_m))))
         return cls(device, noise.tracking_m, noise.turn_rad, factor, depth_sigma_m)
 
     def sigma_m(self, depth_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
