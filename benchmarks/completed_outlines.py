@@ -55,7 +55,8 @@ def completed(seed: int, *, squeeze: bool) -> dict[str, Any]:
         done = {one.name: one for one in story.chapters if one.done}
         if "probe" not in done:
             return {"seed": seed, "ended": story.summary()}
-        known, true_m = mission.known, mission.bottle.outline_m  # type: ignore[union-attr]
+        assert mission.bottle is not None
+        known, true_m = mission.known, mission.bottle.outline_m
         claims = {claim.kind: claim for one in done.values() for claim in one.claims}
         row = {
             "seed": seed,

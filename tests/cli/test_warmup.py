@@ -164,3 +164,12 @@ def test_every_line_names_a_kernel():
         kernels = importlib.import_module(module)
         for function, _ in signatures:
             assert hasattr(kernels, function), f"{module}:{function}, see the test above"
+
+
+def test_the_first_chapters_of_make_demo_name_packages_with_kernels():
+    lines = (
+        (Path(__file__).parents[2] / "Makefile").read_text(encoding="utf-8").replace("\\\n", " ").splitlines()
+    )
+    (named,) = (line.partition(":=")[2].split() for line in lines if line.startswith("FIRST_CHAPTERS"))
+    assert named
+    assert warmup._chosen(named)  # refuses unknown names

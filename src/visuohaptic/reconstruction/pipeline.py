@@ -236,7 +236,8 @@ def _band_m(grid: SpaceGrid, frames: Sequence[DepthFrame], noise: TrackedNoise) 
     with a band of 12.5 mm, 2 x 3.9 mm with 20 mm. In a narrower one, second surfaces appear: a reading that errs by more than
     the band, 1 of 740 at 3 sigma, shows free space where other views have no readings. Two voxels contain both ends
     of an edge of the grid that crosses the surface, up to an incidence of 60 degrees. Sigma is measured by the agreement of
-    neighbouring views, at all incidences and with the errors of the poses; that of the camera for single views.
+    neighbouring views, with the errors of the poses: the median within each pair of views, and the mean square of the pairs. It is
+    that of the camera for single views.
     """
     middle_m = 0.5 * (grid.low_m + grid.high_m)
     away_m = np.median([np.linalg.norm(frame.T_world_camera.translation_m - middle_m) for frame in frames])

@@ -64,7 +64,7 @@ class TrackedNoise:
     turn_rad: float = 0.0015  #: standard deviation of the camera orientation [rad]
 
     factor: float = 1.0  #: factor on both, estimated from the sequence
-    #: measured standard deviation of a depth, over all incidences; NaN if unknown [m]
+    #: measured standard deviation of a depth, median of a pair of views, mean square of pairs; NaN if unknown [m]
     depth_sigma_m: float = np.nan
 
     @classmethod
@@ -97,9 +97,8 @@ class TrackedNoise:
             residual = np.abs(warped[0] - here.depth_m) / (np.sqrt(2) * here.sigma_m)
             same = residual < 2 * _WIDTH
             ratios.append(residual[same])
-            if (
-                same.any()
-            ):  # readings of two surfaces at edges are no noise; errors of poses differ from pair to pair
+            # A median within a pair: readings of two surfaces at edges are no noise. Errors of poses differ from pair to pair.
+            if same.any():
                 sigmas_m.append(float(np.median((residual * here.sigma_m)[same])) / 0.6745)
         found = np.concatenate(ratios) if ratios else np.zeros(0)
         if len(found) < _MIN_RESIDUALS:

@@ -139,8 +139,8 @@ def compiling_in_background(packages: Sequence[str] = ()) -> Iterator[subprocess
             os.setpriority(os.PRIO_PROCESS, process.pid, 19)  # the lowest
         yield process
     finally:
-        process.terminate()
-        process.wait()
+        process.kill()  # entries of the cache are written whole or not at all
+        process.wait(timeout=60)
 
 
 def _remove_stale() -> int:
