@@ -12,7 +12,7 @@ import pytest
 from numba.core.event import install_recorder
 
 from visuohaptic.cli import main as command
-from visuohaptic.cli.verbs.system import warmup
+from visuohaptic.cli.verbs.system import demo, warmup
 
 #: Warms up, runs every part, and prints the signatures that the list did not have.
 COVERAGE = """
@@ -126,21 +126,36 @@ def test_the_work_is_shared_by_whole_packages():
     assert len(first) > sorted(map(len, others))[len(others) // 2]
 
 
-def test_kernels_are_compiled_in_the_background_where_they_are_missing(one_line, monkeypatch):
+@pytest.fixture
+def own_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("VISUOHAPTIC_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(warmup, "available_cores", lambda: 2)
+
+
+def test_kernels_are_compiled_in_the_background_where_they_are_missing(own_cache):
     from visuohaptic.core import cache_folder
 
-    monkeypatch.setattr(warmup, "available_cores", lambda: 2)
+    cache_folder().mkdir(parents=True)
+    # Entries of other kernels do not count, however many they are.
+    for number in range(1000):
+        (cache_folder() / f"visuohaptic.other.kernel-{number}-0").touch()
     with warmup.compiling_in_background(["database"]) as process:
         assert process is not None
         assert process.wait(timeout=120) == 0
     assert any(one.name.startswith("visuohaptic.database.") for one in cache_folder().iterdir())
-    # As many entries as the list has lines.
     with warmup.compiling_in_background(["database"]) as process:
         assert process is None
 
 
-def test_compilation_in_the_background_ends_with_its_block(one_line, monkeypatch):
-    monkeypatch.setattr(warmup, "available_cores", lambda: 2)
+def test_one_worker_compiles_in_the_order_of_its_arguments():
+    lines = warmup._chosen(["reconstruction.surfaces", "database", "reconstruction"])
+    parts = list(warmup._by_package(lines, shared=False))
+    assert parts[:2] == ["visuohaptic.reconstruction.surfaces", "visuohaptic.database"]
+    assert len(lines) == len(set(lines))
+    assert next(iter(warmup._by_package(lines))) != parts[0]
+
+
+def test_compilation_in_the_background_ends_with_its_block(own_cache, monkeypatch):
     with warmup.compiling_in_background() as process:
         assert process.poll() is None
     assert process.returncode is not None
@@ -166,10 +181,11 @@ def test_every_line_names_a_kernel():
             assert hasattr(kernels, function), f"{module}:{function}, see the test above"
 
 
-def test_the_first_chapters_of_make_demo_name_packages_with_kernels():
+def test_the_chapters_of_make_demo_name_packages_with_kernels():
     lines = (
         (Path(__file__).parents[2] / "Makefile").read_text(encoding="utf-8").replace("\\\n", " ").splitlines()
     )
     (named,) = (line.partition(":=")[2].split() for line in lines if line.startswith("FIRST_CHAPTERS"))
     assert named
     assert warmup._chosen(named)  # refuses unknown names
+    assert not set(warmup._chosen(named)) & set(warmup._chosen(demo.LATER_CHAPTERS))

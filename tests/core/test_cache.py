@@ -235,13 +235,17 @@ def test_remove_stale_keeps_what_can_be_loaded(folder, monkeypatch):
     function(1.0)
     (entry,) = entries(folder)
     stem, _, types = entry.name.split("-")
-    for name in (f"{stem}-0123-{types}", "visuohaptic.gone.old.kernel-0123-4567", "tmpabc"):
+    killed = entry.parent / "tmpabc.part"
+    for name in (f"{stem}-0123-{types}", "visuohaptic.gone.old.kernel-0123-4567", killed.name):
         (entry.parent / name).touch()
+    os.utime(killed, (0.0, 0.0))
     unknown = entry.parent / "this.kernel-0123-4567"  # of a module that exists and was not imported
     unknown.touch()
+    written_now = entry.parent / "tmpdef.part"
+    written_now.touch()
     monkeypatch.setattr(kernels.cache, "KERNELS", [function])
     assert remove_stale() == 3
-    assert entries(folder) == sorted([entry, unknown])
+    assert entries(folder) == sorted([entry, unknown, written_now])
 
 
 def test_a_function_that_uses_an_object_is_compiled_but_not_cached(folder, caplog):

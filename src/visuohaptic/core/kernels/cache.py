@@ -29,6 +29,7 @@ import pickle
 import platform
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
@@ -50,6 +51,10 @@ from .code import code_digest, kernel_name, text_digest
 from .compiler import call_template, compile_kernel
 
 _log = logging.getLogger(__name__)
+
+#: Ending of a file that is being written; one that is older than an hour was left by a process that was killed.
+_UNFINISHED = ".part"
+_MAX_WRITE_S = 3600.0
 
 #: All kernels of the modules imported so far, in order of definition.
 KERNELS: list[Dispatcher] = []
@@ -230,19 +235,25 @@ def remove_stale() -> int:
     """Remove the user's entries that can no longer be loaded; returns their number.
 
     These are entries of functions that were changed or removed, and temporary files of processes that were killed
-    while writing. Entries of modules that are not imported, and of other versions of Python and numba, are kept.
+    while writing, but not those that another process may be writing now. Entries of modules that are not imported,
+    and of other versions of Python and numba, are kept.
     """
     folder = cache_folder()
     current = {f"{kernel_name(one)}-{code_digest(one)}" for one in KERNELS}
     removed = 0
     try:
         for path in sorted(folder.iterdir()) if folder else ():
-            if path.name.rpartition("-")[0] not in current and not _may_be_imported(path.name):
+            kept = path.name.rpartition("-")[0] in current or _may_be_imported(path.name)
+            if not kept and not _may_be_written(path):
                 path.unlink()
                 removed += 1
     except OSError as error:
         _log.debug("the kernel cache is left as it is: %s", error)
     return removed
+
+
+def _may_be_written(path: Path) -> bool:
+    return path.suffix == _UNFINISHED and time.time() - path.stat().st_mtime < _MAX_WRITE_S
 
 
 def _may_be_imported(entry: str) -> bool:
@@ -303,7 +314,7 @@ def _write(path: Path, payload: bytes) -> None:
     try:
         path.parent.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         path.parent.mkdir(exist_ok=True, mode=0o700)
-        handle, temporary = tempfile.mkstemp(dir=path.parent)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=_UNFINISHED)
         with os.fdopen(handle, "wb") as file:
             file.write(_checksum(path.name, payload) + payload)
         os.replace(temporary, path)

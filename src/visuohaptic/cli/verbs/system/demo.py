@@ -40,6 +40,9 @@ from .warmup import compiling_in_background
 #: Parts of the demo; the same names as ``experiments.mission.PARTS``, without its imports.
 PARTS = ("foam", "beam", "navigate", "glass", "bottle")
 
+#: Packages with kernels of the chapters after the first five, in the order in which these need them.
+LATER_CHAPTERS = ("simulation.tabletop", "reconstruction", "deformation.shells")
+
 
 def needs(args: argparse.Namespace) -> set[str]:
     """Optional modules that the verb imports: none for the recorded mission.
@@ -126,7 +129,9 @@ def _tell(args: Any, page: Any) -> dict[str, Any]:
         story = demo.touch_in_map(args.out, args.map, seed=args.seed, on_message=args.report, page=page)
     else:
         # The first chapters need few kernels, and leave time for those of the others.
-        background: AbstractContextManager[Any] = nullcontext() if args.part else compiling_in_background()
+        background: AbstractContextManager[Any] = (
+            nullcontext() if args.part else compiling_in_background(LATER_CHAPTERS)
+        )
         with background:
             story = demo.run_mission(
                 args.out, part=args.part, seed=args.seed, on_message=args.report, page=page,

@@ -16,6 +16,7 @@ import os
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -60,7 +61,7 @@ def read_signatures() -> dict[str, list[tuple[str, str]]]:
 def run(args: Arguments) -> dict[str, Any]:
     """Compile or load each signature, and time each package."""
     workers = chosen_workers(args, min(available_cores(), MAX_USEFUL_WORKERS))
-    parts = _by_package(_chosen(args.packages))
+    parts = _by_package(_chosen(args.packages), shared=workers != 1)
     hosts = None if args.cluster is None else cluster_hosts(args.cluster)
     tasks = [lines for lines in parts.values() for _ in hosts or ("here",)]
     seconds = dict.fromkeys(sorted(parts), 0.0)
@@ -84,14 +85,14 @@ def run(args: Arguments) -> dict[str, Any]:
     }
 
 
-def _by_package(lines: Sequence[str]) -> dict[str, list[str]]:
-    """Lines of the list by package, so that few kernels are compiled twice; the largest sources come first."""
+def _by_package(lines: Sequence[str], *, shared: bool = True) -> dict[str, list[str]]:
+    """Lines of the list by package, so that few kernels are compiled twice; the largest sources come first if shared."""
     size: dict[str, int] = {}
     for module in dict.fromkeys(line.partition(":")[0] for line in lines):
         path = SIGNATURES.parents[2].joinpath(*module.split(".")).with_suffix(".py")
         package = module.rpartition(".")[0]
         size[package] = size.get(package, 0) + (path.stat().st_size if path.exists() else 1)
-    order = sorted(size, key=lambda name: (-size[name], name))
+    order = sorted(size, key=lambda name: (-size[name], name)) if shared else list(size)
     return {name: [line for line in lines if _package(line) == name] for name in order}
 
 
@@ -117,18 +118,20 @@ def compile_lines(lines: Sequence[str]) -> float:
 def compiling_in_background(packages: Sequence[str] = ()) -> Iterator[subprocess.Popen[bytes] | None]:
     """Compile kernels while the block runs, in another process of the lowest priority that is terminated after it.
 
-    No process is started (None) on a single core, or if the cache has as many entries as the list.
+    No process is started (None) on a single core, or if the cache has as many entries of each kernel as the list.
 
     Parameters
     ----------
     packages
-        As for the verb; all by default.
+        As for the verb, in the order in which they are needed; all by default.
     """
     from ....core.kernels import cache_folder
 
     folder = cache_folder()
-    entries = len(list(folder.iterdir())) if folder is not None and folder.is_dir() else 0
-    if available_cores() < 2 or entries >= len(_lines()):
+    entries = folder.iterdir() if folder is not None and folder.is_dir() else ()
+    missing = Counter(line.partition(" ")[0].replace(":", ".") for line in _chosen(packages))
+    missing -= Counter(entry.name.partition("-")[0] for entry in entries)
+    if available_cores() < 2 or not missing:
         yield None
         return
     command = [sys.executable, "-m", "visuohaptic", "warmup", *packages, "--workers", "1", "--quiet"]
@@ -164,5 +167,5 @@ def _chosen(packages: Sequence[str]) -> list[str]:
         if not any(line.startswith(f"visuohaptic.{package}.") for line in lines):
             known = ", ".join(dict.fromkeys(line.split(".")[1] for line in lines))
             raise InputError("PACKAGE", f"found {package!r}, expected one of {known}, or a part of one")
-    prefixes = tuple(f"visuohaptic.{package}." for package in packages) or ("",)
-    return [line for line in lines if line.startswith(prefixes)]
+    prefixes = [f"visuohaptic.{package}." for package in packages] or [""]
+    return list(dict.fromkeys(line for prefix in prefixes for line in lines if line.startswith(prefix)))
