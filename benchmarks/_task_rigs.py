@@ -52,7 +52,7 @@ from visuohaptic.tasks.manipulation import (
 )
 from visuohaptic.tasks.mobile import ExploreSettings, explore_obstacle
 from visuohaptic.tasks.mobile.touch_map import MapSettings, map_by_touch
-from visuohaptic.tasks.mobile.travel import TravelSettings, travel
+from visuohaptic.tasks.mobile.travel import TravelOutcome, TravelSettings, travel
 
 __all__ = ["FAULTS", "STOPPING", "TASKS", "Claim", "Fault", "Record", "Rig"]
 
@@ -137,7 +137,7 @@ class Fault:
 class Claim:
     """Ending of a task, and whether its claims are true."""
 
-    success: bool
+    success: bool  #: whether it ended as the world permits
     outcome: str
     why: str
     right: bool  #: of what it claims; what fails claims nothing
@@ -298,11 +298,14 @@ class Travel(Rig):
         done = travel(self.problem, base, guard.senses(Told()), wait, TravelSettings(timeout_s=150.0))
         error_m = float(np.hypot(*(self.world.pose_m()[:2] - self.problem.goal_m)))
         tag = done.problem.objects[0].tag
-        right = (not done.arrived or error_m < PLACE_M) and _tag_right(tag, self.friction_N, 20.0)
-        return Claim(done.arrived, str(done.outcome), done.reason, right)
+        right = (not done.arrived or error_m < PLACE_M) and _tag_right(tag, self.friction_N)
+        # Beside the stool the door is narrower than the platform: if the stool withstands its force, there is no path.
+        blocked = self.friction_N > ROBOT.push_force_max_N
+        success = done.outcome is TravelOutcome.NO_PLAN if blocked else done.arrived
+        return Claim(success, str(done.outcome), done.reason, right)
 
 
-def _tag_right(tag: Any, friction_N: float, limit_N: float) -> bool:
+def _tag_right(tag: Any, friction_N: float) -> bool:
     """Whether a tag is true for an object that slides at ``friction_N``."""
     if tag is None:
         return True
@@ -363,7 +366,7 @@ class Explore(Rig):
     def attempt(self, guard: Supervisor, fault: Fault, record: Record) -> Claim:
         settings = ExploreSettings(approach_m_s=0.05, push_m_s=0.03, push_m=0.03, halt_s=0.3, search_m=0.4)
         found = explore_obstacle(*self.parts(guard, fault, record), settings)
-        right = _tag_right(found.tag, self.bin.static_friction_N, 20.0)
+        right = _tag_right(found.tag, self.bin.static_friction_N)
         if found.tag.fixed is not None:
             # An object that needs more force than the platform has is fixed for it.
             right &= found.tag.fixed == (self.bin.static_friction_N > 0.9 * 20.0)

@@ -93,8 +93,12 @@ class Browser:
 
     def open(self, address: str) -> None:
         """Go to a page and wait until it is loaded."""
+        self.call_and_load("Page.navigate", url=address)
+
+    def call_and_load(self, method: str, **parameters: Any) -> None:
+        """Send one command and wait until the page that it loads is there."""
         self._loaded = False
-        self.call("Page.navigate", url=address)
+        self.call(method, **parameters)
         while not self._loaded:
             self._receive()
 

@@ -135,22 +135,15 @@ def test_closing_twice_does_no_harm():
     live.close()
 
 
-def test_a_browser_reports_the_colours_of_the_system(page, monkeypatch):
-    """The page contains the script that reports them; a query answers nothing but sets the theme."""
+def test_the_page_follows_the_colours_of_the_browsers_system(page):
+    """It contains the script that asks for them, also in an address that asks already."""
     from urllib.request import urlopen
 
-    found = []
-    monkeypatch.setattr(page._server.gui, "configure_theme", lambda **theme: found.append(theme["dark_mode"]))
-    with urlopen(page.url) as answer:
-        text = answer.read()
-        assert answer.headers["Content-Length"] == str(len(text))
-    assert b"prefers-color-scheme" in text[:4000]
-    for scheme in ("dark", "light"):
-        with urlopen(f"{page.url}?{scheme}") as answer:
-            assert answer.status == 204
-    assert found == [True, False]
-    page.close()
-    page._set_dark(True)  # the last report of a browser may come after the end
+    for query in ("", "?darkMode="):
+        with urlopen(f"{page.url}{query}") as answer:
+            text = answer.read()
+            assert answer.headers["Content-Length"] == str(len(text))
+        assert b"prefers-color-scheme" in text[:4000]
 
 
 @pytest.mark.slow
@@ -168,12 +161,15 @@ def test_a_browser_shows_the_page_and_asks_nobody_else(page, tmp_path):
         )
     chromium = browser.Browser(program, tmp_path / "profile")
     try:
-        dark = {"name": "prefers-color-scheme", "value": "dark"}
-        chromium.call("Emulation.setEmulatedMedia", features=[dark])
-        chromium.open(page.url)
-        text = chromium.wait_for("felt")
+        dark, light = ([{"name": "prefers-color-scheme", "value": scheme}] for scheme in ("dark", "light"))
         theme = "document.documentElement.getAttribute('data-mantine-color-scheme')"
-        assert chromium.call("Runtime.evaluate", expression=theme)["result"]["value"] == "dark"
+        chromium.call("Emulation.setEmulatedMedia", features=dark)
+        chromium.open(page.url)
+        chromium.wait_for("felt")
+        assert chromium.evaluate(theme) == "dark"
+        chromium.call_and_load("Emulation.setEmulatedMedia", features=light)
+        text = chromium.wait_for("felt")
+        assert chromium.evaluate(theme) == "light"
         chromium.screenshot(tmp_path / "page.png")
     finally:
         chromium.close()

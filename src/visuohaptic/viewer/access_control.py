@@ -32,12 +32,12 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
 }
-#: Part of the page: viser has no setting for the colours of the system, so the browser reports them, and every change.
-_SCHEMES = {"dark": True, "light": False}
+#: Part of the page: viser has no setting for the colours of the system, but its address can ask for the dark ones.
 _SCHEME_SCRIPT = b"""<script>{
-  const dark = matchMedia("(prefers-color-scheme: dark)"), report = () => fetch(dark.matches ? "?dark" : "?light");
-  report();
-  dark.addEventListener("change", report);
+  const dark = matchMedia("(prefers-color-scheme: dark)"), address = new URL(location), asked = address.searchParams;
+  if (dark.matches) asked.set("darkMode", ""); else asked.delete("darkMode");
+  history.replaceState(null, "", address);
+  dark.addEventListener("change", () => location.reload());
 }</script>"""
 _PATCHING = threading.Lock()
 
@@ -48,7 +48,6 @@ class AccessControl:
     def __init__(self) -> None:
         self.token = secrets.token_urlsafe(24)  #: first part of the path of every request
         self.closed = True  #: whether no server uses it
-        self.on_scheme: Callable[[bool], None] = lambda dark: None  #: called with a browser's colours
         self._browsers = 0
         self._misread = 0
 
@@ -107,10 +106,7 @@ class AccessControl:
     def _answer(self, answer: Any, connection: Any, request: Any) -> Any:
         if refusal := self.refusal(request.path, request.headers):
             return connection.respond(HTTPStatus.FORBIDDEN, f"Refused: {refusal}.\n")
-        path, _, query = request.path.partition("?")
-        if query in _SCHEMES:
-            self.on_scheme(_SCHEMES[query])
-            return connection.respond(HTTPStatus.NO_CONTENT, "")
+        path = request.path.partition("?")[0]
         request.path = request.path[1 + len(self.token) :] or "/"
         if "Accept-Encoding" in request.headers:  # compression is of no use on one machine
             del request.headers["Accept-Encoding"]

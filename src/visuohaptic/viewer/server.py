@@ -43,18 +43,10 @@ class Page(Closing):
         self._access = AccessControl()
         self._server: Any = _start(port, title, self._access)
         gui = self._server.gui
-        self._set_dark(False)
-        self._access.on_scheme = self._set_dark
+        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
         gui.set_panel_label(title)
         self._server.scene.set_up_direction("+z")
-
-    def _set_dark(self, dark: bool) -> None:
-        """Follow the setting of the system on which the page is opened."""
-        if self._server is not None:
-            self._server.gui.configure_theme(
-                dark_mode=dark, control_width="large", show_logo=False, show_share_button=False
-            )
 
     @property
     def url(self) -> str:

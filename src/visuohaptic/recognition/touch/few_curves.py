@@ -11,10 +11,11 @@ in :mod:`.haptic_model` is 0 for the same object again, or 1 for another one of 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ...core.errors import InputError
 from ..data.curve_file import SqueezedObject
@@ -115,6 +116,58 @@ def learn_from_curves(
     return assemble(learned, groups or {}, settings, protocol)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _ClassReadings:
+    """Sufficient statistics of the readings of a class for its mean mu, whose objects are independent given mu.
+
+    Symbols: S_i = H_i W H_i' + noise is the covariance of the readings of object i, r_i their residuals from m. With
+    A = sum H_i' S_i^-1 H_i and b = sum H_i' S_i^-1 r_i, the covariance S of all readings satisfies, for any covariance B of mu
+    (Woodbury, with B singular as well),
+
+        log |S| = sum log |S_i| + log |I + A B|,    r' S^-1 r = sum r_i' S_i^-1 r_i - b' B (I + A B)^-1 b.
+
+    The cost is linear in the number of objects; that of the joint covariance is cubic.
+    """
+
+    place: Int[np.ndarray, "q"]  #: features that were read
+    information: Float[np.ndarray, "q q"]  #: A
+    weighted: Float[np.ndarray, "q"]  #: b
+    alone: float  #: log likelihood of the objects if mu = m, up to a constant
+
+    def given(self, spread: Float[np.ndarray, "p p"]) -> tuple[np.ndarray, np.ndarray]:
+        """I + A B, and (I + A B)^-1 (b, A) (q, 1 + q), for mu ~ N(m, B)."""
+        matrix = np.eye(len(self.place)) + self.information @ spread[np.ix_(self.place, self.place)]
+        return matrix, np.linalg.solve(matrix, np.column_stack([self.weighted, self.information]))
+
+    def log_likelihood(self, spread: Float[np.ndarray, "p p"]) -> float:
+        """Log likelihood of all readings for mu ~ N(m, spread), up to a constant."""
+        matrix, solved = self.given(spread)
+        gained = self.weighted @ spread[np.ix_(self.place, self.place)] @ solved[:, 0]
+        return self.alone + 0.5 * float(gained - np.linalg.slogdet(matrix)[1])
+
+
+def _class_readings(
+    mean: Float[np.ndarray, "p"],
+    within: Float[np.ndarray, "p p"],
+    objects: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
+) -> _ClassReadings:
+    every = np.unique(np.concatenate([place for place, _, _ in objects]))
+    information, weighted, alone = np.zeros((len(every), len(every))), np.zeros(len(every)), 0.0
+    for count in {len(place) for place, _, _ in objects}:  # objects with equally many readings at once
+        place, value, noise = (np.stack(part) for part in zip(*(one for one in objects if len(one[0]) == count), strict=True))  # fmt: skip
+        root = np.linalg.cholesky(
+            within[place[:, :, None], place[:, None]] + noise[..., None] * np.eye(count)
+        )
+        selected = (place[..., None] == every).astype(float)
+        white = np.linalg.solve(root, np.concatenate([(value - mean[place])[..., None], selected], axis=2))
+        white = white.reshape(-1, 1 + len(every))
+        alone -= 0.5 * float(white[:, 0] @ white[:, 0])
+        alone -= float(np.log(np.diagonal(root, axis1=1, axis2=2)).sum())
+        weighted += white[:, 1:].T @ white[:, 0]
+        information += white[:, 1:].T @ white[:, 1:]
+    return _ClassReadings(every, information, weighted, alone)
+
+
 def _posterior(
     mean: Float[np.ndarray, "p"],
     spread: Float[np.ndarray, "p p"],
@@ -122,19 +175,9 @@ def _posterior(
     objects: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
 ) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
     """Posterior mean and covariance of the mean of a class, given the readings of its objects."""
-    place, value, seen = _joint(spread, within, objects)
-    gain = np.linalg.solve(seen, spread[place]).T
-    return mean + gain @ (value - mean[place]), spread - gain @ spread[place]
-
-
-def _joint(
-    spread: np.ndarray, within: np.ndarray, objects: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]
-) -> tuple[np.ndarray, Float[np.ndarray, "o"], Float[np.ndarray, "o o"]]:
-    """Feature indices, values and covariance of all readings of a class."""
-    place, value, noise = (np.concatenate(part) for part in zip(*objects, strict=True))
-    owner = np.repeat(np.arange(len(objects)), [len(one[0]) for one in objects])
-    alike = owner[:, None] == owner
-    return place, value, spread[np.ix_(place, place)] + alike * within[np.ix_(place, place)] + np.diag(noise)
+    read = _class_readings(mean, within, objects)
+    solved = spread[:, read.place] @ read.given(spread)[1]
+    return mean + solved[:, 0], spread - solved[:, 1:] @ spread[read.place]
 
 
 def _likelihood(
@@ -144,13 +187,7 @@ def _likelihood(
     classes: Sequence[Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]],
 ) -> float:
     """Log likelihood of all readings of some classes, up to a constant."""
-    total = 0.0
-    for objects in classes:
-        place, value, seen = _joint(spread, within, objects)
-        root = np.linalg.cholesky(seen)
-        white = np.linalg.solve(root, value - mean[place])
-        total -= 0.5 * float(white @ white) + float(np.log(np.diag(root)).sum())
-    return total
+    return sum(_class_readings(mean, within, objects).log_likelihood(spread) for objects in classes)
 
 
 def _container_within(stiff: float = 1.0, uneven: float = 1.0, wide: float = 1.0) -> Float[np.ndarray, "p p"]:
@@ -170,8 +207,8 @@ def _by_place(
     tried = [
         spread + np.diag(np.where(wide, across, along) ** 2) for along, across in product(PLACES, PLACES)
     ]
-    within = _container_within()
-    return max(tried, key=lambda covariance: _likelihood(mean, covariance, within, classes))
+    read = [_class_readings(mean, _container_within(), objects) for objects in classes]
+    return max(tried, key=lambda covariance: sum(one.log_likelihood(covariance) for one in read))
 
 
 def _usual_within(
