@@ -1,4 +1,4 @@
-"""Shared by all tests: location of real recordings, run-time checks of array shapes."""
+"""Shared by all tests: location of real recordings, and examples that are run once."""
 
 from __future__ import annotations
 

@@ -22,6 +22,7 @@ from numba.core.typed_passes import NopythonTypeInference
 import visuohaptic
 from visuohaptic.cli.verbs.system.warmup import read_signatures
 from visuohaptic.core import KERNELS, kernel
+from visuohaptic.core.kernels.compiler import compile_kernel
 
 #: What may be done with a whole array: these read or set its header, or copy memory in one piece.
 CHEAP = {"copy", "empty_like", "len", "ravel", "reshape", "zeros_like"}
@@ -62,8 +63,12 @@ def costs(dispatcher, arguments) -> list[str]:
     flags = Flags()
     dispatcher.targetdescr.options.parse_as_flags(flags, dispatcher.targetoptions)
     context = dispatcher.typingctx, dispatcher.targetctx
-    with pytest.raises(_Typed) as caught:
+
+    def typed(arguments):
         compile_extra(*context, dispatcher.py_func, arguments, None, flags, {}, pipeline_class=_TypesOnly)
+
+    with pytest.raises(_Typed) as caught:
+        compile_kernel(typed, arguments)
     form, kinds = caught.value.args
     found = {
         f"line {statement.loc.line}: {cost}"

@@ -541,14 +541,18 @@ def test_an_exploration_is_replayed_from_its_trace(tmp_path) -> None:
 
 
 def test_a_box_almost_as_long_as_the_strip_is_read_in_every_frame(tmp_path: Path) -> None:
-    """A wide contact is not taken for an object that hides the strip."""
+    """Neither is a wide contact an object that hides the strip, nor cardboard beside the front at rest a shadow."""
     pytest.importorskip("mujoco")
     from visuohaptic.rigs import VirtualSensor
     from visuohaptic.simulation.mobile import FoamPushWorld, SimulatedSensorCamera, box
+    from visuohaptic.simulation.rendering import Look
 
-    virtual = VirtualSensor()
+    virtual = VirtualSensor(look=Look.photo(colour=True))
     sensor = virtual.build(tmp_path, np.random.default_rng(0), zero_frames=5)
-    wide = box("box", 0.275, 0.0, (0.16, 0.18, 0.3), mass_kg=1.6, friction=0.38, grey=95, static_ratio=1.1)
+    wide = box(
+        "box", 0.275, 0.0, (0.16, 0.18, 0.3), mass_kg=1.6, friction=0.38, static_ratio=1.1, yaw_rad=0.014, grey=95,
+        texture=14, seed=2, bgr=(70.0, 105.0, 140.0),
+    )  # fmt: skip
     brief = ExploreSettings(approach_m_s=0.02, push_m=0.005, halt_s=0.1, back_off_m=0.005)
     world, reasons = FoamPushWorld([wide]), []
     with SimulatedSensorCamera(world, virtual.renderer(), seed=1) as source:

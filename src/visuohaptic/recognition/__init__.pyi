@@ -42,7 +42,6 @@ from .touch.steps import tree_follower as tree_follower
 from .touch.steps import tree_steps as tree_steps
 from .trees.tree import train_tree as train_tree
 from .trees.tree_file import load_tree as load_tree
-from .trees.tree_file import save_tree as save_tree
 from .trees.tree_file import tree_text as tree_text
 from .trees.tree_nodes import SCHEMES as SCHEMES
 from .trees.tree_nodes import ClassificationTree as ClassificationTree

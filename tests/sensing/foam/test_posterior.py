@@ -16,6 +16,7 @@ from visuohaptic.sensing.foam._texture_kernels import (
     OWN,
     VAR_PRESSED,
     foam_bands,
+    level_odds,
 )
 from visuohaptic.sensing.foam._texture_kernels import texture_odds as foam_texture_odds
 from visuohaptic.sensing.foam.posterior import DECAY_PER_WIDTH
@@ -141,6 +142,30 @@ def test_smooth_textures_that_agree_by_chance_say_little(beyond) -> None:
         # Honest log-odds are wrong by more than 4 once in 55 points; three of 30 are rare, and pixels taken for
         # independent are wrong in ten.
         assert (texture > 4.0).sum() <= 3
+
+
+@pytest.mark.parametrize("beyond", ["body", "foam"])
+def test_the_surface_of_a_body_close_to_the_front_at_rest_is_no_second_edge(beyond) -> None:
+    """A cardboard box that has pressed four pixels: two edges fit its surface better than one, and neither fits it."""
+    from scipy.ndimage import gaussian_filter, gaussian_filter1d
+
+    rng, j, ones = np.random.default_rng(8), np.arange(110.0), np.ones(30)
+    grains = gaussian_filter(rng.standard_normal((30, 5, 110)), (0, 1, 1), mode="wrap")
+    foam, floor = np.full((30, 5, 110), 175.0), 100.0
+    body = 110.0 + 7.0 * grains / grains.std()
+    other = body if beyond == "body" else np.where(j < 85.0, 0.62 * foam, 0.62 * floor)
+    scenes = np.where(j < 85.0, foam, floor), np.where(j < 81.0, foam, other)
+    rest, now = (gaussian_filter1d(one, 1.0, axis=2) for one in scenes)
+    now = (now + 1.4 * rng.standard_normal(now.shape)).astype(np.float32)
+    found, against = np.empty((30, 7)), np.zeros((30, 6))
+    lines = np.tile([0.0, 0.0, 0.0, 1.0, 1.0, 1.0], (30, 1))
+    places = 80.5 * ones, 84.5 * ones, 0 * ones, 1.0
+    shadow_odds(now, np.rint(rest).astype(np.uint8), lines, *places, 1.0, 2.0, ones > 0, found)
+    level_odds(found, ones, ones, 0 * ones, 175.0 * ones, 2.0, against)
+    if beyond == "body":
+        assert against[:, 1].max() < 0.0
+    else:
+        assert np.median(against[:, 1]) > 8.0
 
 
 @pytest.mark.parametrize("shaded", [True, False])

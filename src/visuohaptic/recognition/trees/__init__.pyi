@@ -1,7 +1,6 @@
 from .tree import train_tree as train_tree
 from .tree_file import load_tree as load_tree
 from .tree_file import plan_rows as plan_rows
-from .tree_file import save_tree as save_tree
 from .tree_file import tree_mapping as tree_mapping
 from .tree_file import tree_text as tree_text
 from .tree_growth import SAMPLES as SAMPLES

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 
 from ...core.codec import from_dict, to_dict
 from ...core.errors import InputError
-from ...core.files import load_json, write_text
+from ...core.files import load_json
 from ..data.places import HEIGHTS, Touch
 from .tree_nodes import SCHEMES, ClassificationTree, feature_name, scaling_touches, touch_of
 
@@ -49,21 +48,8 @@ def tree_text(tree: ClassificationTree) -> str:
     return "\n".join(lines)
 
 
-def save_tree(path: Path | str, tree: ClassificationTree) -> None:
-    """Write JSON atomically.
-
-    Parameters
-    ----------
-    path
-        File to write.
-    tree
-        Exploration plan.
-    """
-    write_text(path, json.dumps(tree_mapping(tree), indent=1) + "\n")
-
-
 def tree_mapping(tree: ClassificationTree) -> dict[str, Any]:
-    """JSON-compatible dictionary of a tree, as written by :func:`save_tree`.
+    """JSON-compatible dictionary of a tree, as :func:`load_tree` reads it.
 
     Parameters
     ----------
@@ -74,7 +60,7 @@ def tree_mapping(tree: ClassificationTree) -> dict[str, Any]:
 
 
 def load_tree(path: Path | str) -> ClassificationTree:
-    """Read and validate a tree written by :func:`save_tree`.
+    """Read and validate a tree, see :func:`tree_mapping`.
 
     Parameters
     ----------

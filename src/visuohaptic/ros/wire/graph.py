@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Self
 
-from ...core.errors import InputError
+from ...core.errors import InputError, brief
 from ...core.ranges import check_ranges, within
 
 _SPACE = "@ros2_lv"
@@ -60,7 +60,7 @@ class Qos:
         history = parts[2].split(",") if len(parts) >= 6 else []
         numbers = [*parts[:2], *history]
         if len(history) != 2 or not all(part.isdecimal() or not part for part in numbers):
-            raise InputError("liveliness token", f"found quality of service {key!r}")
+            raise InputError("liveliness token", f"found quality of service {brief(key)}")
         depth = int(history[1] or _DEFAULT_DEPTH) or _DEFAULT_DEPTH
         return cls(parts[0] not in ("0", "2"), parts[1] == "1", min(depth, 100_000))
 
@@ -110,14 +110,19 @@ class Entity:
         """
         words = token.split("/")
         if len(words) not in (9, 13) or words[0] != _SPACE or not all(words):
-            raise InputError("liveliness token", f"found {token!r}, expected {_SPACE}/ and 8 or 12 parts")
+            raise InputError(
+                "liveliness token", f"found {brief(token)}, expected {_SPACE}/ and 8 or 12 parts"
+            )
         try:
             kind = EntityKind(words[5])
             domain, node_id, entity_id = int(words[1]), int(words[3]), int(words[4])
         except ValueError as error:
-            raise InputError("liveliness token", f"found {token!r}: {error}") from error
+            problem = f"found {brief(token)}, expected numbers as domain and ids, and one of {[*map(str, EntityKind)]}"
+            raise InputError("liveliness token", problem) from error
         if (kind is EntityKind.NODE) != (len(words) == 9):
-            raise InputError("liveliness token", f"found {token!r}, {len(words)} parts do not fit {kind}")
+            raise InputError(
+                "liveliness token", f"found {brief(token)}, {len(words)} parts do not fit {kind}"
+            )
         namespace, node = words[7].replace("%", "/"), words[8].replace("%", "/")
         if kind is EntityKind.NODE:
             return cls(domain, words[2], node_id, entity_id, kind, namespace, node)

@@ -301,4 +301,8 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, transfer, varianc
                         now[k], template, over, out, first, last, mean, transfer, True, normal, solution
                     )
                     best = min(best, fit)
-            result[k, 1] = 0.5 * (single - best) / max(variance, best / count) - math.log(count)
+            # Foam in a shadow leaves the foam's variance, the surface of a body any larger one: it fits two edges better than
+            # one by its own texture. Where neither fits, there is no evidence.
+            own = single / (count * variance)
+            own = 1.0 + math.log(own) if own > 1.0 else own
+            result[k, 1] = 0.5 * count * max(own - best / (count * variance), 0.0) - math.log(count)
