@@ -116,7 +116,8 @@ def spearman_ceiling(sigma_m: np.ndarray, seed: int, draws: int = 20) -> float:
     """Mean rank correlation of deviations with normal errors that have exactly these deviations.
 
     No declaration has a larger one in expectation unless deviations differ more between points than the declared ones do:
-    the error of a point is one draw, so that equal deviations show different errors.
+    the error of a point is one draw, so that equal deviations show different errors. Two halves of points whose deviations
+    differ by a factor q have sqrt(3) (2 / pi arctan(q) - 1 / 2): .51 for q = 3, at most .87.
 
     Parameters
     ----------
@@ -269,12 +270,14 @@ def study_rows(found: dict[str, Any], note: str) -> list[dict[str, Any]]:
         {"name": "blown up objects", "ours": float(len(found["blown_up"])), "unit": "objects",
          "floor": 0.0, "aim": 0.0, "higher_is_better": False, "note": note},
         {"name": "uncertainty against true error, Spearman over the hidden part, median of stages and objects",
-         "ours": found["spearman"], "unit": "", "floor": 0.5, "aim": 0.7, "higher_is_better": True,
+         "ours": found["spearman"], "unit": "", "floor": 0.55, "aim": 0.7, "higher_is_better": True,
          "peer": found["spearman_ceiling"], "peer_name": "normal errors with the declared deviations",
          "note": " ".join(
              f"{stage}: {value:.2f} of {found['spearman_ceiling_by_stage'][stage]:.2f}"
              for stage, value in found["spearman_by_stage"].items()
          )},
+        {"name": "the same of normal errors drawn with exactly the declared deviations: the largest that a true declaration can have",
+         "ours": found["spearman_ceiling"], "unit": "", "floor": None, "aim": None, "note": note},
         {"name": "the same with the visible band around the hole",
          "ours": found["spearman_with_band"], "unit": "", "floor": 0.5, "aim": 0.7, "higher_is_better": True,
          "note": note},

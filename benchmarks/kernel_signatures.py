@@ -162,9 +162,10 @@ def run_reconstruction() -> None:
         seen_fraction,
         within_hull,
     )
-    from visuohaptic.reconstruction.fusion import SENSOR_NOISE, SpaceGrid, SparseTsdfVolume
+    from visuohaptic.reconstruction.fusion import SENSOR_NOISE, SpaceGrid
     from visuohaptic.reconstruction.surfaces import Grid, RbfSurface, isosurface
     from visuohaptic.reconstruction.transparency.outline_fit import OutlineView, fit_bodies
+    from visuohaptic.reproduce.worlds import PublishedDetector
 
     camera = Camera.simple(80, 60, 70.0)
     frames = []
@@ -175,8 +176,10 @@ def run_reconstruction() -> None:
         depth_m = np.where(down < -0.05, -pose.translation_m[2] / np.minimum(down, -0.05), np.nan)
         frames.append(DepthFrame(index / 30, depth_m.astype(np.float32), None, pose, camera, index))
     grid = SpaceGrid(np.array([-0.4, -0.4, -0.1]), (16, 16, 8), 0.05)
-    reconstruct(frames, grid=grid, method="published")
-    reconstruct(frames, grid=grid, method="consistency")
+    reconstruct(frames, grid=grid)
+    detector = PublishedDetector(grid)
+    for frame in frames:
+        detector.add(frame)
     depth_m = frames[0].depth_m
     outline = OutlineView.of_view(
         frames[0], [np.zeros_like(depth_m)], depth_m, next(iter(SENSOR_NOISE.values())), 1.0
@@ -188,7 +191,6 @@ def run_reconstruction() -> None:
     surface.on_grid(corners_m)
     surface.gradient(corners_m)
     isosurface(surface, Grid(np.zeros(3), (8, 8, 8), 0.01))
-    SparseTsdfVolume(0.05).integrate(frames[0])
     rows = np.array([0, 59])
     planes = np.array([[0.0, 0.0, -1.0, 0.5], [0.0, 0.0, 1.0, -0.6]])
     numbers = (camera.matrix[0, 0], camera.matrix[1, 1], camera.matrix[0, 2], camera.matrix[1, 2])

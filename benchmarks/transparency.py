@@ -33,17 +33,22 @@ from visuohaptic.reconstruction.fusion import SENSOR_NOISE, SpaceGrid
 from visuohaptic.reconstruction.transparency import (
     EvidenceDetector,
     TrackedNoise,
-    TransparencyDetector,
-    TransparencySettings,
     ViewDepth,
-    background_model,
-    error_image,
     ideal_depth,
     ray_image,
     refine_poses,
 )
 from visuohaptic.reconstruction.transparency.ray_readings import FAR, NEAR, SAME, RayEvidence, reading_tables
-from visuohaptic.reproduce.worlds import VOXEL_M, detected, judged, rendered
+from visuohaptic.reproduce.worlds import (
+    VOXEL_M,
+    PublishedDetector,
+    PublishedSettings,
+    background_model,
+    detected,
+    error_image,
+    judged,
+    rendered,
+)
 from visuohaptic.simulation.tabletop import DepthCamera, disturb_pose, glass_scene
 
 from ._journal import Journal
@@ -165,12 +170,12 @@ def speed() -> list[dict[str, Any]]:
     grid = SpaceGrid.around(scene.low_m, scene.high_m, 0.005)
     views, last = frames[0:8], frames[-1]
     poses = [view.T_world_camera for view in views]
-    published = TransparencyDetector(grid)
+    published = PublishedDetector(grid)
 
     def printed() -> None:
         model = background_model(views, last.T_world_camera)
         score = error_image(model, ideal_depth(last), last.camera, last.T_world_camera, poses)
-        published._cast(score, model.mean_m, last)
+        published.cast(score, model.mean_m, last)
 
     own, others = frames[-1], [frames[i] for i in (0, 2, 4, 6, 8, 10, 12, 14)]
     tracked = TrackedNoise(SENSOR_NOISE["simulated"])
@@ -318,8 +323,8 @@ def real() -> list[dict[str, Any]]:
         )
         grid = SpaceGrid.around(middle - 0.5, middle + 0.5, VOXEL_M)
         if method != "consistency":
-            settings = TransparencySettings(gap_m=0.06, span_m=0.6, jump_m=0.6)
-            detector = TransparencyDetector(grid, settings=settings)
+            settings = PublishedSettings(gap_m=0.06, span_m=0.6, jump_m=0.6)
+            detector = PublishedDetector(grid, settings=settings)
             for frame in shelf if method == "published as printed" else refine_poses(shelf):
                 detector.add(frame)
             count = len(detector.regions())

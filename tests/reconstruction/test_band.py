@@ -132,9 +132,15 @@ def test_a_single_view_has_the_noise_of_its_camera():
 def test_what_a_surface_hides_ends_without_a_surface():
     """A step from behind the band to free space that other views saw, and one that an oblique surface has between two voxels."""
     for value, other, seen in ((-1.5, 1.0, False), (-1.3, 0.9, True)):
-        volume = TsdfVolume(np.zeros(3), (8, 8, 8), 0.006, truncation_m=0.012, color=False)
-        volume.distance[:, :, :4], volume.weight[:, :, :4] = value, 1e-5
-        volume.distance[:, :, 4:], volume.weight[:, :, 4:] = other, 5.0
-        volume.distance[:, :2, 6:] = -0.5  # another surface, in the band
+        distance, weight = np.full((8, 8, 8), value), np.full((8, 8, 8), 1e-5)
+        distance[:, :, 4:], weight[:, :, 4:] = other, 5.0
+        distance[:, :2, 6:] = -0.5  # another surface, in the band
+        volume = TsdfVolume(0.006, truncation_m=0.012, color=False)
+        volume._places = np.zeros((1, 3), dtype=np.int64)
+        # Stored cube by cube.
+        volume._distance, volume._weight = (
+            part.reshape(2, 4, 2, 4, 2, 4).transpose(0, 2, 4, 1, 3, 5).reshape(1, 8, 64).astype(np.float32)
+            for part in (distance, weight)
+        )
         places = volume.mesh(min_weight=0.0).vertices_m
         assert ((places[:, 1] > 0.02) & (places[:, 2] < 0.025)).any() == seen

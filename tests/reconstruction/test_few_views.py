@@ -91,15 +91,6 @@ def test_opaque_twins_give_no_part_and_a_reason(views):
         assert result.search.evidence < result.search.threshold
 
 
-def test_the_published_method_says_that_it_compared_nothing_on_a_ring():
-    rng = np.random.default_rng(3)
-    frames = cast(random_table(rng), ring(12), rng)
-    search = reconstruct(frames, grid=GRID, method="published", refine=False).search
-    assert (search.cause, search.compared, search.views) == ("no views", 0, 12)
-    assert "0 of 12 views compared" in search.text
-    assert "pose jumps" in search.text
-
-
 def test_three_views_are_said_to_be_too_few():
     rng = np.random.default_rng(4)
     frames = cast(random_table(rng), ring(4, arc_rad=1.0), rng)

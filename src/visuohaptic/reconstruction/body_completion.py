@@ -3,11 +3,14 @@
 The outlines of depth drop-outs give an upright cone (:mod:`.transparency.outline_fit`) with standard deviations of its axis
 and radius; the vessel stands on the surface below it. The distance of its wall from that axis is a Gaussian process over
 angle and height: the radius profile is the same at all angles, an error of the axis varies as the cosine of the angle, and the
-deviation from a circular section is small. The process is conditioned on each contact in closed form (Rasmussen and Williams
-2006, Eq. 2.23), so that one contact constrains the whole ring at its height; no artificial points are added. The next touch is
-a horizontal line to the axis, below the rim and clear of surrounding surfaces, that maximises the standard deviation of the wall
-times the probability of contact. A line may miss a stem that is thinner than the error of the axis. So that such a line is
-not repeated, axis and profile are sampled from the process, and samples that contradict the missed lines are rejected.
+deviation from a circular section is small. Several means of the profile compete: the cone with a large deviation from it, and profiles
+drawn from classes of shapes (:mod:`.vessel_shapes`), each at a scale of its own, with smaller deviations. Their
+probabilities are the likelihoods of the contacts given the cone (Rasmussen and Williams 2006, Eq. 2.30), and the wall is the mixture
+of the processes conditioned on the contacts (Eq. 2.23): its variance contains that between the shapes. One contact constrains the whole
+ring at its height; no artificial points are added. The next touch is a horizontal line to the axis, below the rim and clear of
+surrounding surfaces, that maximises the standard deviation of the wall times the probability of contact. A line may miss a stem that is
+thinner than the error of the axis. So that such a line is not repeated, axis and profile are sampled from the mixture, and samples that
+contradict the missed lines are rejected.
 """
 
 from __future__ import annotations
@@ -21,12 +24,9 @@ from jaxtyping import Float
 from ..core.errors import InputError
 from .completion.touch import Touch, TouchPlan
 from .mesh import SurfaceMesh
+from .profile_mixture import ProfileMixture
 from .transparency.outline_fit import UprightBody
 
-#: Standard deviation of the profile about the cone, and of the deviation from a circular section, in radii.
-_PROFILE, _NONCIRCULARITY = 0.25, 0.02
-#: Correlation length of the profile in heights of the body, and of the deviation from a circular section over the angle [rad].
-_OVER_HEIGHT, _OVER_ANGLE_RAD = 0.3, 0.7
 #: Numbers of angles and heights of the surface mesh, and (angles, heights) of the candidate touch points.
 _ANGLES, _HEIGHTS, _PLACES = 48, 40, (12, 12)
 #: Distance of a touch from rim and foot, of a start from the wall, and of a probe from surrounding surfaces [m].
@@ -138,52 +138,34 @@ class BodyCompletion:
         sigma_m = np.array([*(sigma_m for _, sigma_m in met), *[stem_sigma_m] * len(stems_m)])
         return offset / np.maximum(rho_m, 1e-9)[:, None], np.append(points[:, 2], stems_m), rho_m, sigma_m
 
-    def _cone_m(self, z_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
-        found: Float[np.ndarray, "n"] = np.interp(z_m, self.body.height_m, self.body.radius_m)
-        return found
-
-    def _covariance(
-        self, here: tuple[np.ndarray, np.ndarray], there: tuple[np.ndarray, np.ndarray]
-    ) -> np.ndarray:
-        """Covariance of the distance from the axis between places (direction, height) [m2]."""
-        (way, z_m), (way2, z2_m) = here, there
-        unround_m = _NONCIRCULARITY * float(np.mean(self.body.radius_m))
-        near = self._near(z_m, z2_m) * np.exp((way @ way2.T - 1) / _OVER_ANGLE_RAD**2)
-        return np.asarray(
-            self._profile(z_m, z2_m) + (way * self.body.axis_sigma_m**2) @ way2.T + unround_m**2 * near
-        )
-
-    def _profile(self, z_m: Float[np.ndarray, "n"], z2_m: Float[np.ndarray, "m"]) -> Float[np.ndarray, "n m"]:
-        """Covariance of the radius between heights [m2]."""
-        profile_m = _PROFILE * float(np.mean(self.body.radius_m))
-        return self.body.radius_sigma_m**2 + profile_m**2 * self._near(z_m, z2_m)
-
-    def _near(self, z_m: Float[np.ndarray, "n"], z2_m: Float[np.ndarray, "m"]) -> Float[np.ndarray, "n m"]:
-        """Correlation of the profile between heights."""
-        length_m = _OVER_HEIGHT * (self.body.height_m[1] - self.foot_z_m)
-        gap = np.sqrt(5) * np.abs(z_m[:, None] - z2_m) / length_m
-        return np.asarray((1 + gap + gap**2 / 3) * np.exp(-gap))
+    def _mixture(self) -> ProfileMixture:
+        """Competing profiles, given the contacts."""
+        return ProfileMixture(self.body, self.foot_z_m, self._top_m, *self._contacts())
 
     def _meets(self, theta: Float[np.ndarray, "n"], z_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         """Probability that horizontal lines to the estimated axis hit the wall: the true axis is within its radius of them."""
-        met = len([touch for touch in self.touches if touch.contact_m is not None])
-        way, z2_m, rho_m, sigma_m = (values[:met] for values in self._contacts())
-        passed_m = self._passed()
+        passed_m, mixture = self._passed(), self._mixture()
         back = passed_m[:, 0] - passed_m[:, 1]
         heights_m = np.append(z_m, passed_m[:, 1, 2])
         levels, level = np.unique(heights_m, return_inverse=True)
-        # Axis offset and profile are jointly Gaussian; a contact observes their sum.
-        axis = np.diag(self.body.axis_sigma_m**2)
-        cross = np.vstack([axis @ way.T, self._profile(levels, z2_m)])
-        gain = cross @ np.linalg.inv(self._covariance((way, z2_m), (way, z2_m)) + np.diag(sigma_m**2))
-        mean = np.append(np.zeros(2), self._cone_m(levels)) + gain @ (rho_m - self._cone_m(z2_m))
-        prior = np.zeros((len(levels) + 2,) * 2)
-        prior[:2, :2], prior[2:, 2:] = axis, self._profile(levels, levels)
-        drawn = np.random.default_rng(0).multivariate_normal(
-            mean, prior - gain @ cross.T, _DRAWS, method="eigh"
-        )
+        axis, rng = np.diag(self.body.axis_sigma_m**2), np.random.default_rng(0)
+        drawn = []
+        for model in mixture.models:
+            # Axis offset and profile are jointly Gaussian; a contact observes their sum.
+            known = mixture.profile_m2(levels, mixture.z_m, model.about)
+            cross = np.vstack([axis @ mixture.way.T, known])
+            prior = np.zeros((len(levels) + 2,) * 2)
+            prior[:2, :2], prior[2:, 2:] = axis, mixture.profile_m2(levels, levels, model.about)
+            one = rng.choice(len(model.weights), round(_DRAWS * model.share), p=model.weights)
+            mean = model.gains[one] @ cross.T
+            mean[:, 2:] += model.at(levels)[one]
+            spread = prior - cross @ model.inverse @ cross.T
+            drawn.append(
+                mean + rng.multivariate_normal(np.zeros(len(prior)), spread, len(one), method="eigh")
+            )
+        both = np.concatenate(drawn)
         angle = np.append(theta, np.arctan2(back[:, 1], back[:, 0]))
-        meets = np.abs(drawn[:, :2] @ np.stack([-np.sin(angle), np.cos(angle)])) < drawn[:, 2 + level]
+        meets = np.abs(both[:, :2] @ np.stack([-np.sin(angle), np.cos(angle)])) < both[:, 2 + level]
         left = ~meets[:, len(theta) :].any(axis=1)
         return np.asarray(meets[left if left.any() else slice(None), : len(theta)].mean(axis=0))
 
@@ -197,16 +179,8 @@ class BodyCompletion:
         theta, z_m
             Angles (n) around the axis [rad] and heights (n) [m].
         """
-        mean_m, here = self._cone_m(z_m), (np.column_stack([np.cos(theta), np.sin(theta)]), z_m)
-        variance = np.diag(self._covariance(here, here)).copy()
-        way, height, rho_m, sigma_m = self._contacts()
-        if len(way):
-            known = (way, height)
-            inverse = np.linalg.inv(self._covariance(known, known) + np.diag(sigma_m**2))
-            cross = self._covariance(here, known)
-            mean_m = mean_m + cross @ inverse @ (rho_m - self._cone_m(height))
-            variance -= np.einsum("ij,jk,ik->i", cross, inverse, cross)
-        return np.maximum(mean_m, 2e-3), np.sqrt(np.maximum(variance, 0.0))
+        mean_m, sigma_m = self._mixture().wall(np.column_stack([np.cos(theta), np.sin(theta)]), z_m)
+        return np.maximum(mean_m, 2e-3), sigma_m
 
     def _above_rim_m(self, z_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         """Root mean square distance of points of the wall from a rim below them, uniform between its bounds [m]."""

@@ -6,7 +6,6 @@ import logging
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -19,24 +18,18 @@ from .completion.hole_region import HoleRegion
 from .completion.surface_completion import Completion, CompletionSettings
 from .fusion.depth_fusion import TsdfVolume
 from .fusion.depth_noise import SENSOR_NOISE, DepthNoise, sensor_noise
-from .fusion.sparse_fusion import SparseTsdfVolume
 from .fusion.volume import SpaceGrid, space_of_interest
 from .mesh import SurfaceMesh
-from .transparency.detector import TransparencyDetector
 from .transparency.evidence import EvidenceDetector, EvidenceSettings
 from .transparency.pose_refinement import common_sigma_m, refine_poses
 from .transparency.ray_readings import TrackedNoise
 from .transparency.regions import TransparentRegion, mask_refracted_rays, outer_voxels, save_regions
 from .transparency.search_report import SearchReport
-from .transparency.view_selection import view_graph
 
 #: Half width of the band of signed distances: standard deviations of a depth, and at least this many voxels; see :func:`_band_m`.
 _BAND_SIGMAS, _MIN_BAND_VOXELS = 3.0, 2.0
 
 _log = logging.getLogger(__name__)
-
-Method = Literal["consistency", "published"]
-METHODS: tuple[Method, ...] = ("consistency", "published")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,9 +76,7 @@ class Reconstruction:
         """
         region = self._region(part)
         if region.body is None:
-            raise InputError(
-                "body_completion", "the part has no outline, expected one of method 'consistency'"
-            )
+            raise InputError("body_completion", "the part has no outline")
         return BodyCompletion.standing(self.surface, region.body, float(region.hull_m[:, 2].max()))
 
     def _region(self, part: int) -> TransparentRegion:
@@ -135,7 +126,6 @@ def reconstruct(
     *,
     grid: SpaceGrid | None = None,
     noise: DepthNoise | None = None,
-    method: Method = "consistency",
     refine: bool = True,
     sparse: bool = False,
     false_alarm_rate: float = 0.02,
@@ -146,25 +136,23 @@ def reconstruct(
     ----------
     sequence
         Sequence folder, see :class:`~visuohaptic.io.depth.depth_sequence.DepthSequence`, or the views of one
-        camera; in order of time for ``published``.
+        camera, in any order.
     grid
         Space of interest; a cube of 1 m with voxels of 5 mm around what the camera looks at by default.
     noise
         Noise of the camera; by default that of the sensor named in the sequence, or of a Kinect.
-    method
-        ``consistency``, or ``published`` (Alt 2016, Sec. 5.2).
     refine
-        Whether poses are first refined jointly; with ``False``, ``published`` is the method as printed.
+        Whether poses are first refined jointly.
     sparse
-        Whether the surface is fused in bricks wherever it is observed, for scenes larger than the space of interest;
+        Whether the surface is fused wherever it is observed, for scenes larger than the space of interest;
         otherwise in the space of interest only.
     false_alarm_rate
-        Expected number of false transparent parts of a search by ``consistency``, between 0 and 1.
+        Expected number of false transparent parts of a search, between 0 and 1.
 
     Raises
     ------
     InputError
-        There are no usable frames, the method is unknown, or nothing is visible in the space of interest.
+        There are no usable frames, or nothing is visible in the space of interest.
 
     Examples
     --------
@@ -182,10 +170,6 @@ def reconstruct(
     >>> found.regions  # nothing transparent
     ()
     """
-    if method not in METHODS:
-        raise InputError(
-            "reconstruct", f"found {method!r}, expected one of {', '.join(METHODS)}", field="method"
-        )
     if isinstance(sequence, str | Path):
         sequence = DepthSequence(sequence)
     if noise is None:
@@ -195,29 +179,16 @@ def reconstruct(
     reported = frames
     if refine:
         frames = refine_poses(frames, noise)
-    detector: TransparencyDetector | EvidenceDetector
-    if method == "consistency":
-        detector = EvidenceDetector(grid, noise, EvidenceSettings(false_alarm_rate))
-        detector.run(frames)
-        measured = detector.measured
-    else:
-        detector = TransparencyDetector(grid, noise)
-        for frame in frames:
-            detector.add(frame)
-        graph, apart_rad = view_graph(frames), EvidenceSettings().min_angle_rad
-        near = [graph.neighbours(i, 1, apart_rad) for i in range(len(frames))]
-        measured = TrackedNoise.measured(frames, near, noise)
+    detector = EvidenceDetector(grid, noise, EvidenceSettings(false_alarm_rate))
+    detector.run(frames)
     regions = detector.regions()
     if refine and len(frames) > 1:
         regions = tuple(_placed(region, reported, frames) for region in regions)
     # Without images there is no color to average; the default black would look like a measurement.
     color = any(frame.color is not None for frame in frames)
-    surface: TsdfVolume | SparseTsdfVolume
-    band_m = _band_m(grid, frames, measured)
-    if sparse:
-        surface = SparseTsdfVolume(grid.voxel_m, truncation_m=band_m, color=color)
-    else:
-        surface = TsdfVolume.around(grid.low_m, grid.high_m, grid.voxel_m, truncation_m=band_m, color=color)
+    band_m = _band_m(grid, frames, detector.measured)
+    box = {} if sparse else {"low_m": grid.low_m, "high_m": grid.high_m}
+    surface = TsdfVolume(grid.voxel_m, **box, truncation_m=band_m, color=color)
     surface.integrate_all([mask_refracted_rays(frame, regions) for frame in frames])
     cells = outer_voxels(detector.inside())
     points_m, scores = grid.centres_m(cells), detector.score(cells)

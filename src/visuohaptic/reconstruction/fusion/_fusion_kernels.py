@@ -1,9 +1,8 @@
-"""Kernels of :mod:`.fusion`: integration of a depth image into a grid of truncated signed distances.
+"""Kernels of :mod:`.fusion`: integration of a depth image into bricks of truncated signed distances.
 
-The grid is processed in bricks. A brick entirely behind the observed surface is
-skipped, one entirely in front is free space and needs no projection; only
-bricks near the surface are projected voxel by voxel. All arithmetic is
-float32: an int times a float32 would silently become float64.
+Each brick is stored cube by cube. A cube entirely behind the observed surface is skipped, one entirely in front is free space and needs
+no projection; only cubes near the surface are projected voxel by voxel. All arithmetic is float32: an int times a float32 would
+silently become float64.
 """
 
 from __future__ import annotations
@@ -14,9 +13,9 @@ from ...core.kernels import kernel
 
 #: Edge of a tile of the depth image for which the range of depths is stored [px].
 TILE = 8
-#: Edge of a brick, and of the cubes into which it is divided near a surface [voxels].
-BRICK, CUBE = 8, 4
-#: A brick that covers more tiles than this is projected without the range test.
+#: Edge of a block of bricks in which surfaces are searched first, of a brick, and of the cubes of a brick [voxels].
+BLOCK, BRICK, CUBE = 64, 8, 4
+#: A box that covers more tiles than this is projected without the range test.
 _MAX_TILES = 64
 
 _BEHIND, _FREE, _NEAR = 0, 1, 2
@@ -51,19 +50,18 @@ def tile_ranges(depth, low, high, missing):
 
 
 @kernel(error_model="numpy")
-def _brick_case(first, stop, corner, steps, camera, depth, low, high, missing, band):
+def _case(edge, corner, steps, camera, depth, low, high, missing, band):
     """Classify a box: behind the observed surface, in free space, or near; and whether a surface may be within the band.
 
-    ``corner`` is its first voxel in the camera frame [m], ``steps`` the edges of a voxel [m].
+    ``corner`` is its first voxel in the camera frame [m], ``steps`` the edges of a voxel [m], ``edge`` its edge [voxels].
     """
     fx, fy, cx, cy = camera
+    last = np.float32(edge - 1)
     z_min, z_max = np.float32(np.inf), np.float32(-np.inf)
     u_min, u_max = np.float32(np.inf), np.float32(-np.inf)
     v_min, v_max = np.float32(np.inf), np.float32(-np.inf)
     for i in range(8):
-        a = np.float32((i & 1) * (stop[0] - first[0] - 1))
-        b = np.float32(((i >> 1) & 1) * (stop[1] - first[1] - 1))
-        c = np.float32(((i >> 2) & 1) * (stop[2] - first[2] - 1))
+        a, b, c = np.float32(i & 1) * last, np.float32((i >> 1) & 1) * last, np.float32((i >> 2) & 1) * last
         x = corner[0] + a * steps[0, 0] + b * steps[1, 0] + c * steps[2, 0]
         y = corner[1] + a * steps[0, 1] + b * steps[1, 1] + c * steps[2, 1]
         z = corner[2] + a * steps[0, 2] + b * steps[1, 2] + c * steps[2, 2]
@@ -156,35 +154,6 @@ def _average(seen, gain, cap, distance, weight):
 
 
 @kernel
-def _average_color(seen, pixels, image, gain, edge, first, stop, weight, color):
-    """Average the color of voxels within the band; ``weight`` (n) is that before the view."""
-    for i in range(stop[0] - first[0]):
-        for j in range(stop[1] - first[1]):
-            for k in range(stop[2] - first[2]):
-                n = (i * edge + j) * edge + k
-                if np.float32(-1.0) <= seen[n] < np.float32(1.0):
-                    fraction = gain / (weight[n] + gain)
-                    for channel in range(3):
-                        value = np.float32(image[pixels[0, n], pixels[1, n], channel])
-                        old = color[first[0] + i, first[1] + j, first[2] + k, channel]
-                        color[first[0] + i, first[1] + j, first[2] + k, channel] = (
-                            old + (value - old) * fraction
-                        )
-
-
-@kernel
-def _gather(values, edge, first, stop, cube):
-    """Copy the values from ``first`` to ``stop`` of a grid to a cube (edge^3)."""
-    a, b, c = np.uint64(first[0]), np.uint64(first[1]), np.uint64(first[2])
-    x, y, z = np.uint64(stop[0]) - a, np.uint64(stop[1]) - b, np.uint64(stop[2]) - c
-    side = np.uint64(edge)
-    for i in range(x):
-        for j in range(y):
-            for k in range(z):
-                cube[(i * side + j) * side + k] = values[a + i, b + j, c + k]
-
-
-@kernel
 def scatter(cube, edge, first, stop, values):
     """Copy a cube (edge^3) to the values from ``first`` to ``stop`` of a grid."""
     a, b, c = np.uint64(first[0]), np.uint64(first[1]), np.uint64(first[2])
@@ -196,189 +165,89 @@ def scatter(cube, edge, first, stop, values):
                 values[a + i, b + j, c + k] = cube[(i * side + j) * side + k]
 
 
-@kernel
-def _buffers(edge, steps):
-    """Offsets of the voxels of a cube (3, n), and buffers of their pixels (2, n), depths, observations, distances and weights."""
-    n = edge * edge * edge
-    offsets, pixels = np.empty((3, n), np.float32), np.empty((2, n), np.int32)
-    set_offsets(edge, steps, offsets)
-    there, seen = np.empty(n, np.float32), np.empty(n, np.float32)
-    near, mass = np.zeros(n, np.float32), np.zeros(n, np.float32)
-    return offsets, pixels, there, seen, near, mass
+@kernel(error_model="numpy")
+def _average_free(gain, cap, distance, weight):
+    """Average an observation of free space into voxels."""
+    one = np.float32(1.0)
+    for n in range(weight.size):
+        total = weight[n] + gain
+        distance[n] += (one - distance[n]) * (gain / total)
+        weight[n] = min(total, cap)
 
 
 @kernel
-def _fuse_cube(distance, weight, color, use_color, edge, first, stop, corner, view, buffers):
-    """Project the voxels of a cube from ``first`` to ``stop`` and average their observations.
-
-    ``view``: intrinsics, depth, image, half width of the band, reach behind surfaces, weight of the view, maximum weight.
-    """
-    camera, depth, image, band, reach, gain, cap = view
-    offsets, pixels, there, seen, near, mass = buffers
-    rows, columns = np.float32(depth.shape[0]), np.float32(depth.shape[1])
-    project_cube(offsets, corner, camera, rows, columns, np.float32(1e-3), pixels, there)
-    look_up(depth, pixels, seen)
-    _observe(there, band, reach, seen)
-    _gather(distance, edge, first, stop, near)
-    _gather(weight, edge, first, stop, mass)
-    if use_color:
-        _average_color(seen, pixels, image, gain, edge, first, stop, mass, color)
-    _average(seen, gain, cap, near, mass)
-    scatter(near, edge, first, stop, distance)
-    scatter(mass, edge, first, stop, weight)
+def _average_color(seen, pixels, image, gain, weight, color):
+    """Average the color of voxels within the band; ``weight`` is that before the view."""
+    for n in range(seen.size):
+        if np.float32(-1.0) <= seen[n] < np.float32(1.0):
+            fraction = gain / (weight[n] + gain)
+            for channel in range(3):
+                value = np.float32(image[pixels[0, n], pixels[1, n], channel])
+                color[n, channel] += (value - color[n, channel]) * fraction
 
 
 @kernel
-def _set_box(first, edge, origin, steps, shape, corner, stop):
-    """Fill the last voxels plus one of a box of ``edge`` voxels in a grid, and its first voxel in the camera frame [m]."""
+def _set_corner(i, j, k, origin, steps, corner):
+    """Fill the place of a voxel in the camera frame [m]."""
+    a, b, c = np.float32(i), np.float32(j), np.float32(k)
     for axis in range(3):
-        stop[axis] = min(first[axis] + edge, shape[axis])
-        corner[axis] = (
-            origin[axis]
-            + np.float32(first[0]) * steps[0, axis]
-            + np.float32(first[1]) * steps[1, axis]
-            + np.float32(first[2]) * steps[2, axis]
-        )
+        corner[axis] = origin[axis] + a * steps[0, axis] + b * steps[1, axis] + c * steps[2, axis]
 
 
 @kernel
-def mark_surface(marked, shape, origin, steps, camera, depth, low, high, missing, band):
-    """Set ``marked`` (cubes along x, y, z) where a view may see a surface within ``band`` [m] of a cube of a dense grid."""
-    first, stop, corner = np.zeros(3, np.int64), np.zeros(3, np.int64), np.zeros(3, np.float32)
-    for i in range(0, shape[0], BRICK):
-        for j in range(0, shape[1], BRICK):
-            for k in range(0, shape[2], BRICK):
-                first[0], first[1], first[2] = i, j, k
-                _set_box(first, BRICK, origin, steps, shape, corner, stop)
-                _, near = _brick_case(first, stop, corner, steps, camera, depth, low, high, missing, band)
+def mark_bricks(marked, first, origin, steps, camera, depth, low, high, missing, band):
+    """Set ``marked`` (bricks along x, y, z, from the brick ``first``) where a view may see a surface within ``band`` [m]."""
+    corner, many = np.zeros(3, np.float32), BLOCK // BRICK
+    nx, ny, nz = marked.shape
+    for i in range(0, nx, many):
+        for j in range(0, ny, many):
+            for k in range(0, nz, many):
+                x, y, z = (first[0] + i) * BRICK, (first[1] + j) * BRICK, (first[2] + k) * BRICK
+                _set_corner(x, y, z, origin, steps, corner)
+                _, near = _case(BLOCK, corner, steps, camera, depth, low, high, missing, band)
                 if not near:
                     continue
-                for a in range(i // CUBE, min((i + BRICK) // CUBE, marked.shape[0])):
-                    for b in range(j // CUBE, min((j + BRICK) // CUBE, marked.shape[1])):
-                        for c in range(k // CUBE, min((k + BRICK) // CUBE, marked.shape[2])):
-                            if marked[a, b, c] == 0:
-                                first[0], first[1], first[2] = a * CUBE, b * CUBE, c * CUBE
-                                _set_box(first, CUBE, origin, steps, shape, corner, stop)
-                                _, near = _brick_case(
-                                    first, stop, corner, steps, camera, depth, low, high, missing, band
-                                )
-                                if near:
-                                    marked[a, b, c] = 1
-
-
-@kernel(error_model="numpy")
-def _fuse_free(distance, weight, first, stop, gain, cap):
-    """Average an observation of free space into the voxels of a box."""
-    for i in range(first[0], stop[0]):
-        for j in range(first[1], stop[1]):
-            for k in range(first[2], stop[2]):
-                total = weight[i, j, k] + gain
-                value = distance[i, j, k]
-                distance[i, j, k] = value + (np.float32(1.0) - value) * (gain / total)
-                weight[i, j, k] = min(total, cap)
+                for a in range(i, min(i + many, nx)):
+                    for b in range(j, min(j + many, ny)):
+                        for c in range(k, min(k + many, nz)):
+                            if marked[a, b, c]:
+                                continue
+                            x, y, z = (first[0] + a) * BRICK, (first[1] + b) * BRICK, (first[2] + c) * BRICK
+                            _set_corner(x, y, z, origin, steps, corner)
+                            _, near = _case(BRICK, corner, steps, camera, depth, low, high, missing, band)
+                            marked[a, b, c] = near
 
 
 @kernel
-def fuse_dense(distance, weight, color, use_color, marked, origin, steps, camera, depth, image, low, high, missing, band, reach, gain, cap):  # fmt: skip
-    """Integrate a view into the marked cubes of a dense grid; ``origin`` is its first voxel in the camera frame [m]."""
-    shape, view = distance.shape, (camera, depth, image, band, reach, gain, cap)
-    first, stop, corner = np.zeros(3, np.int64), np.zeros(3, np.int64), np.zeros(3, np.float32)
-    buffers = _buffers(CUBE, steps)
-    for brick in range(_bricks(shape[0]) * _bricks(shape[1]) * _bricks(shape[2])):
-        i = brick // (_bricks(shape[1]) * _bricks(shape[2])) * BRICK
-        j, k = brick // _bricks(shape[2]) % _bricks(shape[1]) * BRICK, brick % _bricks(shape[2]) * BRICK
-        some = False
-        for a in range(i // CUBE, min((i + BRICK) // CUBE, marked.shape[0])):
-            for b in range(j // CUBE, min((j + BRICK) // CUBE, marked.shape[1])):
-                for c in range(k // CUBE, min((k + BRICK) // CUBE, marked.shape[2])):
-                    some = some or marked[a, b, c] != 0
-        if not some:
-            continue
-        first[0], first[1], first[2] = i, j, k
-        _set_box(first, BRICK, origin, steps, shape, corner, stop)
-        whole, _ = _brick_case(first, stop, corner, steps, camera, depth, low, high, missing, reach)
+def fuse_bricks(distance, weight, color, use_color, places, origin, steps, camera, depth, image, low, high, missing, band, reach, gain, cap):  # fmt: skip
+    """Integrate a view into bricks, stored as (brick, cube, voxel of the cube).
+
+    ``places`` are the indices of the bricks; ``origin`` is voxel 0 in the camera frame [m].
+    """
+    rows, columns = np.float32(depth.shape[0]), np.float32(depth.shape[1])
+    voxels, half = CUBE * CUBE * CUBE, BRICK // CUBE
+    corner = np.zeros(3, np.float32)
+    offsets, pixels = np.empty((3, voxels), np.float32), np.empty((2, voxels), np.int32)
+    there, seen = np.empty(voxels, np.float32), np.empty(voxels, np.float32)
+    set_offsets(CUBE, steps, offsets)
+    for q in range(places.shape[0]):
+        x, y, z = places[q, 0] * BRICK, places[q, 1] * BRICK, places[q, 2] * BRICK
+        _set_corner(x, y, z, origin, steps, corner)
+        whole, _ = _case(BRICK, corner, steps, camera, depth, low, high, missing, reach)
         if whole == _BEHIND:
             continue
-        for a in range(i, min(i + BRICK, shape[0]), CUBE):
-            for b in range(j, min(j + BRICK, shape[1]), CUBE):
-                for c in range(k, min(k + BRICK, shape[2]), CUBE):
-                    if marked[a // CUBE, b // CUBE, c // CUBE] == 0:
-                        continue
-                    first[0], first[1], first[2] = a, b, c
-                    _set_box(first, CUBE, origin, steps, shape, corner, stop)
-                    case = whole
-                    if case == _NEAR:
-                        case, _ = _brick_case(
-                            first, stop, corner, steps, camera, depth, low, high, missing, reach
-                        )
-                    if case == _FREE:
-                        _fuse_free(distance, weight, first, stop, gain, cap)
-                    elif case == _NEAR:
-                        _fuse_cube(
-                            distance, weight, color, use_color, CUBE, first, stop, corner, view, buffers
-                        )
-
-
-@kernel
-def _bricks(size):
-    """Number of bricks along an edge of a grid."""
-    return (size + BRICK - 1) // BRICK
-
-
-@kernel
-def fuse_bricks(distance, weight, color, use_color, bricks, chosen, origin, steps, camera, depth, image, band, reach, gain, cap):  # fmt: skip
-    """Integrate a view into chosen bricks of a sparse grid; ``bricks`` are integer positions, ``origin`` as in :func:`fuse_dense`."""
-    view = (camera, depth, image, band, reach, gain, cap)
-    corner, first, stop = np.zeros(3, np.float32), np.zeros(3, np.int64), np.full(3, BRICK, np.int64)
-    buffers = _buffers(BRICK, steps)
-    for q in range(chosen.size):
-        b = chosen[q]
-        for axis in range(3):
-            corner[axis] = origin[axis]
-            for edge in range(3):
-                corner[axis] += np.float32(bricks[b, edge] * BRICK) * steps[edge, axis]
-        _fuse_cube(distance[b], weight[b], color[b], use_color, BRICK, first, stop, corner, view, buffers)
-
-
-@kernel
-def active_cells(distance, weight, least, places):
-    """Find bricks with cells that the surface crosses; returns their number, ``places`` is filled.
-
-    A brick contains the cells between its voxels and the first voxels of the next brick.
-    """
-    shape = distance.shape
-    count = 0
-    for i0 in range(0, shape[0] - 1, BRICK):
-        for j0 in range(0, shape[1] - 1, BRICK):
-            for k0 in range(0, shape[2] - 1, BRICK):
-                below = above = False
-                for i in range(i0, min(i0 + BRICK + 1, shape[0])):
-                    for j in range(j0, min(j0 + BRICK + 1, shape[1])):
-                        for k in range(k0, min(k0 + BRICK + 1, shape[2])):
-                            if weight[i, j, k] >= least:
-                                value = distance[i, j, k]
-                                below = below or value <= 0
-                                above = above or value > 0
-                    if below and above:
-                        break
-                if below and above:
-                    places[count, 0], places[count, 1], places[count, 2] = i0, j0, k0
-                    count += 1
-    return count
-
-
-@kernel
-def gather_cells(distance, weight, least, places, side, tiled, known):
-    """Copy each brick with its upper neighbours into the tile array; unobserved voxels stay unknown."""
-    shape = distance.shape
-    edge = BRICK + 1
-    for n in range(places.shape[0]):
-        a, b, c = n // (side * side) * edge, n // side % side * edge, n % side * edge
-        for i in range(edge):
-            for j in range(edge):
-                for k in range(edge):
-                    x, y, z = places[n, 0] + i, places[n, 1] + j, places[n, 2] + k
-                    inside = x < shape[0] and y < shape[1] and z < shape[2]
-                    if inside and weight[x, y, z] >= least:
-                        tiled[a + i, b + j, c + k] = distance[x, y, z]
-                        known[a + i, b + j, c + k] = True
+        for n in range(half * half * half):
+            case = whole
+            if whole == _NEAR:
+                a, b, c = n // (half * half) * CUBE, n // half % half * CUBE, n % half * CUBE
+                _set_corner(x + a, y + b, z + c, origin, steps, corner)
+                case, _ = _case(CUBE, corner, steps, camera, depth, low, high, missing, reach)
+            if case == _FREE:
+                _average_free(gain, cap, distance[q, n], weight[q, n])
+            elif case == _NEAR:
+                project_cube(offsets, corner, camera, rows, columns, np.float32(1e-3), pixels, there)
+                look_up(depth, pixels, seen)
+                _observe(there, band, reach, seen)
+                if use_color:
+                    _average_color(seen, pixels, image, gain, weight[q, n], color[q, n])
+                _average(seen, gain, cap, distance[q, n], weight[q, n])

@@ -13,7 +13,6 @@ from . import _fusion_kernels as kernels
 #: Voxels that are observed behind a surface, along a ray. They contain both ends of each edge of the grid that crosses it up to
 #: the incidence at which cameras still have readings (tangent 4, 1 / cos 4.1); behind the band they count if nothing else does.
 GRAZING_VOXELS = 4
-NO_COLOR: Float32[np.ndarray, "1 1 1 3"] = np.zeros((1, 1, 1, 3), dtype=np.float32)
 
 
 def checked_sizes(voxel_m: float, truncation_m: float | None) -> tuple[float, float, float]:

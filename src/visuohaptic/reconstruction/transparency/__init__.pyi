@@ -1,14 +1,3 @@
-from .background import HELLINGER_WEIGHT as HELLINGER_WEIGHT
-from .background import BackgroundModel as BackgroundModel
-from .background import LocalViews as LocalViews
-from .background import background_model as background_model
-from .background import ideal_depth as ideal_depth
-from .background import intrinsics as intrinsics
-from .background import motions as motions
-from .detector import ErrorImage as ErrorImage
-from .detector import TransparencyDetector as TransparencyDetector
-from .detector import TransparencySettings as TransparencySettings
-from .detector import error_image as error_image
 from .evidence import EvidenceDetector as EvidenceDetector
 from .evidence import EvidenceSettings as EvidenceSettings
 from .outline_fit import UprightBody as UprightBody
@@ -25,5 +14,8 @@ from .regions import save_regions as save_regions
 from .search_report import Cause as Cause
 from .search_report import SearchReport as SearchReport
 from .search_report import chance_of_finding as chance_of_finding
+from .view_geometry import ideal_depth as ideal_depth
+from .view_geometry import intrinsics as intrinsics
+from .view_geometry import motions as motions
 from .view_selection import ViewGraph as ViewGraph
 from .view_selection import view_graph as view_graph

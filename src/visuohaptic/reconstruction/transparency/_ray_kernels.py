@@ -6,7 +6,7 @@ import numpy as np
 from numba import prange
 
 from ...core.kernels import kernel
-from ._background_kernels import project_row
+from ._view_kernels import project_row
 
 __all__ = ["depth_deviation", "projector_shadow", "ray_codes", "read_rays"]
 

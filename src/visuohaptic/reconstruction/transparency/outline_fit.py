@@ -26,7 +26,7 @@ from jaxtyping import Bool, Float, Float32
 
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import DepthNoise
-from .background import intrinsics
+from .view_geometry import intrinsics
 
 #: Number of points on each of the two bounding circles of a body.
 _CORNERS = 16

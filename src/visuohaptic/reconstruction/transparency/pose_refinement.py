@@ -21,7 +21,7 @@ from ...core.geometry import hat, so3_exp, so3_log
 from ...core.resources import one_blas_thread
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
-from .background import ideal_depth, intrinsics
+from .view_geometry import ideal_depth, intrinsics
 from .view_selection import view_graph
 
 #: Number of neighbours that each view is compared with.
@@ -41,7 +41,7 @@ _RELAXED, _MOMENTUM = 1.5, 0.5
 
 def _points(depth_m: Float32[np.ndarray, "h w"], camera: Camera, count: int) -> Float[np.ndarray, "n 3"]:
     """About ``count`` points on smooth surfaces, spread over the view, in the camera frame [m]."""
-    from ._background_kernels import smooth_points
+    from ._view_kernels import smooth_points
 
     # Oversampled by 4, so that a view of which a quarter is smooth yields all points.
     stride = max(1, math.isqrt(depth_m.size // (4 * count)))
@@ -73,7 +73,7 @@ def refine_poses(
     sigma_m, sigma_rad
         Standard deviation of the reported poses, per axis [m], [rad].
     """
-    from ._background_kernels import plane_equations
+    from ._view_kernels import plane_equations
 
     count = len(frames)
     if count < 2:

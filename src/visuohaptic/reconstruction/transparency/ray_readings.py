@@ -20,7 +20,7 @@ from ...core.camera.pose import Pose
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
-from .background import back_motions, ideal_depth, intrinsics, motions
+from .view_geometry import back_motions, ideal_depth, intrinsics, motions
 
 #: Minimum fraction of windows that look like glass, for causes outside the model, and iterations of its estimate.
 LOOK_ALIKE, _ROUNDS = 0.05, 12
@@ -84,7 +84,7 @@ class TrackedNoise:
         device
             Nominal noise of the camera.
         """
-        from ._background_kernels import warp_views
+        from ._view_kernels import warp_views
 
         noise, ratios, sigmas_m = cls(device), [], []
         paired = [i for i in range(len(frames)) if near[i]]
@@ -187,8 +187,8 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
     noise
         Noise of camera and poses.
     """
-    from ._background_kernels import warp_views
     from ._ray_kernels import ray_codes, read_rays
+    from ._view_kernels import warp_views
 
     pose, camera = view.frame.T_world_camera, intrinsics(view.frame.camera)
     depths = np.stack([other.depth_m for other in others])

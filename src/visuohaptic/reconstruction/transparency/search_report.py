@@ -14,8 +14,8 @@ from jaxtyping import Float, Shaped
 from ...core.camera.model import Camera
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.volume import SpaceGrid
-from .background import ideal_depth, intrinsics, motions
 from .ray_readings import HIDDEN
+from .view_geometry import ideal_depth, intrinsics, motions
 
 #: Why nothing was found; ``found``: something was found.
 Cause = Literal["found", "no views", "no rays", "too few rays", "below threshold", "no outline"]
@@ -41,9 +41,7 @@ class SearchReport:
     #: fraction of the space with evidence from 0, 1-2, 3-5 and more independent views
     seen_by: dict[str, float]
     bad_rate: float  #: fraction of windows that look like glass; NaN without rays
-    evidence: (
-        float  #: largest evidence of a voxel: log-likelihood ratio [nat]; summed score for ``published``
-    )
+    evidence: float  #: largest evidence of a voxel: log-likelihood ratio [nat]
     reachable: float  #: evidence of a voxel with the median number of views if all of them looked like glass
     threshold: float  #: minimum evidence of a part
     chance: float  #: detection probability of glass in the best covered part of the space
@@ -176,7 +174,7 @@ def next_eye(
     rate, threshold
         See :func:`chance_of_finding`.
     """
-    from ._background_kernels import warp_views
+    from ._view_kernels import warp_views
 
     middle = 0.5 * (grid.low_m + grid.high_m)
     offset = np.array([frame.T_world_camera.translation_m for frame in frames]) - middle

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float32
 
 from ...io.depth.depth_sequence import DepthFrame
-from .background import intrinsics
 from .ray_readings import CONTEXTS, KINDS, RayImage
+from .view_geometry import intrinsics
 
 
 def surface_ratios(

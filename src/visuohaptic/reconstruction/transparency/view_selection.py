@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ...core.camera.model import Camera
 from ...io.depth.depth_sequence import DepthFrame
-from .background import ideal_depth
+from .view_geometry import ideal_depth
 
 #: Number of sample pixels of a view, down and across, for its overlap with the others.
 _SAMPLES = (9, 12)

@@ -12,12 +12,12 @@ import numpy as np
 
 from ...io.depth.depth_sequence import DepthFrame
 from ...reconstruction.fusion.depth_noise import SENSOR_NOISE
-from ...reconstruction.transparency.background import background_model, ideal_depth
-from ...reconstruction.transparency.detector import error_image
+from ...reconstruction.transparency.view_geometry import ideal_depth
 from ...report.style import draw_axes
 from ...simulation.tabletop.depth_camera import DepthCamera
 from ...simulation.tabletop.glass_scenes import glass_scene
 from ..output import Output
+from ..worlds.published_detector import background_model, error_image
 
 #: Views 2 cm apart over 0.2 m, with a gap of 16 cm behind the current one.
 STEP_m, VIEWS, GAP = 0.02, 8, 8

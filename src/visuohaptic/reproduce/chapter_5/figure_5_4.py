@@ -33,8 +33,7 @@ def run(out: Output) -> None:
     volume = TsdfVolume.around(
         np.array(LOW_M), np.array(HIGH_M), 2 * VOXEL_m if out.quick else VOXEL_m, color=False
     )
-    for frame in frames:
-        volume.integrate(frame)
+    volume.integrate_all(frames)
     mesh = volume.mesh(2.0)
     regions = detected(frames, "consistency")
     said = judged(scene, regions)

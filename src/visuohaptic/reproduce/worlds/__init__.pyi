@@ -1,5 +1,12 @@
 from .mitc4 import mitc4_factor as mitc4_factor
 from .mitc4 import mitc4_stiffness as mitc4_stiffness
+from .published_detector import HELLINGER_WEIGHT as HELLINGER_WEIGHT
+from .published_detector import BackgroundModel as BackgroundModel
+from .published_detector import LocalViews as LocalViews
+from .published_detector import PublishedDetector as PublishedDetector
+from .published_detector import PublishedSettings as PublishedSettings
+from .published_detector import background_model as background_model
+from .published_detector import error_image as error_image
 from .virtual_completion import HOLE as HOLE
 from .virtual_completion import SIGMA_M as SIGMA_M
 from .virtual_completion import TOUCHES as TOUCHES

@@ -9,12 +9,12 @@ import numpy as np
 from ...io.depth.depth_sequence import DepthFrame
 from ...reconstruction.fusion.depth_noise import SENSOR_NOISE
 from ...reconstruction.fusion.volume import SpaceGrid
-from ...reconstruction.transparency.detector import TransparencyDetector
 from ...reconstruction.transparency.evidence import EvidenceDetector
 from ...reconstruction.transparency.pose_refinement import refine_poses
 from ...reconstruction.transparency.regions import TransparentRegion
 from ...simulation.tabletop.depth_camera import DepthCamera
 from ...simulation.tabletop.glass_scenes import GlassScene
+from .published_detector import PublishedDetector
 
 #: (1 m)^3, restricted to the space above the table.
 LOW_M, HIGH_M, VOXEL_M = (-0.5, -0.5, 0.0), (0.5, 0.5, 0.4), 0.008
@@ -52,7 +52,7 @@ def detected(frames: Sequence[DepthFrame], method: str) -> tuple[TransparentRegi
     """
     grid = SpaceGrid.around(LOW_M, HIGH_M, VOXEL_M)
     if method == "published":
-        published = TransparencyDetector(grid)
+        published = PublishedDetector(grid)
         for frame in frames:
             published.add(frame)
         return published.regions()

@@ -26,7 +26,6 @@ def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("sequence", Path, "sequence folder")
     add("--out", Path, "folder to write", required=True)
-    add("--method", "consistency", "detector (default: %(default)s)", choices=("consistency", "published"))
     add("--sensor", str, "noise model: kinect, kinect_axial, realsense_d435 (default: by sequence.yaml)")
     add(
         "--space",
@@ -37,7 +36,7 @@ def add_arguments(add: Any) -> None:
     )
     add("--voxel-m", 0.005, "edge of a voxel [m] (default: %(default)s)", low=0, high=0.5, above=True)
     add("--false-alarm-rate", 0.02, "expected false transparent parts of a search (default: %(default)s)")
-    add("--no-refine", bool, "do not refine the poses (published: as printed)")
+    add("--no-refine", bool, "do not refine the poses")
     add("--sparse", bool, "fuse the surface everywhere, not only in the space of interest")
     add("--plot", Path, "figure of surface and transparent parts to write (.png, .pdf, .svg)")
     add("--view", bool, "show the result in the browser until interrupted")
@@ -64,7 +63,6 @@ def run(args: Arguments) -> dict[str, Any]:
         frames,
         grid=grid,
         noise=noise,
-        method=args.method,
         refine=not args.no_refine,
         sparse=args.sparse,
         false_alarm_rate=args.false_alarm_rate,
@@ -83,7 +81,6 @@ def run(args: Arguments) -> dict[str, Any]:
         _show(found, args)
     return {
         "out": str(args.out),
-        "method": args.method,
         "regions": [
             {"centroid_m": region.centroid_m, "size_m": region.size_m, "score": region.score}
             | ({"outline": asdict(region.body)} if region.body else {})

@@ -1,0 +1,98 @@
+"""Profiles that compete: a bottle of its own formula, its likelihoods by brute force, and what a mixture declares."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from visuohaptic.reconstruction.profile_mixture import ProfileMixture, _over_scales
+from visuohaptic.reconstruction.transparency import UprightBody
+from visuohaptic.reconstruction.vessel_shapes import vessel_profiles
+
+BODY = UprightBody(np.zeros(2), np.full(2, 0.0015), (0.042, 0.024), 0.001, (0.05, 0.2), 90.0)
+
+
+def bottle_m(z_m):
+    """36 mm up to 12 cm, a neck of 13 mm from 16 cm on, a straight shoulder between."""
+    return np.interp(z_m, [0.12, 0.16], [0.036, 0.013])
+
+
+def mixture(heights_m, radius_m, top_m=0.21):
+    turn = np.arange(len(heights_m)) * 2.4
+    way, sigma_m = np.column_stack([np.cos(turn), np.sin(turn)]), np.full(len(heights_m), 0.0003)
+    return ProfileMixture(BODY, 0.0, top_m, way, heights_m, radius_m, sigma_m)
+
+
+def test_profiles_are_as_wide_as_one_and_never_thinner_than_nothing():
+    profiles = vessel_profiles()
+    assert profiles.max(axis=1) == pytest.approx(1.0)
+    assert profiles.min() > 0.03
+
+
+def test_the_likelihood_over_all_scales_is_that_of_an_integral():
+    rng = np.random.default_rng(1)
+    at, data = rng.uniform(0.02, 0.04, (3, 4)), rng.uniform(0.02, 0.04, 4)
+    covariance = 1e-5 * (np.eye(4) + 0.5)
+    logs, change, sigma = _over_scales(at, data, np.linalg.inv(covariance))
+    change_of = np.linspace(-0.8, 0.8, 4001)
+    prior = np.exp(-0.5 * (change_of / 0.11) ** 2) / (0.11 * np.sqrt(2 * np.pi))
+    for k, profile in enumerate(at):
+        gaps = data - (1 + change_of)[:, None] * profile
+        both = prior * np.exp(-0.5 * ((gaps @ np.linalg.inv(covariance)) * gaps).sum(axis=1))
+        mean = np.average(change_of, weights=both)
+        assert logs[k] == pytest.approx(np.log(both.sum() * (change_of[1] - change_of[0])), abs=1e-3)
+        assert change[k] == pytest.approx(mean, abs=1e-4)
+        assert sigma[k] == pytest.approx(np.sqrt(np.average((change_of - mean) ** 2, weights=both)), rel=1e-3)
+
+
+def test_five_contacts_tell_a_bottle_and_its_neck():
+    z_m = np.array([0.02, 0.08, 0.13, 0.17, 0.195])
+    found = mixture(z_m, bottle_m(z_m))
+    heights_m = np.linspace(0.02, 0.2, 40)
+    radius_m, sigma_m = found.wall(np.tile([0.0, 1.0], (40, 1)), heights_m)
+    error_m = radius_m - bottle_m(heights_m)
+    assert np.sqrt(np.mean(error_m**2)) < 0.0015
+    # Declared for any axis within 1.5 mm; here it is exact.
+    assert np.mean(np.abs(error_m) < 2 * sigma_m) > 0.9
+    assert found.models[0].share < 0.5
+
+
+def test_a_shape_of_no_class_is_left_to_the_free_profile():
+    """An hourglass."""
+    z_m = np.linspace(0.015, 0.195, 7)
+    found = mixture(z_m, 0.026 + 0.012 * np.cos(2 * np.pi * z_m / 0.21))
+    assert found.models[0].share > 0.99
+    assert sum(model.share for model in found.models) == pytest.approx(1.0)
+
+
+def test_shares_are_prior_probabilities_times_likelihoods():
+    """Means over plainly drawn scales of all profiles, weighted by what the cone shows of them."""
+    z_m = np.array([0.06, 0.15])
+    assert mixture(z_m[:0], z_m[:0]).models[0].share == pytest.approx(0.2)
+    found = mixture(z_m, np.array([0.037, 0.033]))
+    rng, profiles = np.random.default_rng(3), np.tile(vessel_profiles(), (8, 1))
+    t = np.linspace(0.0, 0.21, profiles.shape[1])
+    seen = (t >= 0.05) & (t <= 0.2)
+    radii = 0.042 * profiles / profiles[:, seen].max(axis=1, keepdims=True)
+    radii *= 1 + 0.11 * rng.standard_normal((len(radii), 1))
+    upper, cone = seen & (t >= 0.125), np.interp(t, [0.05, 0.2], [0.042, 0.024])
+    gaps = np.column_stack([radii[:, seen.argmax()] - 0.042, (radii - cone)[:, upper].mean(axis=1)])
+    by_cone = np.exp(-0.5 * ((gaps / (0.033 * np.array([0.14, 0.17]))) ** 2).sum(axis=1))
+    place = z_m / t[1]
+    low = place.astype(int)
+    drawn_m = radii[:, low] + (place - low) * (radii[:, low + 1] - radii[:, low])
+    expected = []
+    for model in found.models:
+        covariance = found.covariance_m2((found.way, z_m), (found.way, z_m), model.about) + np.diag(
+            [9e-8] * 2
+        )
+        means = drawn_m
+        if model is found.models[0]:
+            means = np.interp(z_m, [0.05, 0.2], [0.042, 0.024])[None]
+        values = multivariate_normal(np.zeros(2), covariance).pdf(found.rho_m - means)
+        first = model is found.models[0]
+        expected.append(
+            0.2 * float(np.mean(values)) if first else 0.8 / 4 * np.average(values, weights=by_cone)
+        )
+    np.testing.assert_allclose([m.share for m in found.models], np.array(expected) / sum(expected), rtol=0.1)
