@@ -5,22 +5,25 @@ and the contents are arbitrary. Squeezes return the truth with the noise of the 
 takes most of a mission's time, is left out, so that hundreds of objects take seconds.
 
     python -m benchmarks.table_bottles --seeds open --count 100    prints correct and wrong claims by kind
+    python -m benchmarks.table_bottles --outside 0.3               members of the classes whose ranges are all 30 % wider at each end
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from benchmarks._seeds import add_seeds, seeds_of
 from visuohaptic.core.resources import one_blas_thread
-from visuohaptic.demo.bottle import HEIGHTS, ROUND, TableBottle, random_table_bottle
+from visuohaptic.deformation.shapes import ContainerDescription, draw_variant, load_container
+from visuohaptic.demo.bottle import HEIGHTS, ROUND, TableBottle, filled_container, random_table_bottle
 from visuohaptic.demo.hand_chapters import CONFIDENCE, MAX_SQUEEZES, MIN_SQUEEZES, mission_classes
 from visuohaptic.recognition import UNKNOWN
-from visuohaptic.recognition.touch import HapticModel, with_outline
+from visuohaptic.recognition.touch import HapticModel, container_outline, with_outline
 from visuohaptic.tasks.manipulation import BayesSqueezer, Place, SqueezeCurve
 
 #: Noise of a level's force [N], deformation and place of the wall [m]; error of the height, and over which it is smooth [m].
@@ -43,6 +46,29 @@ def table_objects(kind: str, seeds: Sequence[int]) -> list[tuple[int, TableBottl
                 break
             number += 1
     return found
+
+
+def moved_outside(bottle: TableBottle, seed: int, outside: float) -> TableBottle:
+    """Another member of its class, drawn from ranges that are wider at both ends by a fraction of their width."""
+    rng = np.random.default_rng([seed, 44])
+    wider = ContainerDescription.model_validate(
+        _wider(load_container(bottle.name).model_dump(exclude_none=True), outside)
+    )
+    drawn = draw_variant(wider, int(rng.integers(200)), int(rng.integers(1000)))
+    outline_m, wall_m = container_outline(drawn), float(drawn.wall[0])
+    stiffer = float(rng.uniform(0.75, 1.3))
+    container = filled_container(outline_m, wall_m, closed=bottle.closed, fill=bottle.fill, stiffer=stiffer)
+    return replace(bottle, outline_m=outline_m, wall_m=wall_m, container=container)
+
+
+def _wider(node: Any, outside: float) -> Any:
+    if isinstance(node, dict):
+        return {name: _wider(value, outside) for name, value in node.items()}
+    if isinstance(node, list):
+        return [_wider(value, outside) for value in node]
+    if isinstance(node, tuple) and all(isinstance(value, float) for value in node):
+        return node[0] - outside * (node[1] - node[0]), node[1] + outside * (node[1] - node[0])
+    return node
 
 
 def seen_outline(bottle: TableBottle, rng: np.random.Generator) -> tuple[np.ndarray, float]:
@@ -90,11 +116,14 @@ def claimed(classes: HapticModel, bottle: TableBottle, seed: int) -> tuple[str, 
     return best, belief[best], count
 
 
-def run(seeds: Sequence[int] = range(0, 20, 2)) -> list[dict[str, Any]]:
-    """Rows of the table; a slice of ten objects of each kind by default."""
+def run(seeds: Sequence[int] = range(0, 20, 2), outside: float = 0.0) -> list[dict[str, Any]]:
+    """Rows of the table; a slice of ten objects of each kind by default. Objects outside the ranges are of the classes only."""
     classes, rows = mission_classes(), []
-    for kind in (*ROUND, UNKNOWN):
-        told = [(seed, *claimed(classes, one, seed)) for seed, one in table_objects(kind, seeds)]
+    for kind in ROUND if outside else (*ROUND, UNKNOWN):
+        objects = table_objects(kind, seeds)
+        if outside:
+            objects = [(seed, moved_outside(one, seed, outside)) for seed, one in objects]
+        told = [(seed, *claimed(classes, one, seed)) for seed, one in objects]
         sure = [one for one in told if one[2] >= CONFIDENCE]
         wrong = [one for one in sure if one[1] != kind]
         right, touches = len(sure) - len(wrong), float(np.mean([one[3] for one in told]))
@@ -114,8 +143,11 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add_seeds(parser, 100, "objects of each class, and of none")
+    parser.add_argument(
+        "--outside", type=float, default=0.0, help="fraction by which all ranges are wider at each end"
+    )
     args = parser.parse_args()
-    for row in run(seeds_of(args.seeds, args.count, args.first)):
+    for row in run(seeds_of(args.seeds, args.count, args.first), args.outside):
         print(f"{row['name']:30s} {row['ours']:6.3f}  floor {row['floor']}, aim {row['aim']}  {row['note']}")
 
 
