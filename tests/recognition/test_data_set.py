@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -52,3 +53,12 @@ def test_what_is_broken_is_said(tmp_path: Path) -> None:
     data = synthetic(2)
     with pytest.raises(InputError, match="all different"):
         FeatureSet(data.features, data.width_m, data.label, (data.name[0],) * len(data))
+
+
+@pytest.mark.parametrize("shape", [(6, 2, 16), (6, 2, 16, 3), (5, 2, 16, 4), (6, 0, 16, 4)])
+def test_errors_of_the_pose_have_a_change_for_each_side(shape: tuple[int, ...]) -> None:
+    data = synthetic(2)
+    assert len(data) == 6
+    assert replace(data, pose_errors=np.zeros((6, 2, 16, 4))).pose_errors is not None
+    with pytest.raises(InputError, match=r"expected \(6, [12], 16, 4\)"):
+        replace(data, pose_errors=np.zeros(shape))

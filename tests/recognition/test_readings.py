@@ -91,6 +91,19 @@ def test_curves_are_read_and_a_missing_side_is_taken_from_the_other(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
+    ("columns", "place", "height"), [("at", "0.6", 10), ("height", "3", 3), ("at,height", "0.6,3", 3)]
+)
+def test_a_numbered_height_counts_before_a_fraction(
+    tmp_path: Path, columns: str, place: str, height: int
+) -> None:
+    path = tmp_path / "curves.csv"
+    rows = "".join(f"{place},x+,{2000 * d},{d}\n" for d in (0.001, 0.002, 0.003))
+    path.write_text(f"{columns},side,force_N,deformation_m\n{rows}")
+    (reading,) = read_curves(path)
+    assert reading.height == height
+
+
+@pytest.mark.parametrize(
     ("text", "said"),
     [
         ("height,side,force_N\n", "missing: deformation_m"),
