@@ -14,7 +14,8 @@ from .worlds import build_folder, synthetic
 
 def test_a_build_folder_and_a_file_hold_the_same(tmp_path: Path) -> None:
     data = synthetic(3)
-    read = read_build(build_folder(tmp_path / "objects", data))
+    read = read_build(build_folder(tmp_path / "objects", data, height_m=0.12))
+    np.testing.assert_allclose(read.height_m, 0.12)
     save_feature_set(tmp_path / "set.npz", read)
     again = load_feature_set(tmp_path / "set.npz")
     for found in (read, again):
