@@ -30,6 +30,15 @@ def test_the_stool_of_the_text_costs_seven_seconds_of_which_four_are_constant():
     assert cost.failure_probability == pytest.approx(0.1)  # of the contract's example
 
 
+def test_an_object_that_may_turn_away_is_pushed_once_more_as_often():
+    cost = push_cost(STOOL, 0.15, ROBOT, turn_probability=0.3)
+    assert cost.failure_probability == pytest.approx(1 - 0.9 * 0.7)
+    # Of its own failures nothing is charged before it has failed; three in ten attempts of 7 s turn, and are made again.
+    assert cost.fail_s == pytest.approx(7.0 * 0.3 / 0.7)
+    risky = push_cost(STOOL, 0.15, ROBOT, PushCosts(risk_s=10.0), turn_probability=0.3)
+    assert risky.fail_s - cost.fail_s == pytest.approx(-10.0 * math.log(0.63))
+
+
 @pytest.mark.parametrize(
     ("tag", "reason"),
     [

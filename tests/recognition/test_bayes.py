@@ -250,6 +250,11 @@ def test_information_is_where_classes_differ_and_costs_time(model: HapticModel) 
     assert (15, "x") not in touch_gains(stiff, (touched,), samples=8)
     protocol = TouchProtocol()
     assert travel_seconds(protocol, (8, "x"), (8, "y")) == protocol.turn_s
+    # Eleven places of 12 cm / 16, at the speed of the arm; the turn is made meanwhile.
+    way_s = 11 * protocol.place_m / protocol.travel_m_per_s
+    assert way_s > protocol.turn_s
+    assert travel_seconds(protocol, (14, "x"), (3, "y")) == pytest.approx(way_s)
+    assert travel_seconds(protocol, None, (3, "y")) == 0.0
 
 
 def round_classes(rng: np.random.Generator) -> FeatureSet:

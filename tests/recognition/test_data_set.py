@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,8 @@ from .worlds import build_folder, synthetic
 
 def test_a_build_folder_and_a_file_hold_the_same(tmp_path: Path) -> None:
     data = synthetic(3)
-    read = read_build(build_folder(tmp_path / "objects", data))
+    read = read_build(build_folder(tmp_path / "objects", data, height_m=0.12))
+    np.testing.assert_allclose(read.height_m, 0.12)
     save_feature_set(tmp_path / "set.npz", read)
     again = load_feature_set(tmp_path / "set.npz")
     for found in (read, again):
@@ -52,3 +54,12 @@ def test_what_is_broken_is_said(tmp_path: Path) -> None:
     data = synthetic(2)
     with pytest.raises(InputError, match="all different"):
         FeatureSet(data.features, data.width_m, data.label, (data.name[0],) * len(data))
+
+
+@pytest.mark.parametrize("shape", [(6, 2, 16), (6, 2, 16, 3), (5, 2, 16, 4), (6, 0, 16, 4)])
+def test_errors_of_the_pose_have_a_change_for_each_side(shape: tuple[int, ...]) -> None:
+    data = synthetic(2)
+    assert len(data) == 6
+    assert replace(data, pose_errors=np.zeros((6, 2, 16, 4))).pose_errors is not None
+    with pytest.raises(InputError, match=r"expected \(6, [12], 16, 4\)"):
+        replace(data, pose_errors=np.zeros(shape))

@@ -34,6 +34,22 @@ def test_noise_of_both_sensors_leaves_no_bias_and_sigma_is_true(stiffness: float
     assert sigma == pytest.approx(relative.std(), rel=0.15)
 
 
+def test_sigma_is_true_where_both_sensors_are_as_noisy_as_the_squeeze_is_small() -> None:
+    rng, noise = np.random.default_rng(1), TouchNoise(0.5, 3e-4)
+    d = np.linspace(0.0001, 0.0018, 24)
+    fits = [
+        fit_curve(
+            d + rng.normal(0, noise.deformation_m, 24), 1000 * d + rng.normal(0, noise.force_N, 24), noise
+        )
+        for _ in range(800)
+    ]
+    compliance = np.array([1 / fit.i_N_per_m for fit in fits])
+    declared = np.array([fit.i_relative_sigma for fit in fits]) * compliance
+    # A standard deviation over 800 draws has an error of 2.5 %; the rest is of second order in noise / signal.
+    assert np.sqrt(np.mean(declared**2)) == pytest.approx(compliance.std(), rel=0.1)
+    assert compliance.mean() == pytest.approx(1e-3, abs=0.2 * float(compliance.std()))
+
+
 @pytest.mark.parametrize("noise", [TouchNoise(1e-3, 5e-5), TouchNoise(0.05, 1e-5)])
 def test_the_quadratic_coefficient_has_no_bias_and_its_sigma_is_true(noise: TouchNoise) -> None:
     """Noise of the deformation counts by the slope of the curve, noise of the force by itself."""
@@ -88,6 +104,19 @@ def test_curves_are_read_and_a_missing_side_is_taken_from_the_other(tmp_path: Pa
     np.testing.assert_allclose(grid[7, :2], 2000, rtol=3e-3)
     np.testing.assert_allclose(grid[11, 2:], 500, rtol=3e-3)
     assert np.isnan(grid[0]).all()
+
+
+@pytest.mark.parametrize(
+    ("columns", "place", "height"), [("at", "0.6", 10), ("height", "3", 3), ("at,height", "0.6,3", 3)]
+)
+def test_a_numbered_height_counts_before_a_fraction(
+    tmp_path: Path, columns: str, place: str, height: int
+) -> None:
+    path = tmp_path / "curves.csv"
+    rows = "".join(f"{place},x+,{2000 * d},{d}\n" for d in (0.001, 0.002, 0.003))
+    path.write_text(f"{columns},side,force_N,deformation_m\n{rows}")
+    (reading,) = read_curves(path)
+    assert reading.height == height
 
 
 @pytest.mark.parametrize(

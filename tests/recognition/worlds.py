@@ -55,7 +55,7 @@ def as_explored(data: FeatureSet, rng: np.random.Generator, *, pose_m: float = 0
     return replace(data, features=features)
 
 
-def build_folder(folder: Path, data: FeatureSet) -> Path:
+def build_folder(folder: Path, data: FeatureSet, height_m: float = 0.0) -> Path:
     """As objects build would write it."""
     listed = []
     for row, name in enumerate(data.name):
@@ -63,6 +63,7 @@ def build_folder(folder: Path, data: FeatureSet) -> Path:
         (folder / label).mkdir(parents=True, exist_ok=True)
         half = data.width_m[row] / 2
         points = np.zeros((HEIGHTS, 4, 3))
+        points[:, :, 2] = ((np.arange(HEIGHTS) + 0.5) * height_m / HEIGHTS)[:, None]
         points[:, 0, 0], points[:, 1, 0] = half[:, 0], -half[:, 0]
         points[:, 2, 1], points[:, 3, 1] = half[:, 1], -half[:, 1]
         file = f"{label}/{name}.npz"

@@ -1,0 +1,89 @@
+"""How an object of no trained class may differ from one: each entry of the covariances against its definition in numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from visuohaptic.core import InputError
+from visuohaptic.recognition.touch.unknown_class import (
+    FEATURES,
+    FIRST_WIDTH,
+    GROOVE_SIGMA,
+    HEIGHT,
+    UNKNOWN_CLASS_SIGMAS,
+    smooth_profile,
+    unknown_kinds,
+)
+
+GROOVE = GROOVE_SIGMA**2
+
+
+def side(height: int, number: int) -> int:
+    """Index of the stiffness of x+, x-, y+ or y- at a height."""
+    return 4 * height + number
+
+
+def width(height: int, axis: int) -> int:
+    return FIRST_WIDTH + 2 * height + axis
+
+
+def test_profiles_are_smooth_along_the_height_and_similar_around_it() -> None:
+    found = smooth_profile(0.5, 0.3, 0.2, 0.1, 0.4, reach=4.0)
+    away = np.exp(-0.5)  # of a Gaussian correlation, one length away
+    expected = {
+        (side(3, 0), side(3, 0)): 0.25 + 0.09 + GROOVE,
+        (side(3, 0), side(3, 1)): 0.25 + 0.09 + GROOVE,  # a pinch loads both sides of an axis
+        (side(3, 0), side(3, 2)): 0.25 + 0.7 * (0.09 + GROOVE),
+        (side(3, 1), side(7, 0)): 0.25 + 0.09 * away,
+        (side(3, 1), side(7, 3)): 0.25 + 0.7 * 0.09 * away,
+        (width(5, 0), width(5, 0)): 1.4 * 0.04 + 0.01,
+        (width(5, 0), width(9, 0)): 1.4 * 0.04 + 0.01 * away,
+        (width(5, 0), width(5, 1)): 0.04 + 0.5 * 0.01,
+        (HEIGHT, HEIGHT): 0.16,
+        (side(3, 0), width(3, 0)): 0.0,
+        (HEIGHT, width(0, 0)): 0.0,
+    }
+    for place, value in expected.items():
+        assert found[place] == pytest.approx(value), place
+    np.testing.assert_array_equal(found, found.T)
+    assert np.linalg.eigvalsh(found).min() > -1e-12
+
+
+def test_a_round_object_is_alike_on_all_sides() -> None:
+    found = smooth_profile(0.5, 0.3, 0.2, 0.1, 0.4, reach=4.0, even=True)
+    for height in (0, 15):
+        block = found[side(height, 0) : side(height + 1, 0), side(height, 0) : side(height + 1, 0)]
+        np.testing.assert_allclose(block, 0.25 + 0.09 + GROOVE)
+        assert found[width(height, 0), width(height, 1)] == pytest.approx(1.4 * 0.04 + 0.01)
+
+
+def test_what_unknown_objects_are_like_is_learned_from_the_classes() -> None:
+    alike = np.ones((3, FEATURES))
+    kinds, likely = unknown_kinds(alike)
+    # Three classes without any difference, and the container of the library's own figures as a fourth sample.
+    learned = np.array(UNKNOWN_CLASS_SIGMAS) / np.sqrt(3)
+    np.testing.assert_allclose(kinds[0], smooth_profile(*learned, reach=4.0))
+    np.testing.assert_allclose(kinds[3], smooth_profile(*UNKNOWN_CLASS_SIGMAS, reach=5.0, even=True))
+    np.testing.assert_allclose(likely, [0.1, 0.1, 0.4, 0.4])  # three round of three: (3 + 1) / (3 + 2)
+
+    apart = alike.copy()
+    sides = apart[0, :FIRST_WIDTH].reshape(16, 4)
+    sides[:, :2] += GROOVE_SIGMA  # one class of two axes: 3/4 of it are its own shape
+    sides[:, 2:] -= GROOVE_SIGMA
+    apart[1, HEIGHT] += 0.3
+    kinds, likely = unknown_kinds(apart)
+    np.testing.assert_allclose(likely, [0.2, 0.2, 0.3, 0.3])  # two round of three
+    inner = 56  # its own deviation is 2/3 of it, that of both others 1/3
+    shape = GROOVE_SIGMA**2 * ((2 / 3) ** 2 + 2 * (1 / 3) ** 2)
+    assert inner == FIRST_WIDTH - 8
+    learned = np.sqrt(np.array([*UNKNOWN_CLASS_SIGMAS]) ** 2 / 3)
+    learned[1] = np.sqrt((shape + UNKNOWN_CLASS_SIGMAS[1] ** 2) / 3)
+    tall = np.sum((np.array([-0.1, 0.2, -0.1])) ** 2)
+    learned[4] = np.sqrt((tall + UNKNOWN_CLASS_SIGMAS[4] ** 2) / 3)
+    np.testing.assert_allclose(kinds[0], smooth_profile(*learned, reach=4.0))
+
+
+def test_other_features_are_refused() -> None:
+    with pytest.raises(InputError, match=f"found 3 features, expected {FEATURES}"):
+        unknown_kinds(np.ones((2, 3)))
