@@ -192,6 +192,7 @@ def _steered(world: World, push: Row) -> tuple[float, float]:
         at.copy(),
         direction,
         float(np.hypot(*push["displacement_m"])),
+        turn_rad=push.get("turn_rad", 0.0),
         object_m=np.array([*body.centre_m, 0.0]),
         lever_m=PushModel.of_footprint(body.outline_m - body.centre_m).lever_m,
         settings=PushSettings(
@@ -208,7 +209,7 @@ def _steered(world: World, push: Row) -> tuple[float, float]:
             return float(np.hypot(*(centre - push["goal_m"]))), turn
         heading += rate * PERIOD_S
         velocity = speed * np.array([np.cos(heading), np.sin(heading)])
-        physics.follow(at, velocity, PERIOD_S)
+        physics.follow(at, velocity, PERIOD_S, rate)
         at = at + PERIOD_S * velocity
     raise AssertionError
 

@@ -15,7 +15,15 @@ pytest.importorskip("mujoco")
 
 
 def push(
-    offset, *, seen=True, mass=3.0, length_m=0.8, contact_friction=0.3, max_force_N=20.0, aside_m=np.inf
+    offset,
+    *,
+    seen=True,
+    mass=3.0,
+    length_m=0.8,
+    contact_friction=0.3,
+    max_force_N=20.0,
+    aside_m=np.inf,
+    turn_rad=0.0,
 ):
     outline = box(2.0, 1.5, 0.3)
     item = FloorObject(
@@ -24,7 +32,7 @@ def push(
     world = FloorWorld(rooms(5, 3, []), [item], (1.63, 1.5, 0.0))
     lever = PushModel.patch(outline - outline.mean(axis=0)).lever_m
     run = SteeredPush(
-        np.array([1.63, 1.5]), 0.0, length_m,
+        np.array([1.63, 1.5]), 0.0, length_m, turn_rad=turn_rad,
         object_m=world.object_pose_m("box") if seen else None, lever_m=lever,
         settings=PushSettings(max_force_N=max_force_N, aside_m=aside_m),
     )  # fmt: skip
@@ -61,6 +69,13 @@ def test_it_ends_where_it_is_to_go(offset):
     assert abs(place[1]) < 0.4 * abs(offset) / 0.15 * 0.8
     assert abs(place[2]) < np.deg2rad(1.5)
     assert run.centre_offset_m() == pytest.approx(offset, rel=0.1)
+
+
+def test_it_ends_with_the_rotation_that_the_plan_declares():
+    _, world = push(0.0, length_m=0.5, turn_rad=-0.15)
+    x, y, turn = world.object_pose_m("box") - np.array([2.0, 1.5, 0.0])
+    assert (x, y) == pytest.approx((0.5, 0.0), abs=0.01)
+    assert turn == pytest.approx(-0.15, abs=np.deg2rad(0.5))
 
 
 def test_the_control_is_that_of_riccatis_equation():

@@ -1,8 +1,9 @@
 """Rigid bodies on a floor in MuJoCo: a disc drives along paths with limited force, and pushes obstacles.
 
 Bodies stand on feet with Coulomb friction, their mass off the centroid where specified; outlines are capsules
-and discs are spheres, whose contacts have closed formulas. The robot does not turn. This module is independent of the
-planner: ``drive`` returns whether the end of the path was reached, and ``bodies`` the positions of the objects.
+and discs are spheres, whose contacts have closed formulas. The rim is fixed to the robot: while the robot turns, it rolls
+along what it touches. This module is independent of the planner: ``drive``, without turning, returns whether the end of the
+path was reached, and ``bodies`` the positions of the objects.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ STEP_S, CONTROL_STEPS = 0.001, 4
 #: Gains of the platform's servo: 20 N cause 4 mm of lag, critically damped.
 ROBOT_KG, STIFFNESS_N_M = 5.0, 5000.0
 DAMPING_N_S_M = 2.0 * (ROBOT_KG * STIFFNESS_N_M) ** 0.5
+#: Of its heading: the largest force, at the rim, turns it by a hundredth of a radian; moment of inertia of a disc.
+YAW_STIFFNESS_N = 2000.0
 #: A platform that lags its reference by more than this is blocked [m].
 STUCK_M = 0.03
 CONTACT_FRICTION, WALL_FRICTION = 0.2, 0.2
@@ -61,7 +64,7 @@ class FloorPhysics:
         self.model = mujoco.MjModel.from_xml_string(text)
         self.data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self.data)
-        self.start = np.asarray(at_m, dtype=float)
+        self.start, self._heading = np.asarray(at_m, dtype=float), 0.0
         self.run(0.2)  # the feet settle
 
     @property
@@ -71,7 +74,7 @@ class FloorPhysics:
 
     def pose(self, index: int) -> tuple[np.ndarray, float]:
         """Centroid [m] and angle [rad] of a moving body."""
-        q = self.data.qpos[2 + 7 * index : 9 + 7 * index]
+        q = self.data.qpos[3 + 7 * index : 10 + 7 * index]
         return q[:2].copy(), float(2.0 * np.arctan2(q[6], q[3]))
 
     @property
@@ -85,7 +88,7 @@ class FloorPhysics:
 
     def launch(self, index: int, velocity_m_s: Sequence[float]) -> None:
         """Give a body a velocity."""
-        self.data.qvel[2 + 6 * index : 4 + 6 * index] = velocity_m_s
+        self.data.qvel[3 + 6 * index : 5 + 6 * index] = velocity_m_s
 
     def run(self, seconds: float) -> None:
         """Advance the time; the robot holds its position."""
@@ -104,11 +107,14 @@ class FloorPhysics:
                 total, moment = total + force[0], moment + force[0] * contact.pos[:2]
         return total, moment / total if total > 0.0 else None
 
-    def follow(self, at_m: np.ndarray, velocity_m_s: np.ndarray, seconds: float) -> None:
-        """Let the robot follow a moving reference from its current position."""
+    def follow(
+        self, at_m: np.ndarray, velocity_m_s: np.ndarray, seconds: float, rate_rad_s: float = 0.0
+    ) -> None:
+        """Let the robot follow a moving and turning reference from its current position and heading."""
         period = STEP_S * CONTROL_STEPS
         for step in range(1, round(seconds / period) + 1):
-            self._control(at_m + step * period * velocity_m_s, velocity_m_s)
+            self._heading += period * rate_rad_s
+            self._control(at_m + step * period * velocity_m_s, velocity_m_s, rate_rad_s)
 
     def drive(self, path_m: np.ndarray, speed_m_s: float) -> bool:
         """Follow a path with the robot's centre; False if it is blocked."""
@@ -127,10 +133,15 @@ class FloorPhysics:
         self.run(0.2)
         return bool(np.hypot(*(self.robot_m - path[-1])) < STUCK_M)
 
-    def _control(self, at_m: np.ndarray, velocity_m_s: np.ndarray) -> None:
+    def _control(self, at_m: np.ndarray, velocity_m_s: np.ndarray, rate_rad_s: float = 0.0) -> None:
         force = STIFFNESS_N_M * (at_m - self.robot_m) + DAMPING_N_S_M * (velocity_m_s - self.data.qvel[:2])
         size = float(np.hypot(*force))
         self.data.qfrc_applied[:2] = force * min(1.0, self.robot.push_force_max_N / max(size, 1e-12))
+        arm, inertia = self.robot.radius_m, 0.5 * ROBOT_KG * self.robot.radius_m**2
+        damping = 2.0 * (inertia * YAW_STIFFNESS_N * arm) ** 0.5
+        self.data.qfrc_applied[2] = YAW_STIFFNESS_N * arm * (self._heading - self.data.qpos[2]) + damping * (
+            rate_rad_s - self.data.qvel[2]
+        )
         mujoco.mj_step(self.model, self.data, CONTROL_STEPS)
 
 
@@ -147,7 +158,7 @@ def _mjcf(
         '<geom name="floor" type="plane" size="0 0 1" contype="1" conaffinity="1" friction="0.01 0 0"/>',
         *(_wall(wall) for wall in walls),
         f'<body name="robot" pos="{at_m[0]:.6f} {at_m[1]:.6f} {h}"><joint type="slide" axis="1 0 0"/>'
-        f'<joint type="slide" axis="0 1 0"/><geom type="sphere" size="{robot.radius_m}" mass="{ROBOT_KG}" '
+        f'<joint type="slide" axis="0 1 0"/><joint type="hinge" axis="0 0 1"/><geom type="sphere" size="{robot.radius_m}" mass="{ROBOT_KG}" '
         f'contype="2" conaffinity="2" priority="1" friction="{contact_friction} 0 0" solref="0.008 1"/></body>',
         *(_body(body) for body in bodies),
     ]

@@ -1,4 +1,4 @@
-"""Steering of one straight push so that the object reaches its goal without rotation (Alt 2016, Sec. 4.3.1).
+"""Steering of one straight push so that the object reaches its goal pose (Alt 2016, Sec. 4.3.1).
 
 Symbols: y lateral offset of the object's centre of friction from the line of the push (left positive), theta its rotation, e
 offset of the contact from that centre, h distance of the centre ahead of the contact, c ratio of the maximum friction moment
@@ -16,6 +16,9 @@ psi' is the control. It minimises the squares of y and theta at the end, relativ
 and r psi' on the way, weighted so that each at its maximum over the length c costs as much (linear quadratic control with finite
 horizon, Riccati recursion from the end). Suppressing only the rotation, w = -e / h, would make the object drift sideways by
 e / h of its path.
+
+A goal g of the rotation other than zero is the same problem in theta - g, psi - g, and y + g l, with the length l that is left:
+all derivatives are unchanged.
 
 Where a face is more oblique than friction permits, w is at the edge of the friction cone. Then theta' is the control, with the
 same cost, and the platform steers so that the contact slides along the face until e = -c^2 theta' - h w.
@@ -96,6 +99,8 @@ class SteeredPush:
         Direction of the push [rad].
     length_m
         Displacement of the object [m].
+    turn_rad
+        Rotation of the object at its goal [rad].
     object_m
         Pose of the object (x, y of its centroid, yaw); ``None`` if it cannot be located: then the push is straight.
     offset_m
@@ -112,6 +117,7 @@ class SteeredPush:
         direction_rad: float,
         length_m: float,
         *,
+        turn_rad: float = 0.0,
         object_m: Pose | None = None,
         offset_m: Float[np.ndarray, "2"] | None = None,
         lever_m: float = 0.1,
@@ -121,6 +127,7 @@ class SteeredPush:
         self._ahead = np.array([math.cos(direction_rad), math.sin(direction_rad)])
         self._left = np.array([-self._ahead[1], self._ahead[0]])
         self._stand, self._direction, self._length_m = np.asarray(stand_m), direction_rad, length_m
+        self._turn_rad = turn_rad
         self._first = self._seen = object_m
         self._offset = np.zeros(2) if offset_m is None else np.asarray(offset_m)
         self._lever_m = max(lever_m, 0.02)
@@ -132,9 +139,8 @@ class SteeredPush:
         self._anchor: tuple[float, Pose] | None = None
         self._stalled = False
         self._forces: list[float] = []
-        self._arm_m2 = self._way_m = (
-            0.0  #: integral of e + h w over the path of the object, and length of that path
-        )
+        #: Integral of e + h w over the path of the object, and length of that path.
+        self._arm_m2 = self._way_m = 0.0
         self._rim = self.settings.radius_m * self._ahead  #: contact point relative to the platform's centre
         self._explained: Pose | None = object_m  #: pose of the object up to which the integral goes
         self.end: PushEnd | None = None
@@ -299,16 +305,17 @@ class SteeredPush:
         )
         slope -= max(-CONTACT_FRICTION, min(CONTACT_FRICTION, slope))
         left = max(self._length_m - float(self.moved_m[0]), MIN_MOTION_M)
-        aside = float((centre - self._centre_m(self._first)) @ self._left)
+        aside = float((centre - self._centre_m(self._first)) @ self._left) + self._turn_rad * left
+        short = turned - self._turn_rad
         if not slope:
-            return self._sticking(np.array([turned, aside, beside, heading]), high, left)
+            return self._sticking(np.array([short, aside, beside, heading - self._turn_rad]), high, left)
         rates = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
         cost = np.diag([0.0, 0.0, (self._lever_m / CONTACT_FRICTION) ** 2])
-        rate = self._controlled(np.array([turned, aside + slope * left]), rates, cost, left)
+        rate = self._controlled(np.array([short, aside + slope * left]), rates, cost, left)
         slide = -(square * rate + high * slope + beside) / (0.5 * self._lever_m)
         target = turned + slope * (1.0 + high**2 / square) + high * beside / square + slide
         target = max(-s.steer_max_rad, min(s.steer_max_rad, target))
-        return (target - heading) * s.heading_gain_per_s / s.speed_m_s
+        return (target - heading) / s.radius_m
 
     def _sticking(self, state: Float[np.ndarray, "4"], high: float, left_m: float) -> float:
         """psi' for a sticking contact, from the state theta, y, e, psi."""
@@ -355,12 +362,11 @@ class SteeredPush:
         """Update the estimate of the centre of friction with the last motion of the object."""
         assert self._seen is not None
         assert self._explained is not None
-        assert self._first is not None
         step = self._centre_m(self._seen) - self._centre_m(self._explained)
         way = float(step @ self._ahead)
         if way < MIN_MOTION_M:
             return
-        slope_m = float(step @ self._left) - wrap_angle(float(self._seen[2] - self._first[2])) * way
+        slope_m = float(step @ self._left) - self.turned_rad * way
         self._arm_m2 += beside_m * way + high_m * slope_m
         self._way_m += way
         self._explained = self._seen

@@ -77,7 +77,7 @@ class TravelPushes:
         assert task.displacement_m is not None
         settings = self._settings
         length_m = float(np.hypot(*task.displacement_m))
-        push = yield from self._through_centre(task, length_m)
+        push = yield from self._through_centre(task, length_m, task.turn_rad)
         self.count += 1
         known = self._memory.item(task.object).tag is not None
         seen = yield from self._look(task.object)
@@ -86,7 +86,7 @@ class TravelPushes:
             and seen is not None
             and task.goal_m is not None
             and float(np.hypot(*(seen[:2] - task.goal_m))) < settings.near_m
-            and abs(push.turned_rad) < settings.near_rad
+            and abs(push.turned_rad - task.turn_rad) < settings.near_rad
         )
         moved_m = float(push.moved_m[0])
         good = moved_m > max(settings.moved_m, 0.5 * length_m)
@@ -240,7 +240,7 @@ class TravelPushes:
         """Whether a push met an object, not a wall, that withstood the maximum push force."""
         return push.end is PushEnd.TOO_HEAVY and not self._at_wall
 
-    def _through_centre(self, task: Task, length_m: float) -> Motion[SteeredPush]:
+    def _through_centre(self, task: Task, length_m: float, turn_rad: float = 0.0) -> Motion[SteeredPush]:
         """Push an object through its centre, steered by its located poses."""
         place = yield from self._motion.look(task.object)
         stand = np.array(task.path_m[0])
@@ -252,7 +252,7 @@ class TravelPushes:
             if task.end_covariance
             else math.inf
         )
-        return (yield from self._contact(task.object, stand, direction, length_m, place, aside_m))
+        return (yield from self._contact(task.object, stand, direction, length_m, place, aside_m, turn_rad))
 
     def _contact(
         self,
@@ -262,6 +262,7 @@ class TravelPushes:
         length_m: float,
         place: Float[np.ndarray, "3"] | None,
         aside_m: float = math.inf,
+        turn_rad: float = 0.0,
     ) -> Motion[SteeredPush]:
         """Turn to the object, push it, stop; straight if its pose is not given."""
         motion, settings, robot = self._motion, self._settings, self._robot
@@ -277,8 +278,9 @@ class TravelPushes:
             aside_m=aside_m,
         )
         push = SteeredPush(
-            stand, direction, length_m, object_m=place, offset_m=offset, lever_m=lever, settings=limits
-        )
+            stand, direction, length_m, turn_rad=turn_rad, object_m=place, offset_m=offset, lever_m=lever,
+            settings=limits,
+        )  # fmt: skip
         start, looked_s, seen = motion.pose_m(), -math.inf, place
         while True:
             now_s = motion.now_s()
