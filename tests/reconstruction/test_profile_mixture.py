@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from visuohaptic.reconstruction.profile_mixture import ProfileMixture, _over_scales
+from visuohaptic.reconstruction.profile_mixture import _PRIOR, ProfileMixture, _over_scales
 from visuohaptic.reconstruction.transparency import UprightBody
 from visuohaptic.reconstruction.vessel_shapes import vessel_profiles
 
@@ -69,7 +69,7 @@ def test_a_shape_of_no_class_is_left_to_the_free_profile():
 def test_shares_are_prior_probabilities_times_likelihoods():
     """Means over plainly drawn scales of all profiles, weighted by what the cone shows of them."""
     z_m = np.array([0.06, 0.15])
-    assert mixture(z_m[:0], z_m[:0]).models[0].share == pytest.approx(0.2)
+    assert mixture(z_m[:0], z_m[:0]).models[0].share == pytest.approx(_PRIOR[0.25])
     found = mixture(z_m, np.array([0.037, 0.033]))
     rng, profiles = np.random.default_rng(3), np.tile(vessel_profiles(), (8, 1))
     t = np.linspace(0.0, 0.21, profiles.shape[1])
@@ -91,8 +91,6 @@ def test_shares_are_prior_probabilities_times_likelihoods():
         if model is found.models[0]:
             means = np.interp(z_m, [0.05, 0.2], [0.042, 0.024])[None]
         values = multivariate_normal(np.zeros(2), covariance).pdf(found.rho_m - means)
-        first = model is found.models[0]
-        expected.append(
-            0.2 * float(np.mean(values)) if first else 0.8 / 4 * np.average(values, weights=by_cone)
-        )
+        weights = None if model is found.models[0] else by_cone
+        expected.append(_PRIOR[model.about] * np.average(values, weights=weights))
     np.testing.assert_allclose([m.share for m in found.models], np.array(expected) / sum(expected), rtol=0.1)

@@ -61,6 +61,7 @@ class BodyCompletion:
     visual_sigma_m: float = 0.0005  #: standard deviation of the visible surface [m]
     touches: list[Touch] = field(default_factory=list)
     _wall_to_m: float = field(init=False)
+    _found: tuple[tuple[int, float], ProfileMixture] | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         self._wall_to_m = self.body.height_m[1]
@@ -140,7 +141,10 @@ class BodyCompletion:
 
     def _mixture(self) -> ProfileMixture:
         """Competing profiles, given the contacts."""
-        return ProfileMixture(self.body, self.foot_z_m, self._top_m, *self._contacts())
+        known = (len(self.touches), self._top_m)
+        if self._found is None or self._found[0] != known:
+            self._found = known, ProfileMixture(self.body, self.foot_z_m, self._top_m, *self._contacts())
+        return self._found[1]
 
     def _meets(self, theta: Float[np.ndarray, "n"], z_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         """Probability that horizontal lines to the estimated axis hit the wall: the true axis is within its radius of them."""
@@ -245,7 +249,7 @@ class BodyCompletion:
             # The rim is less certain than the wall: probe at its estimated height.
             z_m = np.full_like(z_m, self._top_m)
         rho_m, sigma_m = self.wall(theta, z_m)
-        for best in np.argsort(-sigma_m * self._meets(theta, z_m), kind="stable"):
+        for best in np.argsort(-rho_m * sigma_m**2 * self._meets(theta, z_m), kind="stable"):
             outward = np.array([np.cos(theta[best]), np.sin(theta[best])])
             target = np.append(self.body.axis_m + rho_m[best] * outward, z_m[best])
             start = np.append(

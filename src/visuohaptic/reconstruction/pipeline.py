@@ -187,8 +187,8 @@ def reconstruct(
     # Without images there is no color to average; the default black would look like a measurement.
     color = any(frame.color is not None for frame in frames)
     band_m = _band_m(grid, frames, detector.measured)
-    box = {} if sparse else {"low_m": grid.low_m, "high_m": grid.high_m}
-    surface = TsdfVolume(grid.voxel_m, **box, truncation_m=band_m, color=color)
+    low_m, high_m = (None, None) if sparse else (grid.low_m, grid.high_m)
+    surface = TsdfVolume(grid.voxel_m, low_m=low_m, high_m=high_m, truncation_m=band_m, color=color)
     surface.integrate_all([mask_refracted_rays(frame, regions) for frame in frames])
     cells = outer_voxels(detector.inside())
     points_m, scores = grid.centres_m(cells), detector.score(cells)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 #: Number of draws of each class, and of heights at which a profile is given.
-DRAWS, STEPS = 3000, 65
+DRAWS, STEPS = 8000, 65
 
 
 @cache

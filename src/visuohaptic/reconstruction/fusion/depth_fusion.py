@@ -254,12 +254,13 @@ class TsdfVolume:
             np.ones((count, b + 1, b + 1, b + 1), np.float32),
             np.zeros((count,) + (b + 1,) * 3, np.bool_),
         )
+        distance, seen_bricks = _as_bricks(self._distance), _as_bricks(seen)
         for corner, rows in zip(_CORNERS, beside.T, strict=True):
-            to = tuple(slice(b, b + 1) if side else slice(0, b) for side in corner)
-            of = tuple(slice(0, 1) if side else slice(0, b) for side in corner)
+            to: Any = tuple(slice(b, b + 1) if side else slice(0, b) for side in corner)
+            of: Any = tuple(slice(0, 1) if side else slice(0, b) for side in corner)
             own = np.flatnonzero(rows >= 0)
-            values[(own, *to)] = _as_bricks(self._distance[rows[own]])[(slice(None), *of)]
-            known[(own, *to)] = _as_bricks(seen[rows[own]])[(slice(None), *of)]
+            values[(own, *to)] = distance[(rows[own], *of)]
+            known[(own, *to)] = seen_bricks[(rows[own], *of)]
         if self._shape is not None:
             for axis in range(3):
                 inside = places[:, axis, None] * b + np.arange(b + 1) < self._shape[axis]

@@ -248,14 +248,18 @@ class PublishedDetector:
             views.clear()
             self._compared_m = -np.inf
             views.add(frame)
-            return self._left_out("pose jumps")
+            self.skipped["pose jumps"] += 1
+            return None
         if not views.add(frame):
-            return self._left_out("not moved")
+            self.skipped["not moved"] += 1
+            return None
         if views.path_length_m[-1] - self._compared_m < settings.step_m - 1e-9:
-            return self._left_out("between steps")
+            self.skipped["between steps"] += 1
+            return None
         others = views.of_model()
         if len(others) < settings.min_views:
-            return self._left_out("no model")
+            self.skipped["no model"] += 1
+            return None
         self._compared_m = views.path_length_m[-1]
         model = background_model(
             others,
@@ -269,13 +273,11 @@ class PublishedDetector:
         score = error_image(model, depth_m, frame.camera, frame.T_world_camera, poses, settings)
         reliable = np.count_nonzero((model.reliability > 0) & (depth_m > 0))
         if np.count_nonzero(score) > settings.max_wrong * max(int(reliable), 1):
-            return self._left_out("too wrong")
+            self.skipped["too wrong"] += 1
+            return None
         self.cast(score, model.mean_m, frame)
         self.used += 1
         return score
-
-    def _left_out(self, cause: str) -> None:
-        self.skipped[cause] += 1
 
     def cast(
         self, score: Float32[np.ndarray, "h w"], mean_m: Float32[np.ndarray, "h w"], frame: DepthFrame
