@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal, norm
 
 from visuohaptic.core import InputError
 from visuohaptic.recognition.touch import (
@@ -20,6 +21,7 @@ from visuohaptic.recognition.touch import (
     UNKNOWN,
     ContentsModel,
     SqueezeSamples,
+    contents,
     posterior_with_unknown,
     wall_from_stiffness,
 )
@@ -163,6 +165,38 @@ def test_without_evidence_nothing_is_told():
         ContentsModel(OUTLINE_M, WALL_M, {"sand": 1.0})
     nothing = model.posterior([SqueezeSamples(0.1, np.zeros(0), np.zeros(0))])
     assert nothing.belief()["open"] == pytest.approx(1 / 3)
+
+
+def test_open_and_closed_are_as_probable_as_their_densities():
+    """Two hypotheses, by another library's densities: of the curve about its own slope, of that slope, and of the mass."""
+    model = ContentsModel(OUTLINE_M, WALL_M, {EMPTY: 1.0})
+    d = np.linspace(1e-3, 4e-3, 6)
+    curve = SqueezeSamples(0.1, d, 1.1 * model.force_N(0.1, d, closed=False, filling=EMPTY) + 0.4 * d / d[-1])
+    told = model.posterior([curve], (0.03, MASS_KG))
+    log_density = []
+    for closed in (False, True):
+        wall, air = model._body.force_N((closed, EMPTY, 0.0), 0.1, d)
+        k = float(d @ (curve.force_N - air) / (d @ d))
+        spread = contents._covariance(d, k * d, air)
+        log_density.append(
+            multivariate_normal.logpdf(curve.force_N, k * d + air, spread)
+            + norm.logpdf(math.log(k * d[-1] / wall[-1]), 0.0, math.hypot(0.4, 0.05))
+        )
+    open_, closed_ = told.probability
+    assert 0.01 < closed_ < 0.99
+    assert math.log(closed_ / open_) == pytest.approx(log_density[1] - log_density[0], abs=1e-6)
+
+
+def test_a_weight_is_as_probable_as_its_density():
+    model = ContentsModel(OUTLINE_M, WALL_M, {"liquid": 1.0})
+    told = model.posterior([], (0.35, MASS_KG))
+    expected = []
+    for fill in told.fill:
+        mean, sigma = model.mass_kg(float(fill))
+        expected.append(norm.pdf(0.35, mean, math.hypot(sigma, MASS_KG)))
+    np.testing.assert_allclose(
+        told.probability / told.probability.sum(), np.array(expected) / np.sum(expected), atol=1e-9
+    )
 
 
 def test_the_stated_false_alarm_rate_is_met():
