@@ -279,15 +279,17 @@ def test_two_soft_shadows_that_creep_along_the_front_press_nothing() -> None:
     assert not phantom.any()
 
 
-def test_a_narrow_gap_before_a_dark_body_does_not_hide_the_flanks() -> None:
+@pytest.mark.parametrize(("gamma", "limit"), [(1.0, 0.17), (2.2, 0.18)])
+def test_a_narrow_gap_before_a_dark_body_does_not_hide_the_flanks(gamma, limit, monkeypatch) -> None:
     """Floor that is seen through a gap of a pixel between foam and cylinder: its edges lie up to 1.3 px beyond the front."""
+    monkeypatch.setattr(disturbances, "draw_world", lambda seed: foam.draw_world(seed, gamma=gamma))
     sequence = disturbances.forces(60)
     sequence.moments = sequence.moments[4:9]
     frames = foam_evidence.frames_of([foam_evidence.run_sequence(sequence)])
     assert frames["valid"].all()
     error = frames["force_N"] - frames["truth_N"]
     # From two thirds of a millimetre on; 0.30 with the edges as they look.
-    assert np.abs(error[2:] / frames["truth_N"][2:]).max() < 0.17
+    assert np.abs(error[2:] / frames["truth_N"][2:]).max() < limit
     assert np.abs(error / frames["sigma_N"]).max() < 3.0
 
 
