@@ -10,8 +10,10 @@ import pytest
 
 from visuohaptic.core.camera import Frame, Pose
 from visuohaptic.core.measurement import GRAVITY_M_S2
-from visuohaptic.rigs.virtual_beam import BeamCamera, weighing_sensor, wrist_beam
+from visuohaptic.demo.served import REST, WEIGHTS
+from visuohaptic.rigs.virtual_beam import BeamCamera, weighing_frames, wrist_beam
 from visuohaptic.rigs.virtual_gripper import STRIP, TRACKING, VirtualHand, finger_sensor
+from visuohaptic.sensing.beam import TrackedBeam
 from visuohaptic.simulation.tabletop import DeformableContainer
 from visuohaptic.tasks.manipulation import FoamFingerOnDrive
 
@@ -79,7 +81,10 @@ def test_the_beam_in_the_picture_weighs_what_hangs_from_it(tmp_path, seed: int) 
     off = beam.rig.rod.spring_N_per_m / beam.beam.spring_N_per_m - 1.0
     assert abs(off) > 0.01
     camera = BeamCamera(beam, rng)
-    sensor = weighing_sensor(camera, tmp_path)
+    sensor = TrackedBeam.load(beam.write(tmp_path))
+    frames = weighing_frames(camera, np.vstack([REST, WEIGHTS]))
+    sensor.zero(itertools.islice(frames, len(REST)))
+    sensor.calibrate(frames, WEIGHTS)
     read = []
     for step, load_N in enumerate((0.0, 0.3, 5.0)):
         frames = [camera.frame(np.array([load_N, 0.0, 0.0]), 0.05 * (10 * step + k)) for k in range(10)]

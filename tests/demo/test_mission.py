@@ -101,8 +101,10 @@ def test_a_failed_chapter_is_tried_once_more_in_another_way(tmp_path: Path) -> N
 
 
 def test_a_container_of_no_class_is_grasped_as_it_was_measured(tmp_path: Path) -> None:
-    story = run_mission(tmp_path, part="bottle", seed=48, visit=Visit(48), quick=True)
+    """With its world in another process."""
+    story = run_mission(tmp_path, part="bottle", seed=48, visit=Visit(48, apart=True), quick=True)
     assert story.complete, story.summary()
+    assert story.mission.kitchen is None
     assert [claim.value for claim in story.claims if claim.kind == "class"] == ["unknown"]
     assert not story.wrong_claims
 

@@ -78,6 +78,7 @@ class Visit:
     )
     day: int = 0  #: people have moved objects since the previous one
     memory: Path | str | None = None  #: database of learnt objects, a folder or a URL
+    apart: bool = False  #: the worlds at the table run in processes of their own
 
 
 def run_mission(
@@ -146,12 +147,14 @@ def run_mission(
         quick=quick,
         world=visit.world,
         visit=visit.day,
+        apart=visit.apart,
     )
-    if visit.memory is None:
-        return run_chapters(mission, chosen, given)
-    from .memory import MissionMemory
+    with mission.opened as stack:
+        if visit.memory is not None:
+            from .memory import MissionMemory
 
-    with MissionMemory(visit.memory, f"house-{visit.world}" if visit.world else "office") as mission.memory:
+            kitchen = f"house-{visit.world}" if visit.world else "office"
+            mission.memory = stack.enter_context(MissionMemory(visit.memory, kitchen))
         return run_chapters(mission, chosen, given)
 
 

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
 from scipy.stats import chi2
 
-from ..core.camera.pose import Pose
+from ..core.camera.frame import Frame
 from ..io.depth.depth_sequence import DepthFrame
 from ..reconstruction.completion.outline import SLICE_M, axial_part, measured_outline
-from ..rigs.virtual_beam import VirtualProbe, probe_beam
 from ..sensing.beam.mechanics import compliance
-from ..simulation.tabletop.arm import SimulatedArm
-from ..simulation.tabletop.depth_camera import DepthCamera
-from ..simulation.tabletop.glass_scenes import disturb_pose
+from ..sensing.beam.tracked import TrackedBeam
 from ..tasks.framework.path_clearance import Capsule, KnownObstacles
 from ..tasks.framework.supervised_parts import Supervisor
 from ..tasks.manipulation.complete import CompleteSettings, CompletionByTouch, complete_by_touch
-from .bottle import PLACE, TableBottle, random_table_bottle, table_bottle, table_views
+from .bottle import PLACE, TableBottle
 from .judge import Claim
 from .memory import recognise_bottle
+from .served import known_loads, place_bottle, rest_count, robot_at_table, view_count
 from .story import ChapterResult, Illustration, Measure, Mission, counted, done, failed
 
 if TYPE_CHECKING:
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     from ..reconstruction.completion.surface_completion import Completion
     from ..reconstruction.pipeline import Reconstruction
-    from ..sensing.beam.tracked import TrackedBeam
 
 #: Region of interest on the table [m], and its voxels.
 LOW, HIGH, VOXEL_M = (-0.3, -0.3, -0.02), (0.3, 0.3, 0.32), 0.006
@@ -59,19 +58,17 @@ def zero_the_beam(mission: Mission) -> ChapterResult:
     mission
         Receives the zeroed sensor and the noise of its force.
     """
-    sensor, count = _zeroed_probe(mission), 3 if mission.quick else 12
-    rng, virtual = mission.rng(25), probe_beam()
-    loads = np.zeros((count, 6))
-    loads[:, :3] = rng.uniform(-1.0, 1.0, (count, 3)) * (2.0, 1.5, 1.5)
-    rows, sigmas, picture = [], [], None
-    for frame, load in zip(virtual.frames(loads, rng), loads, strict=True):
-        wrench = sensor.read(frame).reading.wrench
-        picture = frame.image
-        if wrench.valid:
-            rows.append((load[:3], wrench.force_N))
-            sigmas.append(np.sqrt(np.diag(wrench.covariance)[:3]))
-    if len(rows) < max(2, count // 2):
-        return failed(f"{len(rows)} of {count} loads could be read")
+    (loads, _), rows, sigmas, picture = known_loads(mission), [], [], None
+    with robot_at_table(mission, "beam") as bench:
+        sensor, frames = _zeroed_probe(mission, bench)
+        for frame, load in zip(frames, loads, strict=True):
+            wrench = sensor.read(frame).reading.wrench
+            picture = frame.image
+            if wrench.valid:
+                rows.append((load[:3], wrench.force_N))
+                sigmas.append(np.sqrt(np.diag(wrench.covariance)[:3]))
+    if len(rows) < max(2, len(loads) // 2):
+        return failed(f"{len(rows)} of {len(loads)} loads could be read")
     true, read = (np.array(part) for part in zip(*rows, strict=True))
     sigma = np.array(sigmas)
     error = read - true
@@ -117,12 +114,12 @@ def _forces(true: np.ndarray, read: np.ndarray, sigma: np.ndarray) -> Figure:
     return draw_axes(1, 2, draw, size=(8.6, 3.6))
 
 
-def _zeroed_probe(mission: Mission) -> TrackedBeam:
-    """The probe's sensor as described by its files, zeroed on images of the unloaded rod."""
-    virtual, rest = probe_beam(), 8 if mission.quick else 20
-    mission.known.probe = sensor = virtual.sensor(mission.folder / "beam")
-    sensor.zero(virtual.frames(np.zeros((rest, 6)), mission.rng(21), start_s=-2.0))
-    return sensor
+def _zeroed_probe(mission: Mission, bench: Any) -> tuple[TrackedBeam, Iterator[Frame]]:
+    """The probe's sensor as described by its files, zeroed on images of the unloaded rod, and the images after them."""
+    mission.known.probe = sensor = TrackedBeam.load(mission.folder / "beam" / "sensor.yaml")
+    frames = iter(bench.camera)
+    sensor.zero(itertools.islice(frames, rest_count(mission)))
+    return sensor, frames
 
 
 def default_beam(mission: Mission) -> None:
@@ -133,7 +130,8 @@ def default_beam(mission: Mission) -> None:
     mission
         State of the mission; what the chapter would have found is set.
     """
-    _zeroed_probe(mission)
+    with robot_at_table(mission, "beam") as bench:
+        _zeroed_probe(mission, bench)
     mission.known.probe_sigma_N = 0.03
 
 
@@ -148,14 +146,12 @@ def find_the_glass(mission: Mission) -> ChapterResult:
     from ..reconstruction.fusion.volume import SpaceGrid
     from ..reconstruction.pipeline import reconstruct
 
-    bottle, rng = place_bottle(mission), mission.rng(22)
-    camera = DepthCamera.kinect(240)
-    frames = []
-    views = (30 if mission.quick else 60) * (1 + mission.attempt)
-    for index, pose in enumerate(table_views(views, rng)):
-        depth = camera.render(bottle.scene, pose, rng)
-        measured = disturb_pose(pose, rng, 0.0005, 0.001)
-        frames.append(DepthFrame(0.1 * index, depth, None, measured, camera.camera, index))
+    bottle, frames = place_bottle(mission), []
+    with robot_at_table(mission, "glass") as robot:
+        camera = robot.depth.camera
+        for index in range(view_count(mission)):
+            depth_m = robot.depth.read().depth_m
+            frames.append(DepthFrame(0.1 * index, depth_m, None, robot.arm.pose()[1], camera, index))
     mission.log(f"  {len(frames)} views; fusing, and looking for contradictions between them")
     found = reconstruct(frames, grid=SpaceGrid.around(LOW, HIGH, VOXEL_M))
     picture = _depth(frames[0], found)
@@ -217,9 +213,9 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
     seen = measured_outline(surface, foot, REACH_M)
     _recall(mission, seen)
     lines, recalled = MAX_TOUCHES * (1 + mission.attempt), mission.known_bottle is not None
-    touched = _probe(mission, bottle, completion, CONFIRMING if recalled else lines)
+    touched = _probe(mission, completion, CONFIRMING if recalled else lines)
     if recalled and not _confirmed(mission, touched, foot):
-        touched = _probe(mission, bottle, completion, lines)
+        touched = _probe(mission, completion, lines)
     contacts = [touch.contact_m for touch in touched.touches if touch.contact_m is not None]
     mission.log(f"  {len(contacts)} contacts on {len(touched.touches)} lines: {touched.ending.why}")
     if not (touched.ending.success or touched.ending.outcome == "touches_used"):
@@ -310,12 +306,9 @@ def _visible(mission: Mission) -> Completion:
     )
 
 
-def _probe(mission: Mission, bottle: TableBottle, completion: Completion, touches: int) -> CompletionByTouch:
+def _probe(mission: Mission, completion: Completion, touches: int) -> CompletionByTouch:
     """Touch the true bottle; the force is read from images of the rod."""
     sensor, sigma_N = mission.known.probe, mission.known.probe_sigma_N
-    rng = mission.rng(23)
-    arm = SimulatedArm(Pose(np.eye(3), np.array([0.3, 0.0, 0.4])), repeat_sigma_m=2e-4, rng=rng)
-    cell = VirtualProbe(arm, bottle.probed(), rng, T_base_bottle=bottle.T_base_bottle)
     sensor.reset()
     # A lateral contact bends the rod.
     across = float(compliance(sensor.sensor.setup.beam, 1.0)[1, 1])
@@ -328,19 +321,20 @@ def _probe(mission: Mission, bottle: TableBottle, completion: Completion, touche
         compliance_m_per_N=across,
         sigma_m=0.0005 + sigma_N * across,
     )
-    guard, visible = Supervisor(clock=lambda: arm.t_s), completion.visual
     # Collision test of the probe's rod with the points seen by the camera.
     rod = Capsule((0.0, 0.0, 0.0), (0.0, 0.0, ROD_M), ROD_RADIUS_M)
-    known_arm = guard.arm(arm, KnownObstacles((rod,), [PLACE.apply(visible.vertices_m)]))
-    touched = complete_by_touch(
-        known_arm,
-        guard.frames(cell),
-        guard.force(lambda frame: sensor.read(frame).reading.wrench),
-        completion,
-        settings,
-        T_base_visual=PLACE,
-    )
-    mission.record_cost(arm.t_s, len(touched.touches))
+    obstacles = KnownObstacles((rod,), [PLACE.apply(completion.visual.vertices_m)])
+    with robot_at_table(mission, "probe") as robot:
+        guard = Supervisor(clock=lambda: robot.arm.pose()[0])
+        touched = complete_by_touch(
+            guard.arm(robot.arm, obstacles),
+            guard.frames(robot.camera),
+            guard.force(lambda frame: sensor.read(frame).reading.wrench),
+            completion,
+            settings,
+            T_base_visual=PLACE,
+        )
+        mission.record_cost(robot.arm.pose()[0], len(touched.touches))
     return touched
 
 
@@ -369,20 +363,6 @@ def _outline_figure(
         axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
 
     return draw_axes(1, 1, draw, size=(6.4, 5.6))
-
-
-def place_bottle(mission: Mission) -> TableBottle:
-    """Create the bottle on the simulated table, once.
-
-    Parameters
-    ----------
-    mission
-        Creates and stores the bottle.
-    """
-    if mission.bottle is None:
-        rng = mission.world_rng(20)
-        mission.bottle = random_table_bottle(rng, mission.rng(26)) if mission.world else table_bottle(rng)
-    return mission.bottle
 
 
 def default_outline(mission: Mission) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import UInt8
 
+from ..core.camera.plane import PlaneView
 from ..core.errors import InputError
 from ..core.measurement import EventKind, ForceProfile
 from ..core.objects import HapticTag
@@ -36,6 +37,8 @@ from ..tasks.mobile.explore import ExploreStep, ObstacleExploration, explore_obs
 from ..tasks.mobile.explore_records import ExploreSettings
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ..sensing.foam.sensor import FoamSensor
     from ..sensing.foam.strip.optics import ObservedStrip
     from ..viewer.page import LivePage
@@ -281,4 +284,74 @@ def show_obstacle(page: LivePage, obstacle: SimulatedObstacle, pose: tuple[float
     outline = obstacle.outlines[0].polygon_m()
     page.set_obstacle(
         obstacle.name, outline, T_world_obstacle, height_m=obstacle.height_m, fixed=not obstacle.movable
+    )
+
+
+def force_of_push(one: DemoObject) -> Figure:
+    """Force over time of one push, with ground truth and its events.
+
+    Parameters
+    ----------
+    one
+        The push.
+    """
+    from ..report.charts import force_over_time
+
+    felt, truth_N = zip(*one.samples, strict=True)
+    return force_over_time(
+        *(
+            np.array([getattr(profile, name) for profile in felt])
+            for name in ("t_s", "force_N", "force_sigma_N")
+        ),
+        truth_N=np.array(truth_N),
+        valid=np.array([profile.valid for profile in felt]),
+        reasons=[profile.reason.value for profile in felt],
+        events=one.exploration.events,
+    )
+
+
+def annotated_push(result: DemoResult, one: DemoObject) -> UInt8[np.ndarray, "rows columns 3"] | None:
+    """The camera's view at the largest force, with contours, contact and fitted shape (figure 3.10).
+
+    Parameters
+    ----------
+    result
+        Result with the sensor's setup.
+    one
+        The push.
+    """
+    from ..report.annotation import FrameNotes, annotated_frame, primitive_outline
+    from ..report.run_tables import primitive_text
+
+    if one.picture_bgr is None or one.strip is None:
+        return None
+    setup = result.sensor.setup
+    plane = PlaneView(setup.camera, setup.T_camera_foam)
+    strip = one.strip
+    profile = max((p for p in one.exploration.profiles if p.valid), key=lambda p: p.force_N)
+    # Where it is compressed: beside the object, the foam is only dragged along.
+    pressed = [contact.delta_m > 0.1 * np.max(contact.delta_m) for contact in profile.contacts]
+    contacts = [
+        plane.project(contact.points_foam_m[inside])
+        for contact, inside in zip(profile.contacts, pressed, strict=True)
+        if np.count_nonzero(inside) > 1
+    ]
+    shapes = []
+    best = one.exploration.fit.best if one.exploration.fit is not None else None
+    if best is not None:
+        shapes.append(plane.project(primitive_outline(best, reach_m=0.06)))
+    return annotated_frame(
+        one.picture_bgr,
+        FrameNotes(
+            reference_px=strip.reference_points_px,
+            front_px=strip.front_points_px,
+            front_valid=strip.usable | strip.low_confidence,
+            contacts_px=contacts,
+            primitives_px=shapes,
+            lines=(
+                f"{one.name}: {profile.force_N:.2f} N ± {profile.force_sigma_N:.2f} N",
+                primitive_text(best) or "no primitive",
+            ),
+        ),
+        split=False,
     )

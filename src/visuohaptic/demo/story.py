@@ -12,6 +12,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
@@ -153,7 +154,10 @@ class Mission:
     platform: GuidedPlatform = field(init=False)  #: the true platform, until it drives autonomously
     mapper: OccupancyMapper = field(init=False)  #: matches scans to the map
     bottle: TableBottle | None = None  #: the one on the table
-    kitchen: VirtualHand | None = None  #: arm, gripper and the bottle between its fingers
+    apart: bool = False  #: the worlds at the table run in processes of their own
+    kitchen: VirtualHand | None = None  #: the world of the hand, with the bottle between its fingers
+    hand: Any = None  #: parts of the robot in it
+    opened: ExitStack = field(default_factory=ExitStack)  #: robots to close at the end
     scan: Reconstruction = field(init=False)  #: camera views of the table
     tags: dict[str, HapticTag] = field(default_factory=dict)
     memory: MissionMemory | None = None  #: of earlier visits

@@ -24,7 +24,14 @@ from ..tasks.mobile.known_objects import recognise
 from .floor_chapters import ROBOT, default_door, nearest_obstacle, outline_m
 from .judge import Claim
 from .memory import MOVED_M
-from .push_demo import SLOW_EXPLORATION, DemoObject, DemoResult, run_demo
+from .push_demo import (
+    SLOW_EXPLORATION,
+    DemoObject,
+    DemoResult,
+    annotated_push,
+    force_of_push,
+    run_demo,
+)
 from .story import ChapterResult, Illustration, Measure, Mission, Story, done, failed
 
 if TYPE_CHECKING:
@@ -253,8 +260,6 @@ def _against_truth(one: DemoObject) -> list[Measure]:
 
 
 def _pictures(result: DemoResult, *objects: DemoObject) -> list[Illustration]:
-    from .push_demo_report import annotated_push, force_of_push
-
     found = []
     for one in objects:
         picture = annotated_push(result, one)

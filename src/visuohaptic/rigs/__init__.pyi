@@ -13,7 +13,7 @@ from .virtual_beam import BeamCamera as BeamCamera
 from .virtual_beam import VirtualBeam as VirtualBeam
 from .virtual_beam import VirtualProbe as VirtualProbe
 from .virtual_beam import probe_beam as probe_beam
-from .virtual_beam import weighing_sensor as weighing_sensor
+from .virtual_beam import weighing_frames as weighing_frames
 from .virtual_beam import wrist_beam as wrist_beam
 from .virtual_beam import write_beam_example as write_beam_example
 from .virtual_crown_cap import CapSensor as CapSensor

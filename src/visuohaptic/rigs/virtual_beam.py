@@ -14,10 +14,8 @@ from ..core.camera.frame import Frame
 from ..core.camera.model import Camera
 from ..core.camera.pose import Pose
 from ..core.files import save_yaml, write_image
-from ..sensing.beam.calibration import calibrate_beam
 from ..sensing.beam.config import BeamSensorConfig, save_beam
 from ..sensing.beam.mechanics import Beam
-from ..sensing.beam.records import LoadRecord
 from ..sensing.beam.tracked import TrackedBeam
 from ..simulation.beam.rod import ElasticRod
 from ..simulation.beam.rod_prints import Print, collage, print_of_image, print_of_tag
@@ -182,8 +180,6 @@ def probe_beam() -> VirtualBeam:
 
 #: The hand hangs from a guided spring of this stiffness [N/m], with 5 % unknown tolerance.
 WRIST_N_PER_M, WRIST_TOLERANCE = 3000.0, 0.05
-#: Calibration weights hung below it, two images of each [N].
-WEIGHTS_N = (0.0, 2.0, 4.0, 6.0, 8.0, 0.0)
 
 
 def wrist_beam(rng: np.random.Generator) -> VirtualBeam:
@@ -241,31 +237,18 @@ class BeamCamera:
         return Frame(image[..., 0], t_s, index)
 
 
-def weighing_sensor(camera: BeamCamera, folder: Path | str) -> TrackedBeam:
-    """The sensor from its files, zeroed with images of the rod at rest and calibrated with weights, before time 0.
+def weighing_frames(camera: BeamCamera, loads: Float[np.ndarray, "n 6"]) -> Iterator[Frame]:
+    """One image of the rod under each load, before time 0.
 
     Parameters
     ----------
     camera
         Camera of the rod.
-    folder
-        Output folder of the sensor's files.
+    loads
+        Forces and moments on the tip (n, 6) [N, Nm]; the moments are not applied.
     """
-    sensor = camera.virtual.sensor(folder)
-    loads = np.zeros((20 + 2 * len(WEIGHTS_N), 6))
-    loads[20:, 0] = np.repeat(WEIGHTS_N, 2)
-    frames = (
-        camera.frame(load[:3], (row - len(loads)) / camera.virtual.frame_rate_Hz, row)
-        for row, load in enumerate(loads)
-    )
-    sensor.zero(next(frames) for _ in range(20))
-    read = [sensor.read(frame).reading.wrench for frame in frames]
-    valid = np.flatnonzero([wrench.valid for wrench in read])
-    observed = np.array([[*read[k].force_N, *read[k].moment_Nm] for k in valid])
-    record = LoadRecord(loads[20:][valid], observed, "wrench", valid + 1, "weights")
-    # The reference template is already tracked in all these frames and is not reset.
-    sensor.sensor.correction = calibrate_beam(record, camera.virtual.beam).correction
-    return sensor
+    for row, load in enumerate(loads):
+        yield camera.frame(load[:3], (row - len(loads)) / camera.virtual.frame_rate_Hz, row)
 
 
 @dataclass

@@ -65,7 +65,9 @@ class RemoteRobot(Closing):
         self.base = cast("MobileBase", _Part(self, "base"))
         self.arm, self.gripper = cast("ProbeArm", _Part(self, "arm")), cast("Gripper", _Part(self, "gripper"))
         self.senses: Any = _Part(self, "senses")
-        self.camera, self.depth = _RemoteCamera(self), _RemoteDepthCamera(self)
+        self.camera, self.depth = _RemoteCamera(self, "camera"), _RemoteDepthCamera(self)
+        #: camera of the load sensor from which the hand hangs
+        self.load_camera = _RemoteCamera(self, "load_camera")
         #: latest pose in the map: the robot is its own ``Localizer``
         self.locate: Callable[[], MapPose] = partial(self.call, "localizer", "locate")
         #: measurement of the finger's sensor for a frame of :attr:`camera`
@@ -204,16 +206,16 @@ class _Part:
 class _RemoteCamera(Closing):
     frame_count = None
 
-    def __init__(self, robot: RemoteRobot) -> None:
-        self._robot = robot
+    def __init__(self, robot: RemoteRobot, part: str) -> None:
+        self._robot, self._part = robot, part
 
     @property
     def camera(self) -> Camera | None:
-        found: Camera | None = self._robot.call("camera", "model")
+        found: Camera | None = self._robot.call(self._part, "model")
         return found
 
     def __iter__(self) -> Iterator[Frame]:
-        while (frame := self._robot.call("camera", "next")) is not None:
+        while (frame := self._robot.call(self._part, "next")) is not None:
             yield frame
 
     def close(self) -> None:

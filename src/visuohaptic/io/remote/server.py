@@ -24,8 +24,8 @@ def serve_robot(parts: Mapping[str, Any], *, key: bytes, ready: Callable[[tuple[
     Parameters
     ----------
     parts
-        Components from :data:`~.wire.PROTOCOLS`: ``base``, ``arm``, ``gripper``, ``localizer``, ``senses``, ``camera``, ``depth``,
-        and the functions ``feel`` (frame to touch), ``wrench``, ``weigh`` (of a frame) and ``wait`` (of seconds).
+        Components from :data:`~.wire.PROTOCOLS`: ``base``, ``arm``, ``gripper``, ``localizer``, ``senses``, ``camera``, ``load_camera``,
+        ``depth``, and the functions ``feel`` (frame to touch), ``wrench``, ``weigh`` (of a frame) and ``wait`` (of seconds).
     key
         Secret shared with the client.
     ready
@@ -77,7 +77,9 @@ class _Served:
 
     def __init__(self, parts: Mapping[str, Any]) -> None:
         self.parts = {name: part for name, part in parts.items() if part is not None}
-        self._frames: Iterator[Any] = iter(self.parts.get("camera", ()))
+        self._frames: dict[str, Iterator[Any]] = {
+            name: iter(self.parts[name]) for name in ("camera", "load_camera") if name in self.parts
+        }
 
     def call(self, request: Any) -> Any:
         """Result of a request ``{"part", "member", "arguments"}``."""
@@ -86,8 +88,8 @@ class _Served:
         if part not in self.parts or member not in PROTOCOLS[part]:
             raise InputError("remote", f"found {part}.{member}, which is not a member of a served part")
         served = self.parts[part]
-        if part == "camera":
-            return served.camera if member == "model" else next(self._frames, None)
+        if part in self._frames:
+            return served.camera if member == "model" else next(self._frames[part], None)
         if part == "depth":
             if member == "model":
                 return served.camera

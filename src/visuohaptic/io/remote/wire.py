@@ -57,6 +57,7 @@ PROTOCOLS: dict[str, tuple[str, ...]] = {
     "localizer": ("locate",),
     "senses": ("pose", "touch", "look"),
     "camera": ("model", "next"),
+    "load_camera": ("model", "next"),
     "depth": ("model", "read"),
     "feel": ("touch",),
     "wrench": ("read",),

@@ -6,6 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+from jaxtyping import Float
+
 from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
 from ...core.errors import CalibrationError, InputError
@@ -13,7 +16,9 @@ from ...core.measurement import Reason
 from ...core.resources import Closing
 from ...tracking.templates.template import Template, load_templates
 from ...tracking.templates.template_tracker import TemplatePose, TemplateTracker
+from .calibration import calibrate_beam
 from .config import BeamSensorConfig
+from .records import LoadRecord
 from .sensor import BeamReading, BeamSensor, BeamSetup
 from .zero import BeamZero
 
@@ -143,6 +148,28 @@ class TrackedBeam(Closing):
         # Templates that the tracker had not yet found at the start are not a fault of the setup.
         whole = [one for one in seen if all(pose.valid for pose in one[1])]
         return self.sensor.zero(whole if 2 * len(whole) >= len(seen) else seen)
+
+    def calibrate(self, frames: Iterable[Frame], loads: Float[np.ndarray, "n 6"]) -> None:
+        """Correct the zeroed sensor by frames under known loads; a frame that cannot be read is left out.
+
+        Parameters
+        ----------
+        frames
+            One frame of each load, in their order.
+        loads
+            Forces and moments on the tip, frame S [N, Nm].
+
+        Raises
+        ------
+        CalibrationError
+            As :func:`.calibrate_beam`.
+        """
+        read = [self.read(frame).reading.wrench for frame in frames]
+        valid = np.flatnonzero([wrench.valid for wrench in read])
+        observed = np.array([[*read[k].force_N, *read[k].moment_Nm] for k in valid]).reshape(-1, 6)
+        record = LoadRecord(loads[valid], observed, "wrench", valid + 1)
+        # The reference template is already tracked in all these frames and is not reset.
+        self.sensor.correction = calibrate_beam(record, self.sensor.setup.beam).correction
 
     def track(self, frame: Frame) -> tuple[TemplatePose, ...]:
         """Poses of the templates alone.

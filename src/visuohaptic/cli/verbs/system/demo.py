@@ -10,6 +10,8 @@ parts
 reads
   --world   seed of a random house with its own obstacles and containers; the robot knows nothing of it
   --memory  database (a folder, or postgresql://...): a later visit uses the map, tags and containers of earlier ones
+  --apart   the robots at the table (depth camera, probe, hand) run with their worlds in processes of their own; only
+            images, poses and commands cross
   --map     any map_server YAML file: push three obstacles in it (foam part only)
 writes, into --out
   report.html   one self-contained page with every chapter
@@ -68,6 +70,7 @@ def add_arguments(add: Any) -> None:
     add("--world", 0, "seed of a random house; 0: the office (0)", low=0)
     add("--visit", 0, "number of the visit to this world, between which objects are moved (0)", low=0)
     add("--memory", str, "database that stores results between visits", metavar="FOLDER|URL")
+    add("--apart", bool, "run the worlds at the table in processes of their own")
     add("--view", bool, "show the pushes live in the browser")
 
 
@@ -135,7 +138,7 @@ def _tell(args: Any, page: Any) -> dict[str, Any]:
         with background:
             story = demo.run_mission(
                 args.out, part=args.part, seed=args.seed, on_message=args.report, page=page,
-                visit=demo.Visit(args.world, args.visit, args.memory),
+                visit=demo.Visit(args.world, args.visit, args.memory, args.apart),
             )  # fmt: skip
     report = demo.write_story(story, args.out / "report.html")
     args.report("")
