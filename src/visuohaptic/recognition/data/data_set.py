@@ -15,18 +15,8 @@ from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
 from ...core.files import atomic_path, load_json, read_npz
-from .places import HEIGHTS, SIDES
+from .places import HEIGHTS
 from .pose_error import pose_error_changes
-
-__all__ = [
-    "HEIGHTS",
-    "SIDES",
-    "FeatureSet",
-    "join_feature_sets",
-    "load_feature_set",
-    "read_build",
-    "save_feature_set",
-]
 
 #: Required arrays of the file of a feature set.
 _ARRAYS = ("features", "width_m", "label", "name", "nonlinear")

@@ -29,20 +29,8 @@ from .belief import (
     log_likelihood,
     update_belief,
 )
-from .haptic_model import UNKNOWN, HapticModel, ModelSettings, fit_model
+from .haptic_model import HapticModel
 from .unknown_class import FIRST_WIDTH, HEIGHT
-
-__all__ = [
-    "UNKNOWN",
-    "Belief",
-    "HapticModel",
-    "ModelSettings",
-    "TouchExploration",
-    "explore",
-    "fit_model",
-    "touch_gains",
-    "update_belief",
-]
 
 TOUCHES: tuple[Touch, ...] = tuple((height, axis) for height in range(1, HEIGHTS + 1) for axis in "xy")
 

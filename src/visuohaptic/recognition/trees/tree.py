@@ -14,43 +14,12 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 from ..data.data_set import FeatureSet
-from ..data.places import Touch
-from .tree_file import load_tree, plan_rows, save_tree, tree_mapping, tree_text
 from .tree_growth import SAMPLES, grown, predictors, smoothed
 from .tree_nodes import (
-    SCHEMES,
     ClassificationTree,
     decide,
-    feature_name,
-    mean_touches,
-    next_touch,
-    predict,
-    scaled_features,
-    scaling_touches,
-    touch_of,
-    walk,
 )
 from .tree_pruning import pruned, pruning_middles, simplest, stratified_folds
-
-__all__ = [
-    "SCHEMES",
-    "ClassificationTree",
-    "Touch",
-    "feature_name",
-    "load_tree",
-    "mean_touches",
-    "next_touch",
-    "plan_rows",
-    "predict",
-    "save_tree",
-    "scaled_features",
-    "scaling_touches",
-    "touch_of",
-    "train_tree",
-    "tree_mapping",
-    "tree_text",
-    "walk",
-]
 
 
 def train_tree(
