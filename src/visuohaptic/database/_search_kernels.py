@@ -6,8 +6,6 @@ import numpy as np
 
 from ..core.kernels import kernel
 
-__all__ = ["SEGMENT", "coarse_distances", "exact_distances", "smallest", "within"]
-
 #: Number of rows whose minimum distance is kept: most segments cannot contain one of the few smallest.
 SEGMENT = 256
 

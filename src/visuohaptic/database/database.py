@@ -50,8 +50,6 @@ from .rows import (
 from .schema import meta, object_
 from .shards import ShardFolder
 
-__all__ = ["BATCH", "Check", "ObjectDatabase", "open_database"]
-
 #: Number of objects that :meth:`ObjectDatabase.add_many` writes per transaction.
 BATCH = 512  # each transaction syncs the disk four times
 #: Ids are also folder names in an export.

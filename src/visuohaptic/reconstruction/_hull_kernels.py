@@ -8,8 +8,6 @@ import numpy as np
 
 from ..core.kernels import kernel
 
-__all__ = ["hull_distance", "mask_through", "seen_fraction", "within_hull"]
-
 
 @kernel(fastmath=True)
 def hull_distance(points, planes, out):

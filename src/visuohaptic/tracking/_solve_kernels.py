@@ -8,8 +8,6 @@ import numpy as np
 
 from ..core.kernels import kernel
 
-__all__ = ["median", "solve_step"]
-
 _JIT = {"fastmath": True, "error_model": "numpy", "nogil": True}
 
 

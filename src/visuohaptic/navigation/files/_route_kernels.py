@@ -10,8 +10,6 @@ from ...core.kernels import kernel
 from ..graph.tracing._path_kernels import cost
 from ..pushing._outline_kernels import segment_distance, square_gap
 
-__all__ = ["chord_clearance", "chord_measures", "split_path"]
-
 
 @kernel(error_model="numpy")
 def chord_clearance(

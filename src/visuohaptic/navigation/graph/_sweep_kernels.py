@@ -14,8 +14,6 @@ import numpy as np
 from ...core.kernels import kernel
 from .tracing._path_kernels import longer_rows
 
-__all__ = ["UNREACHED", "sweep"]
-
 #: Potential of cells that are not reachable from any node.
 UNREACHED = np.int32(2**31 - 1)
 _SHIFT = 31

@@ -8,8 +8,6 @@ import numpy as np
 
 from ...core.kernels import kernel
 
-__all__ = ["FAR", "distance_rows", "near_distance", "vertical_cells"]
-
 #: No obstacle in this column.
 FAR = np.uint16(65535)
 

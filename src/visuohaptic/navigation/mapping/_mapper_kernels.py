@@ -12,8 +12,6 @@ import numpy as np
 
 from ...core.kernels import kernel
 
-__all__ = ["add_beams", "correlate", "nearest_lines"]
-
 
 @kernel
 def add_beams(log_odds, stamp, number, start_row, start_column, ends, hits, hit, miss, bound):

@@ -16,11 +16,9 @@ from jaxtyping import Bool, Float, Int
 from ...core.errors import InputError
 from ...io.meshes.mesh_state import boundary_edges, face_parts
 from ..mesh import SurfaceMesh
-from .hole_region import HoleRegion, load_hole_regions
+from .hole_region import HoleRegion
 from .symmetry import MAX_WALL_NZ
 from .visibility import open_sight
-
-__all__ = ["HoleRegion", "SupportBand", "boundary_loops", "load_hole_regions", "support_band"]
 
 #: Rims farther from the region than this fraction of its size belong to other holes.
 _RIM_REACH = 0.5

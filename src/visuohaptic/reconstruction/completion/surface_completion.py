@@ -32,8 +32,6 @@ from .symmetry import ShapePrior, fit_prior, height_axis
 from .touch import Touch, TouchPlan, best_vertex, reachable, starts
 from .uncertainty import SurfaceUncertainty, TouchResiduals, between, spline_sigma_m
 
-__all__ = ["Completion", "CompletionSettings", "SurfaceUncertainty"]
-
 #: Points of a ring with a smaller standard deviation, relative to its radius, are supports for planning.
 _TRUSTED = 0.06
 #: Points of a ring with a larger standard deviation, relative to its radius, are not used.

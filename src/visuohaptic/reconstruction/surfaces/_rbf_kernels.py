@@ -8,8 +8,6 @@ import numpy as np
 
 from ...core.kernels import kernel
 
-__all__ = ["band_nodes", "cubic_gradients", "cubic_matrix", "cubic_values"]
-
 
 @kernel(fastmath=True)
 def cubic_values(points, centers, weights, poly, out):

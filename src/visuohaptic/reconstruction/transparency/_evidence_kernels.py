@@ -8,8 +8,6 @@ from numba import prange
 from ...core.kernels import kernel
 from ..fusion._fusion_kernels import look_up, project_cube, scatter, set_offsets
 
-__all__ = ["EDGE", "sum_evidence", "tile_bounds"]
-
 #: Edge of the voxel blocks and of the pixel tiles that share a bound.
 EDGE = 8
 #: Whether a view has evidence for no, some or all voxels of a block.

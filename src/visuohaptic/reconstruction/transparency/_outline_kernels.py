@@ -6,8 +6,6 @@ import numpy as np
 
 from ...core.kernels import kernel
 
-__all__ = ["outline_cost", "outline_ratios", "outline_sums", "search_outline"]
-
 
 @kernel
 def _side(order, x, v, sign, chain, low, high, side):

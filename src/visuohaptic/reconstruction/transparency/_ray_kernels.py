@@ -8,8 +8,6 @@ from numba import prange
 from ...core.kernels import kernel
 from ._view_kernels import project_row
 
-__all__ = ["depth_deviation", "projector_shadow", "ray_codes", "read_rays"]
-
 UNKNOWN, SAME, FAR, NEAR, DROPPED = 0, 1, 2, 3, 4
 
 

@@ -7,13 +7,6 @@ from numba import prange
 
 from ...core.kernels import kernel
 
-__all__ = [
-    "plane_equations",
-    "project_row",
-    "smooth_points",
-    "warp_views",
-]
-
 
 # A loop over a row is a function of its own: only so does the compiler vectorise it.
 @kernel(error_model="numpy")

@@ -7,8 +7,6 @@ from jaxtyping import Float
 
 from ...core.kernels import kernel
 
-__all__ = ["integrate_rod", "rod_jacobian"]
-
 
 @kernel(error_model="numpy")
 def _rates(

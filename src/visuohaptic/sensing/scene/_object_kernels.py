@@ -10,8 +10,6 @@ from ...core.kernels import kernel
 from ...tracking._solve_kernels import median, solve_step
 from ...tracking.pose._pose_kernels import project_point, turn
 
-__all__ = ["fit_motion"]
-
 
 @kernel(error_model="numpy", nogil=True)
 def fit_motion(

@@ -8,8 +8,6 @@ from jaxtyping import Bool, Float, Int
 
 from ...core.kernels import kernel
 
-__all__ = ["penetration", "solve_strip"]
-
 #: Rays of columns start this many widths behind the back contour.
 BEHIND = 3.0
 

@@ -8,8 +8,6 @@ import numpy as np
 
 from ...core.kernels import kernel
 
-__all__ = ["cast"]
-
 
 @kernel
 def cast(cells, start_row, start_column, directions, longest):

@@ -11,8 +11,6 @@ from ...core.kernels import kernel
 #: Fractions this close to 0 or 1 are rounding errors of the cumulative sums (float32).
 EDGE = 2e-5
 
-__all__ = ["add_filtered_coverage", "add_plane", "add_signed_coverage", "develop"]
-
 
 @kernel
 def add_signed_coverage(polygon: np.ndarray, x0: int, y0: int, cover: np.ndarray) -> None:

@@ -17,8 +17,6 @@ from numba import prange
 
 from ...core.kernels import kernel
 
-__all__ = ["decode_pattern", "pattern_map", "trace_rays"]
-
 _MAX_INTERFACES = 16
 _TURN = 2.0 * math.pi
 

@@ -13,8 +13,6 @@ import numpy as np
 from ...core.kernels import kernel
 from .._solve_kernels import solve_step
 
-__all__ = ["project_point", "refine_pose", "turn"]
-
 _JIT = {"error_model": "numpy", "nogil": True}
 
 

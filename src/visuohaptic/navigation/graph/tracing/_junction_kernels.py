@@ -14,8 +14,6 @@ from ....core.kernels import kernel
 from ._line_kernels import BITS
 from ._path_kernels import cost, longer
 
-__all__ = ["edge_paths", "gather_junctions", "join_lines"]
-
 
 @kernel(error_model="numpy")
 def gather_junctions(

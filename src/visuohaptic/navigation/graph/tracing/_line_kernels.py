@@ -17,8 +17,6 @@ from ....core.kernels import kernel
 from ._path_kernels import longer, longer_rows, measure
 from ._skeleton_kernels import ADJACENT, COLUMN_STEP, ROW_STEP
 
-__all__ = ["BITS", "find_ends", "find_lines"]
-
 _ADJACENT = ADJACENT
 #: Number of set bits of a mask.
 BITS = np.array([bin(mask).count("1") for mask in range(256)], np.uint8)

@@ -8,8 +8,6 @@ import numpy as np
 
 from ....core.kernels import kernel
 
-__all__ = ["cost", "longer", "longer_rows", "measure"]
-
 
 @kernel(error_model="numpy")
 def longer(array: np.ndarray) -> np.ndarray:

@@ -6,8 +6,6 @@ import numpy as np
 
 from ....core.kernels import kernel
 
-__all__ = ["keep_edges", "prune"]
-
 
 @kernel(error_model="numpy")
 def _onward(node: int, came: int, start: np.ndarray, half: np.ndarray, alive: np.ndarray) -> int:

@@ -17,8 +17,6 @@ import numpy as np
 from ....core.kernels import kernel
 from ._path_kernels import longer
 
-__all__ = ["ADJACENT", "COLUMN_STEP", "KEPT", "ROW_STEP", "refine", "start", "survey"]
-
 #: Bit of the marks: the cell is on the skeleton.
 KEPT = np.uint8(1)
 _QUEUED = np.uint8(2)

@@ -12,8 +12,6 @@ from ....core.kernels import kernel
 from ..._solve_kernels import solve_step
 from ._esm_row_kernels import row_bilinear, row_cubic, row_positions
 
-__all__ = ["block_step", "block_sums"]
-
 _JIT = {"fastmath": True, "error_model": "numpy", "nogil": True}
 #: Indices of the diagonal in an upper triangle of seven rows.
 _DIAGONAL = np.array([0, 7, 13, 18, 22, 25, 27], dtype=np.int64)

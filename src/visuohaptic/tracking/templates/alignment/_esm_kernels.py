@@ -36,8 +36,6 @@ from ._esm_row_kernels import (
     row_vector,
 )
 
-__all__ = ["exponential", "gauss_newton_sums", "refine_level"]
-
 _JIT = {"fastmath": True, "error_model": "numpy", "nogil": True}
 
 # Field k: coefficient and powers of x and y that multiply gx, then those that multiply gy.

@@ -12,18 +12,6 @@ import numpy as np
 
 from ....core.kernels import kernel
 
-__all__ = [
-    "row_bilinear",
-    "row_correlation",
-    "row_cubic",
-    "row_gradient",
-    "row_light",
-    "row_matrix",
-    "row_positions",
-    "row_residual",
-    "row_vector",
-]
-
 _JIT = {"fastmath": True, "error_model": "numpy", "nogil": True}
 
 
