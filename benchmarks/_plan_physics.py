@@ -105,10 +105,12 @@ def room(planner: Planner, key: str) -> Row:
 def rooms_table(rows: Rows) -> list[Row]:
     """Fraction reached of the scenes that are solvable; time of the first plans."""
     solvable = [row for row in rows.values() if row["reached"] or row["solvable"]]
-    first = [row["plans"][0] for row in rows.values()]
+    first = [row["plans"][0] for row in solvable]
     times = [1e3 * (plan["cpu_s"] if plan["answer"] == "plan" else np.inf) for plan in first]
     soon = [t for t in times if t <= 2000]
     reached = sum(row["reached"] for row in solvable)
+    others = [row["plans"][0] for row in rows.values() if not (row["reached"] or row["solvable"])]
+    said = sum(plan["answer"] == "proved" and plan["cpu_s"] <= 2.0 for plan in others)
     kinds = sorted({row["plans"][-1]["answer"] for row in solvable if not row["reached"]})
     return [
         {
@@ -121,11 +123,11 @@ def rooms_table(rows: Rows) -> list[Row]:
         },
         {
             "name": "rooms: first plan within 2 s",
-            "ours": 100.0 * len(soon) / max(len(rows), 1),
+            "ours": 100.0 * len(soon) / max(len(solvable), 1),
             "unit": "%",
             "floor": 95,
             "aim": 100,
-            "note": "of all scenes",
+            "note": f"of the solvable; {said} of {len(rows) - len(solvable)} others proved in 2 s",
         },
         {"name": "rooms: first plan, median", "ours": quantile(times, 0.5), "unit": "ms", "aim": 100},
         {"name": "rooms: first plan, p99", "ours": quantile(times, 0.99), "unit": "ms", "aim": 1000},

@@ -231,7 +231,7 @@ def test_compilation_uses_no_budget(tmp_path):
         _travel_kernels.clearance_at(layer, 1.0, 1.0)  # what numba itself imports is not timed
         before = compiled_s()
         deadline = push_states.Deadline.after(100.0)
-        _travel_kernels.flood(layer, 0.5, np.zeros(1, np.int32))
+        _travel_kernels.flood(layer, 0.5, np.zeros(1, np.int32), np.zeros(0, np.int32))
         print(100.0 - deadline.left_s, *np.subtract(compiled_s(), before))
     """
     environment = {

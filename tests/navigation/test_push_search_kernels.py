@@ -207,8 +207,13 @@ def test_flood_is_a_connected_component():
     clearance = rng.choice([1.0, 3.0], (40, 40), p=[0.45, 0.55]).astype(np.float32)
     labels, _ = label(clearance >= RADIUS, np.ones((3, 3)))
     source = int(np.flatnonzero(labels.ravel())[0])
-    found = flood(clearance, RADIUS, np.array([source], np.int32))
+    seeds, none = np.array([source], np.int32), np.zeros(0, np.int32)
+    found = flood(clearance, RADIUS, seeds, none)
     assert (found.reshape(40, 40) == (labels == labels.ravel()[source])).all()
+    for target in np.flatnonzero(labels.ravel())[::50].astype(np.int32):
+        some = flood(clearance, RADIUS, seeds, np.array([target], np.int32))
+        assert some[target] == found[target]
+        assert not (some & ~found).any()
 
 
 def test_an_object_leaves_neither_cells_nor_crumbs_and_takes_no_wall_along():

@@ -264,7 +264,7 @@ def _reached(
     outline = body.placed(body.outline, pose, domain.map.resolution_m)
     lower_clearance(clearance, np.ascontiguousarray(outline), domain.reach)
     near, _ = domain.seeds(clearance, retreat(rollout), reach=2, block=1)
-    return clearance, _travel_kernels.flood(clearance, domain.radius, near)
+    return clearance, _travel_kernels.flood(clearance, domain.radius, near, near[:0])
 
 
 def opens_passage(rollout: Rollout, pose: np.ndarray) -> bool:

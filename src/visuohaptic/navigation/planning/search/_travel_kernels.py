@@ -342,8 +342,8 @@ def string_pull(
 
 
 @kernel
-def flood(clearance: np.ndarray, radius: float, seeds: np.ndarray) -> np.ndarray:
-    """Cells connected with the seeds, 8-connected, with at least the radius as clearance."""
+def flood(clearance: np.ndarray, radius: float, seeds: np.ndarray, targets: np.ndarray) -> np.ndarray:
+    """Cells connected with the seeds, 8-connected, with at least the radius as clearance; not all once a target is found."""
     rows, columns = clearance.shape
     flat = clearance.ravel()
     found = np.zeros(rows * columns, np.bool_)
@@ -357,6 +357,9 @@ def flood(clearance: np.ndarray, radius: float, seeds: np.ndarray) -> np.ndarray
     while used > 0:
         used -= 1
         u = stack[used]
+        for target in targets:
+            if u == target:
+                return found
         r, c = u // columns, u % columns
         for rr in range(max(r - 1, 0), min(r + 2, rows)):
             for cc in range(max(c - 1, 0), min(c + 2, columns)):

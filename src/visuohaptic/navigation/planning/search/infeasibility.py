@@ -81,7 +81,7 @@ class Infeasibility:
             near = near[clearance.ravel()[near] >= domain.radius]
             if not near.size:
                 continue
-            reached = _travel_kernels.flood(clearance, domain.radius, near)
+            reached = _travel_kernels.flood(clearance, domain.radius, near, near[:0])
             key = (self._places(chosen, shifts), int(reached.argmax()))
             if key in seen:
                 continue

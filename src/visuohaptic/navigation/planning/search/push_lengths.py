@@ -317,6 +317,6 @@ def _closed(
         lower_clearance(among, outline - low, domain.radius)
         begin, end = (domain.seeds(among, drive[k] - low, reach=2, block=1)[0] for k in ends)
         found[number] = not (
-            begin.size and end.size and _travel_kernels.flood(among, domain.radius, begin)[end].any()
+            begin.size and end.size and _travel_kernels.flood(among, domain.radius, begin, end)[end].any()
         )
     return found
