@@ -6,6 +6,7 @@ and bowls. The ranges of the parameters are wide; what is known of a vessel weig
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -28,7 +29,7 @@ def vessel_profiles(
         Parameters of each vessel (n, 6), between 0 and 1; a class may use fewer.
     """
     t, found = np.linspace(0.0, 1.0, STEPS), np.empty((len(kind), STEPS))
-    for number, profile in enumerate((_straight, _shouldered, _stemmed, _bowl)):
+    for number, profile in enumerate(_CLASSES):
         own = kind == number
         found[own] = profile(t, *parameters[own].T[..., None])
     return found / found.max(axis=1, keepdims=True)
@@ -84,3 +85,6 @@ def _stemmed(
 def _bowl(t: np.ndarray, foot: np.ndarray, power: np.ndarray, *_: np.ndarray) -> np.ndarray:
     foot = 0.3 + 0.6 * foot
     return foot + (1 - foot) * t ** (0.3 + 0.9 * power)
+
+
+_CLASSES: tuple[Callable[..., np.ndarray], ...] = (_straight, _shouldered, _stemmed, _bowl)
