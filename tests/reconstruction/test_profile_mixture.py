@@ -8,7 +8,7 @@ from scipy.stats import multivariate_normal
 
 from visuohaptic.reconstruction.profile_mixture import _PRIOR, ProfileMixture, _over_scales
 from visuohaptic.reconstruction.transparency import UprightBody
-from visuohaptic.reconstruction.vessel_shapes import vessel_profiles
+from visuohaptic.reconstruction.vessel_shapes import drawn_vessels
 
 BODY = UprightBody(np.zeros(2), np.full(2, 0.0015), (0.042, 0.024), 0.001, (0.05, 0.2), 90.0)
 
@@ -25,7 +25,9 @@ def mixture(heights_m, radius_m, top_m=0.21):
 
 
 def test_profiles_are_as_wide_as_one_and_never_thinner_than_nothing():
-    profiles = vessel_profiles()
+    kind, parameters, profiles = drawn_vessels(4000)
+    assert np.bincount(kind).tolist() == [1000] * 4
+    assert parameters.shape == (4000, 6)
     assert profiles.max(axis=1) == pytest.approx(1.0)
     assert profiles.min() > 0.03
 
@@ -71,7 +73,7 @@ def test_shares_are_prior_probabilities_times_likelihoods():
     z_m = np.array([0.06, 0.15])
     assert mixture(z_m[:0], z_m[:0]).models[0].share == pytest.approx(_PRIOR[0.25])
     found = mixture(z_m, np.array([0.037, 0.033]))
-    rng, profiles = np.random.default_rng(3), np.tile(vessel_profiles(), (8, 1))
+    rng, profiles = np.random.default_rng(3), drawn_vessels(100_000)[2]
     t = np.linspace(0.0, 0.21, profiles.shape[1])
     seen = (t >= 0.05) & (t <= 0.2)
     radii = 0.042 * profiles / profiles[:, seen].max(axis=1, keepdims=True)

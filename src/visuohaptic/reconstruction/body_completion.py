@@ -160,7 +160,7 @@ class BodyCompletion:
             cross = np.vstack([axis @ mixture.way.T, known])
             prior = np.zeros((len(levels) + 2,) * 2)
             prior[:2, :2], prior[2:, 2:] = axis, mixture.profile_m2(levels, levels, model.about)
-            one = rng.choice(len(model.weights), round(_DRAWS * model.share), p=model.weights)
+            one = rng.integers(len(model.radii_m), size=round(_DRAWS * model.share))
             mean = model.gains[one] @ cross.T
             mean[:, 2:] += model.at(levels)[one]
             spread = prior - cross @ model.inverse @ cross.T

@@ -1,7 +1,8 @@
 """Competing profiles of an upright vessel: each a Gaussian process about its own mean, weighted by its likelihood of the contacts.
 
 The means are the cone fitted to the outlines, with a large deviation, and profiles drawn from classes of shapes, with smaller ones and a
-scale of their own, which the cone gives roughly (Rasmussen and Williams 2006, Eqs. 2.23 and 2.30).
+scale of their own, which the cone gives roughly (Rasmussen and Williams 2006, Eqs. 2.23 and 2.30). Their parameters are sampled from
+rough to smooth profiles by sequential Monte Carlo (Del Moral, Doucet and Jasra 2006), with the scale integrated in closed form.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .transparency.outline_fit import UprightBody
-from .vessel_shapes import vessel_profiles
+from .vessel_shapes import drawn_vessels, vessel_profiles
 
 #: Standard deviation of the profile about the cone, and of the deviation from a circular section, in radii: diameters of bottles are
 #: made to 0.5 mm + 1.2 % (ISO 9058), 1 % of a radius of 40 mm if errors are uniform between these limits.
@@ -21,14 +22,14 @@ _PROFILE, _NONCIRCULARITY = 0.25, 0.01
 _OVER_HEIGHT, _OVER_ANGLE_RAD = 0.3, 0.7
 #: Prior probabilities of deviations from a profile, in mean radii: about the cone, and about a drawn profile. Those of maximum likelihood
 #: of 96 touches on 16 vessels of open scenes of the ray tracer, but at least 5 % for a vessel that is like none of these.
-_PRIOR = {_PROFILE: 0.05, 0.06: 0.1, 0.025: 0.4, 0.01: 0.45}
+_PRIOR = {_PROFILE: 0.05, 0.06: 0.15, 0.01: 0.8}
 #: Correlation length of the deviation from a drawn profile, in heights of the body.
 _RESIDUAL_HEIGHT = 0.15
 #: Deviations of the widest, the lowest visible and the mean upper radius of a vessel from those of its cone, in radii: rms of 16 vessels
 #: of open scenes of the ray tracer. The outlines are up to a matching window too wide, and the cone does not follow a neck.
 _WIDEST, _VISIBLE = 0.11, np.array([0.14, 0.17])
-#: Profiles that are this much less likely than the likeliest one are left out.
-_NEGLIGIBLE = 1e-5
+#: Numbers of profiles that are drawn first and kept; steps of their parameters, in standard deviations among them.
+_DRAWS, _PARTICLES, _STEPS = 8000, 800, (1.0, 0.5, 0.25, 0.1) * 3
 
 
 @dataclass(slots=True, eq=False)
@@ -39,7 +40,6 @@ class ProfileModel:
     heights_m: Float[np.ndarray, "heights"]  #: heights of the profiles [m]
     radii_m: Float[np.ndarray, "profiles heights"]  #: radii [m]
     inverse: Float[np.ndarray, "n n"]  #: inverse covariance of the contacts [1/m2]
-    weights: Float[np.ndarray, "profiles"] = field(init=False)  #: probability of each profile in the model
     gains: Float[np.ndarray, "profiles n"] = field(init=False)  #: weighted deviations of the contacts [1/m]
     share: float = 0.0  #: probability of the model
 
@@ -68,62 +68,89 @@ class ProfileMixture:
     rho_m: Float[np.ndarray, "n"]  #: their distances from the axis [m]
     sigma_m: Float[np.ndarray, "n"]  #: standard deviations of these distances [m]
     models: tuple[ProfileModel, ...] = field(init=False)  #: by their deviation about a profile
-    _widest_m: Float[np.ndarray, "profiles 1"] = field(init=False)
 
     def __post_init__(self) -> None:
-        profiles, at, visible, cone = self._drawn()
+        rng, cone = np.random.default_rng(1), np.array(self.body.height_m)
+        free = ProfileModel(_PROFILE, cone, np.array([self.body.radius_m]), self._inverse(_PROFILE))
+        gaps = self.rho_m - free.at(self.z_m)[0]
+        models, evidence = [free], [-0.5 * float(gaps @ free.inverse @ gaps)]
+        kind, parameters, profiles = drawn_vessels(_DRAWS)
+        logs, total = self._likelihoods(profiles, None)[0], 0.0
         heights_m = np.linspace(self.foot_z_m, self.top_m, profiles.shape[1])
-        cone_m = np.interp(self.z_m, self.body.height_m, self.body.radius_m)
-        by_cone, _, _ = _over_scales(visible, cone, np.eye(2))
-        noise, models, evidence = np.random.default_rng(1).standard_normal(len(profiles)), [], []
-        for about, prior in _PRIOR.items():
-            covariance = self.covariance_m2((self.way, self.z_m), (self.way, self.z_m), about)
-            covariance += np.diag(self.sigma_m**2)
-            inverse = np.linalg.inv(covariance)
-            if about == _PROFILE:
-                gaps = self.rho_m - cone_m
-                total, weights = -0.5 * float(gaps @ inverse @ gaps), np.ones(1)
-                model = ProfileModel(
-                    about, np.array(self.body.height_m), np.array([self.body.radius_m]), inverse
-                )
-            else:
-                precise = np.eye(2 + len(inverse))
-                precise[2:, 2:] = inverse
-                logs, change, sigma = _over_scales(
-                    np.hstack([visible, at]), np.append(cone, self.rho_m), precise
-                )
-                # The likelihood of the contacts given the cone; a scale of each profile is drawn from its posterior.
-                total = float(np.logaddexp.reduce(logs) - np.logaddexp.reduce(by_cone))
-                kept = np.flatnonzero(logs > logs.max() + np.log(_NEGLIGIBLE))
-                weights = np.exp(logs[kept] - np.logaddexp.reduce(logs[kept]))
-                scale = self._widest_m[kept] * (1 + change + sigma * noise)[kept, None]
-                model = ProfileModel(about, heights_m, profiles[kept] * scale, inverse)
-            model.weights, model.gains = weights, (self.rho_m - model.at(self.z_m)) @ inverse
-            evidence.append(total - 0.5 * np.linalg.slogdet(covariance)[1] + np.log(prior))
-            models.append(model)
+        for about in [about for about in _PRIOR if about != _PROFILE]:
+            inverse = self._inverse(about)
+            gain = self._likelihoods(profiles, inverse)[0] - logs
+            base = (
+                logs - np.logaddexp.reduce(logs) if not models[1:] else np.full(len(logs), -np.log(len(logs)))
+            )
+            weights = np.exp(base + gain - np.logaddexp.reduce(base + gain))
+            total += float(np.logaddexp.reduce(base + gain))
+            places = (np.arange(_PARTICLES) + rng.random()) / _PARTICLES
+            chosen = np.minimum(np.searchsorted(np.cumsum(weights), places), len(weights) - 1)
+            kind, parameters = kind[chosen], parameters[chosen]
+            profiles, logs, scale = self._moved(kind, parameters, inverse, rng)
+            models.append(ProfileModel(about, heights_m, profiles * scale, inverse))
+            evidence.append(total)
+        for n, model in enumerate(models):
+            model.gains = (self.rho_m - model.at(self.z_m)) @ model.inverse
+            evidence[n] += 0.5 * np.linalg.slogdet(model.inverse)[1] + np.log(_PRIOR[model.about])
         share = np.exp(np.array(evidence) - np.logaddexp.reduce(evidence))
         for model, part in zip(models, share, strict=True):
             model.share = float(part)
         self.models = tuple(models)
 
-    def _drawn(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """The drawn profiles; at the scale of the cone their radii at the contacts [m]; and what the cone shows of them, of itself.
+    def _inverse(self, about: float) -> np.ndarray:
+        """Inverse covariance of the contacts about a profile [1/m2]."""
+        covariance = self.covariance_m2((self.way, self.z_m), (self.way, self.z_m), about)
+        return np.linalg.inv(covariance + np.diag(self.sigma_m**2))
 
-        That are the lowest visible and the mean upper radius, in standard deviations. Sets the scale, the widest radius.
+    def _moved(
+        self, kind: np.ndarray, parameters: np.ndarray, inverse: np.ndarray, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Metropolis steps of the parameters, in place; profiles, log-likelihoods, and a scale drawn for each profile [m]."""
+        spread = np.array(
+            [parameters[kind == k].std(axis=0) if (kind == k).any() else np.zeros(6) for k in range(4)]
+        )
+        profiles = vessel_profiles(kind, parameters)
+        logs, change, sigma, widest_m = self._likelihoods(profiles, inverse)
+        for step in _STEPS:
+            trial = parameters + step * spread[kind] * rng.standard_normal(parameters.shape)
+            trial = 1 - np.abs(1 - np.abs(trial) % 2)  # reflected at 0 and 1
+            shapes = vessel_profiles(kind, trial)
+            found = self._likelihoods(shapes, inverse)
+            better = np.log(rng.random(len(logs))) < found[0] - logs
+            parameters[better], profiles[better] = trial[better], shapes[better]
+            for old, new in zip((logs, change, sigma, widest_m), found, strict=True):
+                old[better] = new[better]
+        return profiles, logs, (widest_m * (1 + change + sigma * rng.standard_normal(len(logs))))[:, None]
+
+    def _likelihoods(
+        self, profiles: np.ndarray, inverse: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Log-likelihoods of cone and contacts over all scales; mean and deviation of the scale, relative to that of the cone [m].
+
+        Of the cone count its widest, lowest and mean upper radius. Without ``inverse``, the contacts do not count.
         """
-        profiles, (low_m, high_m) = vessel_profiles(), self.body.radius_m
-        t = np.linspace(0.0, 1.0, profiles.shape[1])
-        ends = (np.array(self.body.height_m) - self.foot_z_m) / (self.top_m - self.foot_z_m)
+        low_m, high_m = self.body.radius_m
+        t, height_m = np.linspace(0.0, 1.0, profiles.shape[1]), self.top_m - self.foot_z_m
+        ends = (np.array(self.body.height_m) - self.foot_z_m) / height_m
         seen = np.flatnonzero((t >= min(ends[0], 0.9)) & (t <= ends[1] + 1e-9))
         upper = seen[t[seen] >= 0.5 * ends.sum()]
-        self._widest_m = max(low_m, high_m) / profiles[:, seen].max(axis=1, keepdims=True)
+        widest_m = max(low_m, high_m) / profiles[:, seen].max(axis=1)
         sigma_m = float(np.mean(self.body.radius_m)) * _VISIBLE
-        visible = np.column_stack([profiles[:, seen[0]], profiles[:, upper].mean(axis=1)]) * self._widest_m
-        cone_m = np.array([low_m, np.interp(t[upper], ends, self.body.radius_m).mean()])
-        place = np.clip((self.z_m - self.foot_z_m) / (self.top_m - self.foot_z_m), 0.0, 1.0) * (len(t) - 1)
-        low = np.minimum(place.astype(int), len(t) - 2)
-        at = (profiles[:, low] + (place - low) * (profiles[:, low + 1] - profiles[:, low])) * self._widest_m
-        return profiles, at, visible / sigma_m, cone_m / sigma_m
+        at = np.column_stack([profiles[:, seen[0]], profiles[:, upper].mean(axis=1)]) / sigma_m
+        data, precise = (
+            np.array([low_m, np.interp(t[upper], ends, self.body.radius_m).mean()]) / sigma_m,
+            np.eye(2),
+        )
+        if inverse is not None:
+            place = np.clip((self.z_m - self.foot_z_m) / height_m, 0.0, 1.0) * (len(t) - 1)
+            low = np.minimum(place.astype(int), len(t) - 2)
+            contacts = profiles[:, low] + (place - low) * (profiles[:, low + 1] - profiles[:, low])
+            at, data = np.hstack([at, contacts]), np.append(data, self.rho_m)
+            precise = np.eye(len(data))
+            precise[2:, 2:] = inverse
+        return *_over_scales(at * widest_m[:, None], data, precise), widest_m
 
     def profile_m2(
         self, z_m: Float[np.ndarray, "n"], z2_m: Float[np.ndarray, "m"], about: float
@@ -192,8 +219,8 @@ class ProfileMixture:
             own += axis_m2 - np.einsum("ij,jk,ik->i", cross, model.inverse, cross)
             # The mean of each profile is linear in its radii and in its deviations at the contacts.
             each = np.hstack([model.at(levels), model.gains])
-            mean = model.weights @ each
-            apart = (each - mean) * np.sqrt(model.weights)[:, None]
+            mean = each.mean(axis=0)
+            apart = (each - mean) / np.sqrt(len(each))
             rows = np.hstack([np.eye(len(levels))[level], cross])
             between = np.einsum("ij,jk,ik->i", rows, apart.T @ apart, rows)
             mean_m += model.share * (rows @ mean)

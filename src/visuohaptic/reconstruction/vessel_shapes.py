@@ -1,4 +1,4 @@
-"""Profiles of upright vessels, drawn from classes of shapes with uniform parameters.
+"""Profiles of upright vessels of several classes of shapes, with uniform parameters.
 
 Four classes that people make: straight (tumblers, jars), with a shoulder and a neck (bottles), with a stem (wine glasses, goblets),
 and bowls. The ranges of the parameters are wide; what is known of a vessel weights the draws.
@@ -6,23 +6,46 @@ and bowls. The ranges of the parameters are wide; what is known of a vessel weig
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-#: Number of draws of each class, and of heights at which a profile is given.
-DRAWS, STEPS = 8000, 65
+#: Number of heights at which a profile is given, and of parameters of a class.
+STEPS, PARAMETERS = 65, 6
+
+
+def vessel_profiles(
+    kind: Int[np.ndarray, "n"], parameters: Float[np.ndarray, "n 6"]
+) -> Float[np.ndarray, "n steps"]:
+    """Radii of vessels (n, steps) from foot to rim at equal steps of the height, in units of the largest one.
+
+    Parameters
+    ----------
+    kind
+        Class of each vessel (n): straight, shouldered, stemmed, bowl.
+    parameters
+        Parameters of each vessel (n, 6), between 0 and 1; a class may use fewer.
+    """
+    t, found = np.linspace(0.0, 1.0, STEPS), np.empty((len(kind), STEPS))
+    for number, profile in enumerate(_CLASSES):
+        own = kind == number
+        found[own] = profile(t, *parameters[own].T[..., None])
+    return found / found.max(axis=1, keepdims=True)
 
 
 @cache
-def vessel_profiles() -> Float[np.ndarray, "draws steps"]:
-    """Radii of vessels (draws, steps) from foot to rim at equal steps of the height, in units of the largest one."""
-    rng, t = np.random.default_rng(0), np.linspace(0.0, 1.0, STEPS)
-    found = np.concatenate(
-        [kind(t, *rng.random((6, DRAWS, 1))) for kind in (_straight, _shouldered, _stemmed, _bowl)]
-    )
-    return found / found.max(axis=1, keepdims=True)
+def drawn_vessels(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Classes (n), parameters (n, 6) and profiles (n, steps) of vessels with equally frequent classes and uniform parameters.
+
+    Parameters
+    ----------
+    count
+        Number of vessels n.
+    """
+    kind, parameters = np.arange(count) % 4, np.random.default_rng(0).random((count, PARAMETERS))
+    return kind, parameters, vessel_profiles(kind, parameters)
 
 
 def _ramp(x: np.ndarray) -> np.ndarray:
@@ -62,3 +85,6 @@ def _stemmed(
 def _bowl(t: np.ndarray, foot: np.ndarray, power: np.ndarray, *_: np.ndarray) -> np.ndarray:
     foot = 0.3 + 0.6 * foot
     return foot + (1 - foot) * t ** (0.3 + 0.9 * power)
+
+
+_CLASSES: tuple[Callable[..., np.ndarray], ...] = (_straight, _shouldered, _stemmed, _bowl)
