@@ -7,6 +7,7 @@ import pytest
 from benchmarks._forecasts import calibration_error
 
 from visuohaptic.core import InputError
+from visuohaptic.deformation.shapes import class_names, load_container
 from visuohaptic.recognition.data import (
     FeatureSet,
     TouchProtocol,
@@ -36,6 +37,7 @@ from visuohaptic.recognition.touch.belief import (
     sequential_likelihood,
 )
 from visuohaptic.recognition.touch.calibration import EXPLORATIONS, best_or_first, rate_of_each
+from visuohaptic.recognition.touch.haptic_model import PARAMETERS, RANGE_WIDENING
 from visuohaptic.recognition.touch.unknown_class import FIRST_WIDTH
 from visuohaptic.recognition.trees import mean_touches, train_tree
 
@@ -219,6 +221,30 @@ def test_objects_outside_the_trained_ranges_are_known_and_others_are_not() -> No
     touch = touch_of(wavy, 0)
     readings = [touch(height, axis) for height in (6, 9, 12, 15) for axis in "xy"]
     assert update_belief(model, readings).answer == UNKNOWN
+
+
+def test_effects_of_second_order_grow_with_the_square_outside_the_ranges() -> None:
+    """A class of twelve parameters with curved effects: members that vary by l times as much are as far off as declared."""
+    rng = np.random.default_rng(0)
+    linear, square = rng.normal(0, 0.1, (12, FIRST_WIDTH)), rng.normal(0, 0.03, (12, FIRST_WIDTH))
+
+    def logs(scale: float, count: int) -> np.ndarray:
+        u = rng.uniform(-np.sqrt(3), np.sqrt(3), (count, 12)) * scale
+        return np.asarray(u @ linear + (u**2 - 1) @ square)
+
+    trained = np.exp(8.0 + logs(1.0, 800)).reshape(-1, 16, 4)
+    data = FeatureSet.of_stiffness(trained, np.full((800, 16, 2), 0.06), ["any"] * 800)
+    one = class_statistics(data, ModelSettings(), TouchProtocol())["any"]
+    # Twelve parameters have 24 effects; the twelve smaller ones are of second order.
+    direction = np.linalg.eigh(one.within[:FIRST_WIDTH, :FIRST_WIDTH])[1][:, -24:-12]
+    away = (logs(RANGE_WIDENING, 2000) @ direction).var(axis=0).sum()
+    declared = RANGE_WIDENING**2 * one.within + (RANGE_WIDENING**4 - RANGE_WIDENING**2) * one.curved
+    ratio = away / np.trace(direction.T @ declared[:FIRST_WIDTH, :FIRST_WIDTH] @ direction)
+    # The resolution of a touch and 800 objects leave some percent; of first order alone, it would be twice that.
+    assert ratio == pytest.approx(1.0, abs=0.15)
+    # The shipped classes have as many free parameters on average.
+    free = [len(load_container(name).free_parameters) for name in class_names()]
+    assert pytest.approx(np.mean(free), rel=0.1) == PARAMETERS
 
 
 def test_a_class_of_few_parameters_does_not_bend_as_another_with_grooves_does() -> None:

@@ -146,9 +146,8 @@ def class_chi_square(
     freedom
         Number of values, above 0.
     """
-    # They are equally probable before any reading.
-    alike = (model.part == model.part[:, None]).astype(float)
-    tail = chdtrc(freedom, square) @ (alike / alike.sum(axis=0))
+    alike = (model.part == model.part[:, None]) * model.fraction[:, None]
+    tail = chdtrc(freedom, square) @ (alike / np.maximum(alike.sum(axis=0), 1e-300))
     # The lower bound keeps the result finite, far beyond any limit.
     out: np.ndarray = chdtri(freedom, np.maximum(tail, 1e-300))
     return out

@@ -11,7 +11,7 @@ in :mod:`.haptic_model` is 0 for the same object again, or 1 for another one of 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -24,7 +24,6 @@ from ..data.places import HEIGHTS
 from ..data.protocol import TouchProtocol
 from .belief import evidence
 from .haptic_model import (
-    RANGE_WIDENING,
     ClassStatistics,
     HapticModel,
     ModelSettings,
@@ -45,6 +44,7 @@ PLACE_SIGMA = 0.03
 #: Candidate factors of these standard deviations, if several objects of a class were squeezed. The stiffness of pots varies by a
 #: third, that of one pot by a percent.
 WITHIN_CLASS_FACTORS = tuple(2.0**k for k in range(-5, 4))
+_FACTORS = np.array(WITHIN_CLASS_FACTORS)
 #: Factors of one exploration, l of the Gaussians of such a class. Explorations of another day differ by more than those of one
 #: day, and a few of a class do not show by how much. On published grasps, these scales have a higher likelihood of left-out
 #: explorations than those of Student's t distributions of 1 to 8 degrees of freedom.
@@ -101,18 +101,20 @@ def learn_from_curves(
         between = _by_place(mean, between, list(touched.values()))
     usual = _usual_within(mean, between, [objects for objects in touched.values() if len(objects) > 1])
     for label, objects in touched.items():
-        prior = learned.get(label)
-        spread = smooth_profile(*SIMULATION_SIGMAS, reach=5.0) if prior else between
-        single = prior is None and len(objects) == 1
-        within = prior.within if prior else usual if single else _own_within(mean, between, usual, objects)
-        middle, left = _posterior(
-            prior.mean if prior else mean, spread, 0 * within if single else within, objects
-        )
-        # Different objects were touched in different explorations: the variation includes the nuisances.
-        several = prior is None and not single
-        pose = prior.pose if prior else (not several) * _pose(middle, settings, protocol)
-        spreads = (0.0, 1.0) if single else EXPLORATION_FACTORS if several else (1.0, RANGE_WIDENING)
-        learned[label] = ClassStatistics(middle, left, within, pose, spreads, several)
+        if prior := learned.get(label):
+            wrong = smooth_profile(*SIMULATION_SIGMAS, reach=5.0)
+            middle, left = _posterior(prior.mean, wrong, prior.within, objects)
+            learned[label] = replace(prior, mean=middle, mean_covariance=left)
+        elif len(objects) == 1:
+            middle, left = _posterior(mean, between, 0 * usual, objects)
+            pose = _pose(middle, settings, protocol)
+            learned[label] = ClassStatistics(middle, left, usual, pose, {0.0: 0.5, 1.0: 0.5})
+        else:
+            own = _own_scale(mean, between, usual, objects)
+            middle, left = _posterior(mean, between, float(own @ _FACTORS**2) * usual, objects)
+            # Different objects were touched in different explorations: the variation includes the nuisances.
+            scales = _exploration_scales(own)
+            learned[label] = ClassStatistics(middle, left, usual, 0 * usual, scales, touched=True)
     return assemble(learned, groups or {}, settings, protocol)
 
 
@@ -224,17 +226,28 @@ def _usual_within(
     return _measured_within(_container_within(*best), classes) if classes else _container_within()
 
 
-def _own_within(
+def _own_scale(
     mean: Float[np.ndarray, "p"],
     spread: Float[np.ndarray, "p p"],
     usual: Float[np.ndarray, "p p"],
     objects: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
-) -> Float[np.ndarray, "p p"]:
-    """Covariance within one class: that of all classes, scaled by the posterior mean of a factor given its own readings."""
-    square = np.array(WITHIN_CLASS_FACTORS) ** 2
-    score = np.array([_likelihood(mean, spread, factor * usual, [objects]) for factor in square])
+) -> Float[np.ndarray, "f"]:
+    """Posterior probability of each of :data:`WITHIN_CLASS_FACTORS` for one class, given its own readings."""
+    score = np.array([_likelihood(mean, spread, factor**2 * usual, [objects]) for factor in _FACTORS])
     weight = np.exp(score - score.max())
-    return float(weight @ square / weight.sum()) * usual
+    return np.asarray(weight / weight.sum())
+
+
+def _exploration_scales(own: Float[np.ndarray, "f"]) -> dict[float, float]:
+    """Scale of one exploration -> its probability: the class's own factor, which is uncertain, times that of the exploration.
+
+    Both are on a grid of powers of two, so that the distribution of the product is a convolution.
+    """
+    each = np.full(len(EXPLORATION_FACTORS), 1 / len(EXPLORATION_FACTORS))
+    likely = np.convolve(own, each)
+    scales = EXPLORATION_FACTORS[0] * WITHIN_CLASS_FACTORS[0] * 2.0 ** np.arange(len(likely))
+    kept = likely > 1e-9
+    return dict(zip(scales[kept].tolist(), (likely[kept] / likely[kept].sum()).tolist(), strict=True))
 
 
 def _measured_within(

@@ -11,8 +11,9 @@ w is the variation within the class, e the effect of a pose error of the gripper
 zeros, Young's modulus and the closure of the mouth, and d the error of the simulation at each place. All but d are shared by
 the touches of one exploration. All are integrated out in closed form, since everything is Gaussian given l and s: l is 1 for
 an object inside the trained ranges and :data:`RANGE_WIDENING` for one outside, s is 1 for an accurate pose and :data:`POSE_RATIO` for
-an inaccurate one. Each combination is a Gaussian component with equal prior probability, so that residuals have the heavy
-tails of the mixture. W_k is shrunk to the average of all classes by the strength with the highest cross-validated likelihood.
+an inaccurate one. The part of w that is of second order in the parameters of the class grows with l^2, as its standard deviation
+does with the square of that of the parameters. Each combination is a Gaussian component with equal prior probability, so that
+residuals have the heavy tails of the mixture. W_k is shrunk to the average of all classes by the strength with the highest cross-validated likelihood.
 The unknown class is an answer with its own components (:mod:`.unknown_class`). Stiffness is measured in series with the
 resolution c0 of a touch, k / (1 + c0 k): it saturates beyond the resolution, and its logarithm keeps a Gaussian error.
 """
@@ -20,8 +21,9 @@ resolution c0 of a touch, k / (1 + c0 k): it saturates beyond the resolution, an
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -38,6 +40,8 @@ UNKNOWN = "unknown"
 #: 0.3 widths, the root mean square is 0.41 widths: a factor of 1.43. If all do, the factor is 2.25; with this factor, more
 #: unknown objects are falsely accepted than known objects outside their ranges are gained.
 RANGE_WIDENING = 1.43
+#: Number of independent parameters of a class: mean of the shipped ones.
+PARAMETERS = 12
 #: Ratio of the pose error of an uncalibrated gripper (5 mm) to that of a calibrated one (2 mm).
 POSE_RATIO = 2.5
 #: Candidate strengths of the shrinkage: number of objects that the average covariance of all classes is equivalent to.
@@ -63,9 +67,8 @@ class ModelSettings:
     gain: float = 0.09  #: common to all stiffnesses: force gain 5 %, modulus within 12 % (std 7 % if uniform)
     zero_N: float = 0.05  #: error of the force's zero, common to all touches
     zero_m: float = 5e-5  #: error of the deformation's zero (contact), common to all touches
-    mouth: float = (
-        0.0  #: of log stiffness at the highest place, if the mouth may be open or closed unlike in training
-    )
+    #: of log stiffness at the highest place, if the mouth may be open or closed unlike in training
+    mouth: float = 0.0
     unknown_prior: float = 0.1  #: probability that an object is of no trained class
     use_width: bool = True  #: widths and the height of the object count as evidence
 
@@ -80,6 +83,7 @@ class HapticModel:
     mean: Float[np.ndarray, "c p"]
     covariance: Float[np.ndarray, "c p p"]
     log_prior: Float[np.ndarray, "c"]
+    fraction: Float[np.ndarray, "c"]  #: prior probability of each Gaussian among those of its trained class
     nuisance: Float[np.ndarray, "c m p"]  #: effect of one standard deviation of each of :data:`NUISANCES`
     spread: Float[np.ndarray, "c"]  #: l of each Gaussian
     pose: Float[np.ndarray, "c"]  #: s of each Gaussian
@@ -101,7 +105,9 @@ class ClassStatistics:
     mean_covariance: Float[np.ndarray, "p p"]  #: uncertainty of the mean
     within: Float[np.ndarray, "p p"]  #: variation within the class
     pose: Float[np.ndarray, "p p"]  #: effect of pose errors
-    spreads: tuple[float, ...] = (1.0, RANGE_WIDENING)  #: l of its Gaussians
+    #: l of its Gaussians, and the probability of each
+    spreads: Mapping[float, float] = field(default_factory=lambda: {1.0: 0.5, RANGE_WIDENING: 0.5})
+    curved: Float[np.ndarray, "p p"] | float = 0.0  #: part of ``within`` of second order in the parameters
     touched: bool = False  #: learned from separate explorations: ``within`` includes the nuisances
 
 
@@ -159,7 +165,9 @@ def class_statistics(
     for k, name in enumerate(data.classes):
         rows = number == k
         pose = pose_covariance(data.take(rows), features[rows], settings, protocol)
-        out[name] = ClassStatistics(mean[k], within[k] / counts[k], within[k], pose)
+        out[name] = ClassStatistics(
+            mean[k], within[k] / counts[k], within[k], pose, curved=_curved(within[k])
+        )
     return out
 
 
@@ -185,29 +193,28 @@ def assemble(
     fraction = _prior(answers, None, settings)
     own = np.diag(_discrepancy(settings))
     kinds, likely = unknown_kinds(np.stack([one.mean for one in learned.values()]))
-    rows: list[tuple[int, int, np.ndarray, np.ndarray, float, np.ndarray, float, float]] = []
+    rows: list[tuple[Any, ...]] = []
     for index, (part, one) in enumerate(learned.items()):
         effect = (not one.touched) * nuisance_effects(one.mean, one.pose, settings, protocol)
         shared = one.mean_covariance + effect[APART].T @ effect[APART] + (not one.touched) * own
         number = answers.index(name_of[part])
         alike = sum(name == name_of[part] for name in name_of.values())
         poses = settings.poses if one.pose.any() else (1.0,)
-        chance = fraction[name_of[part]] / alike / len(one.spreads) / len(poses)
-        for spread, pose in product(one.spreads, poses):
-            whole = shared + spread**2 * one.within + pose**2 * one.pose
+        for (spread, each), pose in product(one.spreads.items(), poses):
+            within = spread**2 * one.within + (spread**4 - spread**2) * one.curved
             scaled = effect * np.where(np.array(NUISANCES) == "height", pose, 1.0)[:, None]
-            rows.append((number, index, one.mean, whole, chance, scaled, spread, pose))
+            among, whole = each / len(poses), shared + within + pose**2 * one.pose
+            chance = fraction[name_of[part]] / alike * among
+            rows.append((number, index, one.mean, whole, chance, among, scaled, spread, pose))
         for kind, kind_of in zip(kinds, likely, strict=True):
             chance = fraction[UNKNOWN] / len(learned) * kind_of
             whole = shared + one.within + one.pose + kind
-            rows.append((len(answers), -1, one.mean, whole, chance, effect, 1.0, 1.0))
-    answer_of, part_of, mean, covariance, chance_of, nuisance, spreads, pose_of = zip(*rows, strict=True)
+            rows.append((len(answers), -1, one.mean, whole, chance, chance, effect, 1.0, 1.0))
+    columns: Any = [np.array(part) for part in zip(*rows, strict=True)]
     with np.errstate(divide="ignore"):
-        log_prior = np.log(chance_of)
-    return HapticModel(
-        (*answers, UNKNOWN), np.array(answer_of), np.array(part_of), np.array(mean), np.array(covariance), log_prior,
-        np.array(nuisance), np.array(spreads), np.array(pose_of), dict(groups), settings, protocol,
-    )  # fmt: skip
+        columns[4] = np.log(columns[4])
+    rest: Any = {"groups": dict(groups), "settings": settings, "protocol": protocol}
+    return HapticModel((*answers, UNKNOWN), *columns, **rest)
 
 
 def with_prior(model: HapticModel, prior: Mapping[str, float] | None) -> HapticModel:
@@ -344,6 +351,13 @@ def _within(
     each = np.stack([_shrunk(away, number, strength) for strength in SHRINKAGE_STRENGTHS])
     score[score.sum(axis=1).argmax()] += 0.5 * np.log(away.size)
     return np.asarray(each[score.argmax(axis=0), np.arange(score.shape[1])])
+
+
+def _curved(within: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
+    """Part of a covariance beyond its first :data:`PARAMETERS` directions: a linear function of so many parameters has none."""
+    variance, direction = np.linalg.eigh(within)
+    minor = direction[:, :-PARAMETERS]
+    return np.asarray(minor * np.maximum(variance[:-PARAMETERS], 0.0) @ minor.T)
 
 
 def _shrunk(
