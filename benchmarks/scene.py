@@ -17,7 +17,8 @@ from tests.sensing import scenes
 
 from visuohaptic.core import Motion, Reason
 from visuohaptic.core.camera import Camera, PlaneView, Pose
-from visuohaptic.sensing.scene import FloorTracker, ObstacleDetector, chain
+from visuohaptic.core.geometry import compose_2d
+from visuohaptic.sensing.scene import FloorTracker, ObstacleDetector
 from visuohaptic.simulation.foam import SensorRig
 from visuohaptic.simulation.rendering import Look, Surface
 from visuohaptic.tracking.points import FlowSettings, FlowStep, PointTracker
@@ -57,11 +58,11 @@ def ego_motion(floor: str, wrong: float = 0.4, step_m: float = 0.005) -> tuple[f
     place = view.cast(np.stack([u, v], axis=-1))
     regions = ((place[..., 0] > 0.052) & (np.abs(place[..., 1]) > 0.07)).astype(np.uint8)
     regions[:28] = regions[:, :28] = regions[:, -28:] = 0
-    points, tracker, pose = PointTracker(FlowSettings(binning=2)), FloorTracker(view), np.zeros(3)
+    points, tracker, pose = PointTracker(FlowSettings(binning=2)), FloorTracker(view), (0.0, 0.0, 0.0)
     spent, valid = [], []
     for i in range(round(1.0 / step_m) + 1):
         if i:
-            pose = chain(pose, np.array([step_m, 0.0, 0.002 * math.sin(i / 10)]))
+            pose = compose_2d(pose, (step_m, 0.0, 0.002 * math.sin(i / 10)))
         image = render.render(scenes.scene(i / 30, scenes.planar(*pose)), rng=rng)
         begin = time.process_time()
         step = points.update(image, regions)

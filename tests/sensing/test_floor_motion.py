@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import BaseState, InputError, Motion, Reason
-from visuohaptic.sensing.scene import EgoMotionFilter, FloorMotionSettings, chain, fit_planar_motion, inverse
-from visuohaptic.sensing.scene.floor_motion import chain_covariance
+from visuohaptic.core.geometry import compose_2d, relative_2d
+from visuohaptic.sensing.scene import EgoMotionFilter, FloorMotionSettings, fit_planar_motion
+from visuohaptic.sensing.scene.floor_motion import compose_covariance
 
 
 def moved_points(rng, motion, count, sigma):
@@ -30,16 +31,16 @@ def test_chain_and_inverse_are_the_group_of_planar_motions():
 
     for _ in range(20):
         a, b = rng.normal(0, 1, (2, 3))
-        np.testing.assert_allclose(matrix(chain(a, b)), matrix(a) @ matrix(b), atol=1e-12)
-        np.testing.assert_allclose(chain(a, inverse(a)), 0, atol=1e-12)
+        np.testing.assert_allclose(matrix(compose_2d(a, b)), matrix(a) @ matrix(b), atol=1e-12)
+        np.testing.assert_allclose(relative_2d(a, compose_2d(a, b)), b, atol=1e-12)
         # Covariance against finite differences.
         p, q = (np.diag(rng.uniform(0.1, 1, 3)) for _ in range(2))
         by = [
-            np.column_stack([(f(1e-6 * e) - f(-1e-6 * e)) / 2e-6 for e in np.eye(3)])
-            for f in (lambda d, a=a, b=b: chain(a + d, b), lambda d, a=a, b=b: chain(a, b + d))
+            np.column_stack([np.subtract(f(1e-6 * e), f(-1e-6 * e)) / 2e-6 for e in np.eye(3)])
+            for f in (lambda d, a=a, b=b: compose_2d(a + d, b), lambda d, a=a, b=b: compose_2d(a, b + d))
         ]
         expected = by[0] @ p @ by[0].T + by[1] @ q @ by[1].T
-        np.testing.assert_allclose(chain_covariance(a, p, b, q), expected, atol=1e-6)
+        np.testing.assert_allclose(compose_covariance(a, p, b, q), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("wrong", [0.0, 0.4])
@@ -89,22 +90,22 @@ def test_the_filter_follows_a_circle_with_any_of_its_sources():
         ego = EgoMotionFilter()
         base = np.zeros(3)
         offset = np.array([ahead, 0.0, 0.0])
-        start = chain(base, offset)
+        start = compose_2d(base, offset)
         for i in range(91):
             # Exact motion of the centre along an arc.
             if i:
                 chord = np.array([math.sin(turn * dt), 1 - math.cos(turn * dt)]) * speed / turn
-                new = chain(base, np.array([*chord, turn * dt]))
+                new = compose_2d(base, (*chord, turn * dt))
             else:
                 new = base
-            step = chain(inverse(chain(base, offset)), chain(new, offset))
+            step = relative_2d(compose_2d(base, offset), compose_2d(new, offset))
             base = new
             motion = ego.update(
                 i * dt,
                 floor=seen(i * dt, step) if camera else None,
                 odometry=BaseState(i * dt, 0, 0, 0, speed, turn) if wheels else None,
             )
-        truth = chain(inverse(start), chain(base, offset))
+        truth = relative_2d(start, compose_2d(base, offset))
         assert motion.valid
         # The wheels alone need some frames until the filter believes them.
         np.testing.assert_allclose(ego.pose, truth, atol=2e-3 if camera else 2e-2)

@@ -9,7 +9,8 @@ from benchmarks import scene_evidence
 from visuohaptic.core import InputError, Motion, Reason
 from visuohaptic.core.camera import Camera, Pose
 from visuohaptic.core.camera.plane import PlaneView
-from visuohaptic.sensing.scene import ObstacleDetector, ObstacleSettings, chain, inverse
+from visuohaptic.core.geometry import relative_2d
+from visuohaptic.sensing.scene import ObstacleDetector, ObstacleSettings
 from visuohaptic.sensing.scene.obstacle_parallax import _over_slopes
 from visuohaptic.simulation.foam import SensorRig
 from visuohaptic.simulation.rendering import Look, Surface
@@ -28,7 +29,7 @@ def follow(detector, world, poses):
     """What the detector says along a drive of the independent world, and the truth of the box."""
     said, before = [], poses[0]
     for i, pose in enumerate(poses):
-        found = detector.update(world.image(pose, i * FRAME_S), moved(i, chain(inverse(before), pose)))
+        found = detector.update(world.image(pose, i * FRAME_S), moved(i, relative_2d(before, pose)))
         said.append((found, None if world.box is None else float(world.box[0] - pose[0])))
         before = pose
     return said

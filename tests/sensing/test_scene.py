@@ -6,7 +6,8 @@ from tests.sensing import fall_pushes, scenes
 
 from visuohaptic.core import BaseState, Contact, ErrorBudget, EventKind, ForceProfile, InputError, Reason
 from visuohaptic.core.camera import Frame
-from visuohaptic.sensing.scene import SceneSettings, SceneTracker, chain
+from visuohaptic.core.geometry import compose_2d
+from visuohaptic.sensing.scene import SceneSettings, SceneTracker
 from visuohaptic.simulation.rendering import Look, Surface
 
 CONCRETE = Look(
@@ -42,11 +43,11 @@ def test_the_platform_drives_an_arc(odometry):
     rng, render, scene = np.random.default_rng(0), scenes.renderer(look=CONCRETE), tracker()
     pose, step = np.zeros(3), np.array([0.004, 0.0, 0.008])
     ahead = np.array([0.17, 0.0, 0.0])
-    first = chain(pose, ahead)
+    first = compose_2d(pose, ahead)
     for i in range(40):
         if i:
-            pose = chain(pose, step)
-        foam = chain(pose, ahead)
+            pose = compose_2d(pose, step)
+        foam = compose_2d(pose, ahead)
         image = render.render(scenes.scene(i / 30, scenes.planar(*foam)), rng=rng)
         # Wheels that tell two per cent too much.
         state = BaseState(i / 30, *pose, 1.02 * 0.12, 0.24) if odometry else None
@@ -55,7 +56,7 @@ def test_the_platform_drives_an_arc(odometry):
             assert found.motion.valid
             assert found.floor_motion.valid
     c, s = np.cos(-first[2]), np.sin(-first[2])
-    truth = np.array([[c, -s], [s, c]]) @ (foam[:2] - first[:2])
+    truth = np.array([[c, -s], [s, c]]) @ np.subtract(foam[:2], first[:2])
     way = 39 * 0.004
     # Floor: 1 % and 0.5 degrees over a metre; here over 16 cm.
     np.testing.assert_allclose(found.pose[:2], truth, atol=0.005 * way + 0.0005)

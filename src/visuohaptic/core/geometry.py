@@ -55,7 +55,8 @@ def rotation_2d(angle_rad: float) -> Float[np.ndarray, "2 2"]:
 
 
 def compose_2d(
-    first: tuple[float, float, float], second: tuple[float, float, float]
+    first: tuple[float, float, float] | Float[np.ndarray, "3"],
+    second: tuple[float, float, float] | Float[np.ndarray, "3"],
 ) -> tuple[float, float, float]:
     """Composition of planar poses: ``second``, given in the frame of ``first``.
 
@@ -75,7 +76,8 @@ def compose_2d(
 
 
 def relative_2d(
-    first: tuple[float, float, float], second: tuple[float, float, float]
+    first: tuple[float, float, float] | Float[np.ndarray, "3"],
+    second: tuple[float, float, float] | Float[np.ndarray, "3"],
 ) -> tuple[float, float, float]:
     """Pose ``second`` in the frame of ``first``: the inverse of :func:`compose_2d`.
 

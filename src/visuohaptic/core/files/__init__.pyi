@@ -5,6 +5,7 @@ from .atomic import atomic_path as atomic_path
 from .atomic import write_text as write_text
 from .csv_table import CsvRow as CsvRow
 from .csv_table import check_columns as check_columns
+from .csv_table import is_number as is_number
 from .csv_table import read_csv as read_csv
 from .image_header import MAX_PIXELS as MAX_PIXELS
 from .image_header import check_image_size as check_image_size

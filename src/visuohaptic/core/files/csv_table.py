@@ -156,7 +156,7 @@ def read_csv(
     names = next(table, [])
     if not names:
         raise error(path, "is empty, expected a header line and rows")
-    if any(_is_number(name) for name in names):
+    if any(is_number(name) for name in names):
         raise error(path, "found numbers, expected a header with column names", field="header")
     if spreadsheet:
         names = [name.lower().replace(" ", "_") for name in names]
@@ -187,7 +187,14 @@ def _split(text: str) -> Iterator[str]:
         start = end
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
+    """Whether a text is a number, NaN and infinity included.
+
+    Parameters
+    ----------
+    text
+        A word or a cell of a table.
+    """
     try:
         float(text)
     except ValueError:

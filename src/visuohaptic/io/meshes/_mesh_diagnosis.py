@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 import struct
 
+from ...core.files.csv_table import is_number
+
 
 def diagnose(kind: str, data: bytes) -> str:
     """The first defect of an OBJ or STL file; empty if none is found.
@@ -49,7 +51,7 @@ def _obj(data: bytes) -> str:
             continue
         if words[0] == "v":
             seen += 1
-            if len(words) < 4 or not all(_is_number(word) for word in words[1:4]):
+            if len(words) < 4 or not all(is_number(word) for word in words[1:4]):
                 return f"line {number}: vertex {seen} is {_shown(words[1:])}, expected three numbers"
         if words[0] != "f":
             continue
@@ -75,14 +77,6 @@ def _stl(data: bytes) -> str:
     triangles = struct.unpack("<I", data[80:84])[0]
     there = (len(data) - 84) // 50
     return f"declares {triangles} triangles, but the file has room for {there}" if triangles != there else ""
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _shown(words: list[str]) -> str:

@@ -100,10 +100,11 @@ def build_graph(
     raw = skeleton_lines(layers, skeleton_marks(layers))
     stub = -1.0 if stub_length_m is None else stub_length_m
     left = prune(raw.clearance_m, raw.ends, raw.measures[:, 0].copy(), stub)
-    nodes, ends, measures, edge_start, halves = keep_edges(
+    nodes, ends, measures, edge_start, halves, edges, size = keep_edges(
         raw.cells, raw.clearance_m, raw.ends, raw.measures, *left
     )
-    found = nodes, ends, measures, *raw.paths(edge_start, halves)
+    ways = raw.paths(edge_start[: edges + 1].copy(), halves[:size].copy())
+    found = nodes, ends[:edges].copy(), measures[:edges].copy(), *ways
     if spacing_m:
         found = _spaced(layers, *found, spacing_m)
     nodes, ends, measures, start, path = found

@@ -6,9 +6,7 @@ from .ego_motion import EgoMotionSettings as EgoMotionSettings
 from .floor_motion import FloorMotionSettings as FloorMotionSettings
 from .floor_motion import FloorTracker as FloorTracker
 from .floor_motion import PlanarFit as PlanarFit
-from .floor_motion import chain as chain
 from .floor_motion import fit_planar_motion as fit_planar_motion
-from .floor_motion import inverse as inverse
 from .object_events import ObjectEvents as ObjectEvents
 from .object_events import ObjectMotion as ObjectMotion
 from .object_events import ObjectMotionSettings as ObjectMotionSettings

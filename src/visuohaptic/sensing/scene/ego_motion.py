@@ -14,10 +14,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from ...core.geometry import compose_2d
 from ...core.measurement import Motion, Reason
 from ...core.ranges import POSITIVE, Ranged
 from ...core.robots import BaseState
-from .floor_motion import chain, chain_covariance
+from .floor_motion import compose_covariance
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +112,7 @@ class EgoMotionFilter:
             used |= self._measure(np.array([gyroscope_rad_s]), turn, np.array([[s.gyroscope_rad_s**2]]))
         if floor is not None and floor.valid:
             # The chord of a uniform rotation has the mean of both headings.
-            half = chain(np.array([0.0, 0.0, -0.5 * floor.rotation_rad]), np.array([*floor.translation_m, 0]))
+            half = compose_2d((0.0, 0.0, -0.5 * floor.rotation_rad), (*floor.translation_m, 0.0))
             rate = np.array([half[0], half[1], floor.rotation_rad]) / dt
             used |= self._measure(rate, np.eye(3), floor.covariance / dt**2, trusted=True)
         return self._move(t_s, dt, used)
@@ -137,9 +138,9 @@ class EgoMotionFilter:
 
     def _move(self, t_s: float, dt: float, used: bool) -> Motion:
         way = self.velocity * dt
-        moved = chain(np.array([0.0, 0.0, 0.5 * way[2]]), np.array([way[0], way[1], 0.5 * way[2]]))
+        moved = np.array(compose_2d((0.0, 0.0, 0.5 * way[2]), (way[0], way[1], 0.5 * way[2])))
         covariance = self.covariance * dt**2
-        self.pose_covariance = chain_covariance(self.pose, self.pose_covariance, moved, covariance)
-        self.pose = chain(self.pose, moved)
+        self.pose_covariance = compose_covariance(self.pose, self.pose_covariance, moved, covariance)
+        self.pose = np.array(compose_2d(self.pose, moved))
         reason = Reason.OK if used else Reason.LOST
         return Motion(t_s, used, reason, moved[:2], float(moved[2]), covariance)

@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float
 
 from ...core.camera.plane import PlaneView
 from ...core.errors import InputError
-from ...core.geometry import rotation_2d
+from ...core.geometry import compose_2d, relative_2d, rotation_2d
 from ...core.measurement import Motion, Reason
 from ...core.ranges import Ranged, at_least, within
 from ...tracking.points.flow import FlowStep
@@ -202,39 +202,13 @@ def _consensus(
     return np.array([*shift[best], angle[best]])
 
 
-def chain(first: Float[np.ndarray, "3"], second: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    """Composition (x, y, theta) of two planar motions.
-
-    Parameters
-    ----------
-    first, second
-        (x, y, theta) [m, rad]; the second is given in the frame after the first.
-    """
-    c, s = math.cos(first[2]), math.sin(first[2])
-    x, y = second[0], second[1]
-    return np.array([first[0] + c * x - s * y, first[1] + s * x + c * y, first[2] + second[2]])
-
-
-def inverse(motion: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    """Inverse of a planar motion.
-
-    Parameters
-    ----------
-    motion
-        (x, y, theta) [m, rad].
-    """
-    c, s = math.cos(motion[2]), math.sin(motion[2])
-    x, y = motion[0], motion[1]
-    return np.array([-c * x - s * y, s * x - c * y, -motion[2]])
-
-
-def chain_covariance(
+def compose_covariance(
     first: Float[np.ndarray, "3"],
     first_covariance: Float[np.ndarray, "3 3"],
     second: Float[np.ndarray, "3"],
     second_covariance: Float[np.ndarray, "3 3"],
 ) -> Float[np.ndarray, "3 3"]:
-    """Covariance of :func:`chain` for independent motions.
+    """Covariance of :func:`.compose_2d` for independent motions.
 
     Parameters
     ----------
@@ -311,30 +285,31 @@ class FloorTracker:
         spread = 2.0 * sigma[chosen, None, None] ** 2 * (
             jacobian[chosen] @ np.swapaxes(jacobian[chosen], 1, 2)
         )  # fmt: skip
-        prior = None if expected is None else chain(chain(inverse(self._key_pose), self.pose), expected)
+        since_key = relative_2d(self._key_pose, self.pose)
+        prior = None if expected is None else np.array(compose_2d(since_key, expected))
         fit = fit_planar_motion(start, points[chosen], spread, self._rng, s, expected=prior)
         self.inlier_fraction = float(np.mean(fit.inliers)) if len(chosen) else 0.0
         before = self.pose
         if fit.valid:
-            self.pose = chain(self._key_pose, fit.motion)
-            self.pose_covariance = chain_covariance(
+            self.pose = np.array(compose_2d(self._key_pose, fit.motion))
+            self.pose_covariance = compose_covariance(
                 self._key_pose, self._key_covariance, fit.motion, fit.covariance
             )
             for i in chosen[~fit.inliers]:
                 # An outlier is ignored until the next key frame.
                 self._key_points.pop(ids[i])
         elif expected is not None:
-            self.pose = chain(self.pose, expected)
-        moved = chain(inverse(before), self.pose)
+            self.pose = np.array(compose_2d(self.pose, expected))
+        moved = relative_2d(before, self.pose)
         self._key_age += 1
         few = np.count_nonzero(fit.inliers) < s.key_fraction * max(len(points), 1)
         if not fit.valid or few or self._key_age >= s.key_frames:
             self._set_key(step, points)
         if not fit.valid:
             reason = Reason.NOT_ZEROED if first else Reason.LOST
-            return Motion(t_s, False, reason, moved[:2], float(moved[2]), np.full((3, 3), np.inf))
+            return Motion(t_s, False, reason, np.array(moved[:2]), moved[2], np.full((3, 3), np.inf))
         # From frame to frame the same points scatter about as much as from the key frame.
-        return Motion(t_s, True, Reason.OK, moved[:2], float(moved[2]), fit.covariance)
+        return Motion(t_s, True, Reason.OK, np.array(moved[:2]), moved[2], fit.covariance)
 
     def _on_floor(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return self.floor_view.cast(pixels), self.floor_view.jacobian(pixels)

@@ -31,9 +31,8 @@ from jaxtyping import UInt8
 
 from ...core.camera.plane import PlaneView
 from ...core.errors import InputError
-from ...core.geometry import rotation_2d
+from ...core.geometry import compose_2d, relative_2d, rotation_2d
 from ...core.measurement import Motion, Reason
-from .floor_motion import chain, inverse
 from .obstacle_parallax import FaceCells, FramePair, ObstacleSettings, StripImage
 
 #: Number of comparisons per baseline: closer frames show the same pixels again.
@@ -147,7 +146,7 @@ class ObstacleDetector:
             self._restart()
         else:
             step = np.array([*motion.translation_m, motion.rotation_rad])
-            self._pose = chain(self._pose, step)
+            self._pose = np.array(compose_2d(self._pose, step))
             self._standing = (self._standing - step[:2]) @ rotation_2d(step[2])
             self._range_m -= step[0]
             # Odometry has a scale error: errors of successive frames add linearly.
@@ -172,7 +171,7 @@ class ObstacleDetector:
         if not self._keys or np.linalg.norm((self._pose - self._keys[0][1])[:2]) < ahead:
             return
         before, pose, sigma = self._keys[0]
-        motion = chain(inverse(pose), self._pose)
+        motion = np.array(relative_2d(pose, self._pose))
         pair = self._cells.pair(now, before, motion, self._sigma - sigma, hidden)
         ratio, squares = self._cells.compare(pair)
         single = s.weight * ratio - 0.5 * s.weight**2 * s.correlated_bins * squares
@@ -188,7 +187,7 @@ class ObstacleDetector:
         """Propagate the evidence with the floor, from its previous to the current platform pose."""
         import cv2
 
-        x, y, turn = chain(inverse(self._compared_at), self._pose)
+        x, y, turn = relative_2d(self._compared_at, self._pose)
         self._compared_at = self._pose
         cells, (c, s) = self._cells, (math.cos(turn), math.sin(turn))
         # From current (lateral, range) indices to previous ones.

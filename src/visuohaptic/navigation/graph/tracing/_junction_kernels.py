@@ -112,10 +112,10 @@ def join_lines(
     rings: np.ndarray,
     resolution_m: float,
     speeds: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, int, int]:
     """Cells of the nodes (n,), their clearance, ends of the edges (m, 2), their measures (m, 3), and pieces (m, 4).
 
-    A piece consists of first and last slot, and start and stop of the inner cells in the lines' path;
+    Last are n and m: the arrays are longer, and the caller shortens them, since a slice takes long to compile. A piece consists of first and last slot, and start and stop of the inner cells in the lines' path;
     the slots of a ring are -1.
 
     Parameters
@@ -197,13 +197,7 @@ def join_lines(
             n += 1
     for edge in range(joined):
         ends[edge, 0], ends[edge, 1] = number[ends[edge, 0]], number[ends[edge, 1]]
-    return (
-        nodes[:n].copy(),
-        clear[:n].copy(),
-        ends[:edges].copy(),
-        measures[:edges].copy(),
-        pieces[:edges].copy(),
-    )
+    return nodes, clear, ends, measures, pieces, n, edges
 
 
 @kernel(error_model="numpy")
@@ -214,8 +208,8 @@ def edge_paths(
     cell: np.ndarray,
     parent: np.ndarray,
     path: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Cells (flat) of edges from node to node, in CSR form.
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Cells (flat) of edges from node to node, in CSR form, and their number: the array is longer.
 
     Edge e consists of the half-edges ``halves[edge_start[e] : edge_start[e + 1]]`` of the raw graph, 2 r for piece r
     in its own direction, 2 r + 1 for piece r reversed.
@@ -270,7 +264,7 @@ def edge_paths(
             if halves[k] & 1:
                 _reverse(out, low, size)
         start[edge + 1] = size
-    return start, out[:size].copy()
+    return start, out, size
 
 
 @kernel(error_model="numpy")

@@ -35,8 +35,8 @@ def linked(mark: np.ndarray, row: int, column: int) -> int:
 
 
 @kernel(error_model="numpy")
-def find_ends(mark: np.ndarray, cells: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Junction and end cells (flat), and their linked neighbours; writes their slots to ``place``.
+def find_ends(mark: np.ndarray, cells: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Junction and end cells (flat), their linked neighbours, and their number; writes their slots to ``place``.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def find_ends(mark: np.ndarray, cells: np.ndarray, place: np.ndarray) -> tuple[n
             cell[count], masks[count] = here, mask
             count += 1
             flat[here] = -count
-    return cell[:count].copy(), masks[:count].copy()
+    return cell, masks, count
 
 
 @kernel(error_model="numpy")
@@ -149,8 +149,10 @@ def find_lines(
     cells: np.ndarray,
     resolution_m: float,
     speeds: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int, int]:
     """Trace all lines and link the ends: ``table``, ``measured``, ``path`` and ``links``, see the module.
+
+    Last are the numbers of lines and of cells in ``path``: the arrays are longer.
 
     Parameters
     ----------
@@ -215,4 +217,4 @@ def find_lines(
             else:
                 begins = table[value - 1, 0] == cell[slot] and path[table[value - 1, 2] + 1] == here
                 links[slot, j] = 2 * (value - 1) + (0 if begins else 1)
-    return table[:line].copy(), measured[:line].copy(), path[:size].copy(), links
+    return table, measured, path, links, line, size

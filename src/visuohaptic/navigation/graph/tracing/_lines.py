@@ -51,10 +51,10 @@ class RawGraph:
             Half-edges of each edge in CSR form: 2 r for piece r, 2 r + 1 for the reversed piece.
         """
 
-        start, cells = edge_paths(
+        start, cells, size = edge_paths(
             edge_start, halves, self.pieces, self.slot_cell, self.slot_parent, self.path
         )
-        return start, cells
+        return start, cells[:size].copy()
 
 
 def skeleton_lines(layers: GridLayers, mark: UInt8[np.ndarray, "rows columns"]) -> RawGraph:
@@ -71,8 +71,10 @@ def skeleton_lines(layers: GridLayers, mark: UInt8[np.ndarray, "rows columns"]) 
     scale = (layers.map.resolution_m, speeds(layers))
     distance, place = layers.distance_m, np.zeros(layers.shape, np.int32)
     cells = np.flatnonzero(mark.view(np.bool_)).astype(np.int32)
-    cell, masks = find_ends(mark, cells, place)
-    table, measured, path, links = find_lines(distance, mark, place, cell, masks, cells, *scale)
+    cell, masks, count = find_ends(mark, cells, place)
+    cell, masks = cell[:count].copy(), masks[:count].copy()
+    table, measured, path, links, lines, size = find_lines(distance, mark, place, cell, masks, cells, *scale)
+    table, measured, path = table[:lines].copy(), measured[:lines].copy(), path[:size].copy()
     keys = distance.ravel()[cell]
     ends = (cell, masks, keys, links)
     widest = np.flatnonzero(BITS[masks] >= 3)
@@ -80,7 +82,8 @@ def skeleton_lines(layers: GridLayers, mark: UInt8[np.ndarray, "rows columns"]) 
     owner, parent, to_leader = gather_junctions(*ends, widest, layers.shape[1], *scale)
     rings = np.flatnonzero(table[:, 0] == -1)
     rings = rings[np.argsort(table[rings, 1])]
-    nodes, clearance_m, joined, measures, pieces = join_lines(
+    nodes, clearance_m, joined, measures, pieces, n, m = join_lines(
         distance, *ends, owner, parent, to_leader, table, measured, rings, *scale
     )
-    return RawGraph(nodes, clearance_m, joined, measures, pieces, cell, parent, path)
+    kept = joined[:m].copy(), measures[:m].copy(), pieces[:m].copy()
+    return RawGraph(nodes[:n].copy(), clearance_m[:n].copy(), *kept, cell, parent, path)

@@ -159,11 +159,12 @@ def keep_edges(
     alive: np.ndarray,
     stays: np.ndarray,
     degree: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, int, int]:
     """The remaining graph, with lines merged through nodes of degree 2.
 
     A ring of such nodes keeps its widest one. Edges run from the smaller node to the larger. Returns cells of the
-    nodes, ends and measures of the edges, and the half-edges of the raw graph that each edge consists of (CSR form).
+    nodes, ends and measures of the edges, and the half-edges of the raw graph that each edge consists of (CSR form);
+    last the numbers of edges and half-edges: the arrays are longer.
 
     Parameters
     ----------
@@ -257,13 +258,7 @@ def keep_edges(
             out_measures[edges, 2] = width
             edges += 1
             edge_ways[edges] = size
-    return (
-        out_cells,
-        out_ends[:edges].copy(),
-        out_measures[:edges].copy(),
-        edge_ways[: edges + 1].copy(),
-        halves[:size].copy(),
-    )
+    return out_cells, out_ends, out_measures, edge_ways, halves, edges, size
 
 
 @kernel(error_model="numpy")
@@ -283,7 +278,9 @@ def half_edges(count: int, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         start[ends[edge, 1] + 1] += 1
     for node in range(count):
         start[node + 1] += start[node]
-    place = start[:-1].copy()
+    place = np.empty(count, np.int32)
+    for node in range(count):
+        place[node] = start[node]
     half = np.empty(2 * len(ends), np.int32)
     for edge in range(len(ends)):
         for side in range(2):
