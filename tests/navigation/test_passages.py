@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -134,8 +135,6 @@ def test_a_detour_is_taken_where_the_wait_is_longer():
 
 def test_a_locked_door_is_no_passage_and_said_so():
     problem = two_rooms(PassageKind.DOOR_PUSH)
-    from dataclasses import replace
-
     from visuohaptic.core import HapticTag
 
     locked = replace(problem.passages[0], tag=HapticTag(fixed=True))
@@ -153,8 +152,9 @@ def driven(problem, **door):
     return world, travel(problem, world, world, world.wait, passages=world)
 
 
-def test_a_travel_waits_until_a_door_has_slid_open():
-    world, done = driven(two_rooms(PassageKind.DOOR_SLIDING), opens_after_s=3.2)
+@pytest.mark.parametrize("kind", [PassageKind.DOOR_SLIDING, PassageKind.ELEVATOR])
+def test_a_travel_waits_until_it_is_open(kind):
+    world, done = driven(two_rooms(kind), opens_after_s=3.2)
     assert done.arrived, done.reason
     assert world.requests == ["door"]
     # It does not drive before it is open, and not longer after than the way takes.
@@ -167,6 +167,22 @@ def test_a_travel_pushes_a_wing_open():
     assert done.arrived, done.reason
     assert world.pressed_m >= 0.3
     assert "passed" in [record.event for record in done.records]
+
+
+def test_a_travel_keeps_its_distance_from_glass():
+    """A pane across the straight way, which the map does not have: five centimetres more than the robot needs."""
+    problem, pane_m = two_rooms(PassageKind.DOOR_PUSH), (0.65, 3.0, 1.95, 3.04)
+    line = {"id": "pane", "type": "glass", "footprint_m": outline(*pane_m).tolist()}
+    problem = replace(problem, goal_m=np.array([1.0, 4.5]), objects=objects_from_data({"objects": [line]}))
+    world, gaps_m = DoorWorld([pane_m], DOOR_M, *problem.start_m.tolist()), []
+
+    def wait(seconds):
+        world.wait(seconds)
+        gaps_m.append(world._gap_m(world.x, world.y, pane_m))
+
+    assert travel(problem, world, world, wait).arrived
+    # Through 55 or 60 cm beside a wall; 6 mm are of the tracking.
+    assert ROBOT.radius_m + 0.05 - 0.006 < min(gaps_m) < 0.6 - ROBOT.radius_m
 
 
 def test_a_door_that_stays_closed_is_planned_around_or_given_up():

@@ -202,7 +202,7 @@ class PushHeuristic:
         for index in bodies:
             alone = domain.lowered(self.base, np.zeros((len(domain.bodies), 2)), [index], domain.block)
             cells, _ = domain.seeds(alone, self.goal)
-            if not cells.size or not _travel_kernels.flood(alone, domain.radius, cells, start)[start].any():
+            if not _travel_kernels.flood(alone, domain.radius, cells, start)[start].any():
                 found.append(index)
         return found
 

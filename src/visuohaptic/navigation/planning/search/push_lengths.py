@@ -241,8 +241,7 @@ def end_of_push(domain: SearchDomain, step: PushStep) -> tuple[float, Float[np.n
     """
     errors = end_errors(domain, step.body, step.contact, step.length)
     # A push perpendicular to a face rotates its object to either side alike.
-    oblique = domain.bodies[step.body].push(step.contact).oblique
-    turn_rad = float(errors[:, 2].mean()) if oblique else 0.0
+    turn_rad = float(errors[:, 2].mean()) * domain.bodies[step.body].push(step.contact).oblique
     errors[:, 2] -= turn_rad
     errors[:, :2] = errors[:, :2] @ rotation_2d(domain.map.origin[2]).T
     return turn_rad, covariance_of_ends(errors)
@@ -316,7 +315,5 @@ def _closed(
         among = layer.copy()
         lower_clearance(among, outline - low, domain.radius)
         begin, end = (domain.seeds(among, drive[k] - low, reach=2, block=1)[0] for k in ends)
-        found[number] = not (
-            begin.size and end.size and _travel_kernels.flood(among, domain.radius, begin, end)[end].any()
-        )
+        found[number] = not _travel_kernels.flood(among, domain.radius, begin, end)[end].any()
     return found
