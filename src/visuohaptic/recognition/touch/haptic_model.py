@@ -354,7 +354,7 @@ def _within(
 
 
 def _curved(within: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """Part of a covariance beyond its first :data:`PARAMETERS` directions: a linear function of so many parameters has none."""
+    """Part of a covariance beyond its first :data:`PARAMETERS` directions: a linear function of that many parameters has none."""
     variance, direction = np.linalg.eigh(within)
     minor = direction[:, :-PARAMETERS]
     return np.asarray(minor * np.maximum(variance[:-PARAMETERS], 0.0) @ minor.T)
