@@ -25,6 +25,8 @@ def test_classes_are_most_like_themselves(tmp_path: Path, monkeypatch: pytest.Mo
     found = class_correlation(data)
     np.testing.assert_allclose(found, found.T)
     assert (found.max(axis=0) == np.diag(found)).all()
+    assert (np.abs(found) <= 1.0).all()
+    assert (np.diag(found) > 0.5).all()
     plot_correlation(tmp_path / "classes.png", data)
     tree = train_tree(data)
     plot_tree(tmp_path / "tree.png", tree, data)

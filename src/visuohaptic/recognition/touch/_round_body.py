@@ -115,15 +115,13 @@ def wall_from_stiffness(
         No squeeze has a stiffness.
     """
     felt = [(z, k) for z, k in stiffness_N_per_m if math.isfinite(k) and k > 0]
-    wall = start_m
+    wall, (z_m, r_m) = start_m, _meridian(outline_m)
     for _ in range(WALL_ROUNDS):
-        body = round_body(outline_m, wall)
         # In a gentle squeeze, the force of enclosed air is negligible; a lid has little effect below the rim.
-        ratios = [
-            k / expected
-            for z, k in felt
-            if (expected := body.force_N((True, EMPTY, 0.0), z, np.ones(1))[0].item()) > 0
-        ]
+        stiffness = _stiffness(z_m, r_m, wall, closed=True)
+        given = np.isfinite(stiffness)
+        expected = [float(np.interp(z, z_m[given], stiffness[given])) for z, _ in felt]
+        ratios = [k / one for (_, k), one in zip(felt, expected, strict=True) if one > 0]
         if not ratios:
             raise InputError("wall_from_stiffness", "found no squeeze with a stiffness")
         wall *= float(np.exp(np.mean(np.log(ratios)))) ** (1 / WALL_POWER)
@@ -142,16 +140,15 @@ def stiffness_scatter(
     sigma_m
         Standard deviation of the radius [m].
     """
-    z = np.linspace(outline_m[0, 1], outline_m[-1, 1], 81)
+    z, r = _meridian(outline_m)
     if sigma_m <= 0.0:
         return np.zeros(len(z))
-    r, rng = np.interp(z, outline_m[:, 1], outline_m[:, 0]), np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     near = np.exp(-0.5 * ((z[:, None] - z) / ALONG_M) ** 2) + 1e-9 * np.eye(len(z))
     off_m = sigma_m * rng.standard_normal((OUTLINES, len(z))) @ np.linalg.cholesky(near).T
     logs = []
     for one in off_m:
-        body = round_body(np.column_stack([np.maximum(r + one, 0.2 * r), z]), wall_m)
-        stiffness = body.stiffness_N_per_m[0]
+        stiffness = _stiffness(z, np.maximum(r + one, 0.2 * r), wall_m, closed=False)
         logs.append(np.log(np.where(np.isfinite(stiffness), stiffness, 1.0)))
     found: np.ndarray = np.std(logs, axis=0)
     return found
@@ -167,16 +164,31 @@ def round_body(outline_m: Float[np.ndarray, "k 2"], wall_m: float) -> RoundBody:
     wall_m
         Wall thickness [m].
     """
-    from ...deformation.shells.fourier_shell import RevolutionShell, pinch_stiffness
-
-    z = np.linspace(outline_m[0, 1], outline_m[-1, 1], 81)
-    r = np.interp(z, outline_m[:, 1], outline_m[:, 0])
-    thickness = np.where(z > NECK * z[-1], max(NECK_M, wall_m), wall_m)
-    open_, closed = (
-        np.asarray(pinch_stiffness(RevolutionShell(r, z, thickness, rim_held=held), "PET"))
-        for held in (False, True)
-    )
+    z, r = _meridian(outline_m)
+    thickness = _thickness(z, wall_m)
+    open_, closed = (_stiffness(z, r, wall_m, closed=closed) for closed in (False, True))
     slices = 0.5 * math.pi * (r[1:] ** 2 + r[:-1] ** 2) * np.diff(z)
     area = math.pi * (r[1:] + r[:-1]) * np.hypot(np.diff(r), np.diff(z))
     wall_kg = PET_DENSITY * float(np.sum(area * 0.5 * (thickness[1:] + thickness[:-1])))
     return RoundBody(z, r, np.concatenate([[0.0], np.cumsum(slices)]), wall_kg, (open_, closed))
+
+
+def _meridian(outline_m: Float[np.ndarray, "k 2"]) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "q"]]:
+    """Heights at equal distances, and the radius there [m]."""
+    z = np.linspace(outline_m[0, 1], outline_m[-1, 1], 81)
+    return z, np.interp(z, outline_m[:, 1], outline_m[:, 0])
+
+
+def _thickness(z: Float[np.ndarray, "q"], wall_m: float) -> Float[np.ndarray, "q"]:
+    """Thickness of the wall and of the neck [m]."""
+    return np.where(z > NECK * z[-1], max(NECK_M, wall_m), wall_m)
+
+
+def _stiffness(
+    z: Float[np.ndarray, "q"], r: Float[np.ndarray, "q"], wall_m: float, *, closed: bool
+) -> Float[np.ndarray, "q"]:
+    """Stiffness between two fingers by height [N/m]."""
+    from ...deformation.shells.fourier_shell import RevolutionShell, pinch_stiffness
+
+    shell = RevolutionShell(r, z, _thickness(z, wall_m), rim_held=closed)
+    return np.asarray(pinch_stiffness(shell, "PET"))
