@@ -17,12 +17,7 @@ T = TypeVar("T")
 
 
 def load_json(
-    path: Path | str,
-    what: str,
-    parse: Callable[[Any], T],
-    *,
-    version: int | None = None,
-    remedy: str = "",
+    path: Path | str, what: str, parse: Callable[[Any], T], *, version: int | None = None, remedy: str = ""
 ) -> T:
     """Load a JSON file and parse its contents.
 
