@@ -10,6 +10,8 @@ from typing import overload
 import numpy as np
 from jaxtyping import Float, Int
 
+#: Planar pose or motion: x, y [m], angle [rad].
+_Pose2D = tuple[float, float, float] | Float[np.ndarray, "3"]
 #: A polygon whose area is below this fraction of its squared extent is a line up to rounding.
 _MIN_AREA = 1e-12
 
@@ -54,10 +56,7 @@ def rotation_2d(angle_rad: float) -> Float[np.ndarray, "2 2"]:
     return np.array([[c, -s], [s, c]])
 
 
-def compose_2d(
-    first: tuple[float, float, float] | Float[np.ndarray, "3"],
-    second: tuple[float, float, float] | Float[np.ndarray, "3"],
-) -> tuple[float, float, float]:
+def compose_2d(first: _Pose2D, second: _Pose2D) -> tuple[float, float, float]:
     """Composition of planar poses: ``second``, given in the frame of ``first``.
 
     Parameters
@@ -75,10 +74,7 @@ def compose_2d(
     return float(first[0] + c * x - s * y), float(first[1] + s * x + c * y), first[2] + angle
 
 
-def relative_2d(
-    first: tuple[float, float, float] | Float[np.ndarray, "3"],
-    second: tuple[float, float, float] | Float[np.ndarray, "3"],
-) -> tuple[float, float, float]:
+def relative_2d(first: _Pose2D, second: _Pose2D) -> tuple[float, float, float]:
     """Pose ``second`` in the frame of ``first``: the inverse of :func:`compose_2d`.
 
     Parameters

@@ -24,16 +24,7 @@ from .ros.sqlite_bag import is_bag, open_bag
 #: A scan, and the scanner's pose (x, y, yaw) from odometry [m, rad].
 OdometryScan = tuple[LaserScan, tuple[float, float, float]]
 
-_COLUMNS = (
-    "t_s",
-    "x_m",
-    "y_m",
-    "yaw_rad",
-    "angle_min_rad",
-    "angle_step_rad",
-    "range_min_m",
-    "range_max_m",
-)
+_COLUMNS = ("t_s", "x_m", "y_m", "yaw_rad", "angle_min_rad", "angle_step_rad", "range_min_m", "range_max_m")
 _SCAN, _ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
 #: Maximum time offset between an odometry message and a scan at the ends of a recording [s].
 _SLACK_S = 0.25

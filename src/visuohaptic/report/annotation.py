@@ -163,11 +163,5 @@ def _dot(canvas: np.ndarray, point_px: np.ndarray, colour: tuple[int, int, int],
     if np.isfinite(point_px).all() and (np.abs(point_px) < 1e5).all():
         x, y = np.round(np.asarray(point_px) * (1 << _SUBPIXEL_BITS)).astype(int)
         cv2.circle(
-            canvas,
-            (int(x), int(y)),
-            radius << _SUBPIXEL_BITS,
-            colour,
-            -1,
-            cv2.LINE_AA,
-            _SUBPIXEL_BITS,
+            canvas, (int(x), int(y)), radius << _SUBPIXEL_BITS, colour, -1, cv2.LINE_AA, _SUBPIXEL_BITS
         )

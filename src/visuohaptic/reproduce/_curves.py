@@ -10,9 +10,10 @@ from ..deformation.nonlinear.contents import Contents
 from ..deformation.shapes.container import load_container
 from ..recognition.data.readings import CurveCoefficients, fit_curve
 from ..recognition.touch.state import StateCurve, simulate_state_curves
+from .worlds.virtual_containers import NOISE_N, NOISE_m, RATE_Hz, SPEED_m_per_s
 
-#: Noise of the gripper's sensors, and distance of its readings: 5 mm/s at 30 Hz.
-NOISE_N, NOISE_m, STEP_m = 0.1, 1e-4, 0.005 / 30
+#: Distance of the gripper's readings.
+STEP_m = SPEED_m_per_s / RATE_Hz
 
 
 def curves_of(name: str, places: Sequence[str], around: int) -> dict[tuple[str, str], StateCurve]:

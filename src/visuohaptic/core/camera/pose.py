@@ -36,8 +36,7 @@ class Pose:
         translation = np.asarray(self.translation_m, dtype=np.float64)
         if rotation.shape != (3, 3) or translation.shape != (3,):
             raise InputError(
-                "Pose",
-                f"found shapes {rotation.shape} and {translation.shape}, expected (3, 3) and (3,)",
+                "Pose", f"found shapes {rotation.shape} and {translation.shape}, expected (3, 3) and (3,)"
             )
         if not all(map(math.isfinite, translation.tolist())):
             raise InputError("Pose", f"translation {translation} is not finite")

@@ -16,7 +16,6 @@ from .images import decode_image as decode_image
 from .images import encode_image as encode_image
 from .images import read_image as read_image
 from .images import write_image as write_image
-from .json_file import MAX_JSON_BYTES as MAX_JSON_BYTES
 from .json_file import load_json as load_json
 from .part_file import PartFile as PartFile
 from .part_file import check_unlocked as check_unlocked
@@ -24,6 +23,7 @@ from .part_file import csv_line as csv_line
 from .part_file import lock as lock
 from .part_file import whole_lines as whole_lines
 from .problems import field_problems as field_problems
+from .regular import MAX_TEXT_BYTES as MAX_TEXT_BYTES
 from .regular import file_size as file_size
 from .regular import read_bytes as read_bytes
 from .regular import read_head as read_head

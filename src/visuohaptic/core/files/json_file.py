@@ -8,21 +8,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import InputError
-from .regular import read_text
-
-#: Larger files are rejected before they are parsed [bytes].
-MAX_JSON_BYTES = 256 * 1024 * 1024
+from .regular import MAX_TEXT_BYTES, read_text
 
 T = TypeVar("T")
 
 
 def load_json(
-    path: Path | str,
-    what: str,
-    parse: Callable[[Any], T],
-    *,
-    version: int | None = None,
-    remedy: str = "",
+    path: Path | str, what: str, parse: Callable[[Any], T], *, version: int | None = None, remedy: str = ""
 ) -> T:
     """Load a JSON file and parse its contents.
 
@@ -45,7 +37,7 @@ def load_json(
         The file does not exist, is too large, is not JSON, or lacks fields that ``parse`` expects.
     """
     try:
-        text = read_text(path, MAX_JSON_BYTES)
+        text = read_text(path, MAX_TEXT_BYTES)
     except InputError as error:
         raise InputError(path, error.problem, remedy=error.remedy or remedy) from error
     try:

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from ..errors import InputError
 
+#: Larger text files are rejected before they are parsed, where their kind has no limit of its own [bytes].
+MAX_TEXT_BYTES = 256 * 1024 * 1024
 #: Maximum number of files of a folder that are considered.
 MAX_BESIDE = 1000
 

@@ -31,6 +31,7 @@ from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...core.files import (
     MAX_IMAGE_BYTES,
+    MAX_TEXT_BYTES,
     checked_model,
     image_size,
     load_json,
@@ -49,8 +50,6 @@ LAYOUTS = ("arm", "apc", "cleargrasp", "plain")
 #: Assumed period of images without timestamps [s].
 _PERIOD_S = 1.0 / 30.0
 _NUMBER = re.compile(r"(\d+)")
-#: Larger files of matrices are rejected [bytes].
-_MAX_TEXT_BYTES = 16 * 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +195,7 @@ def _beside(folder: Path, stem: str) -> Path | None:
 
 def _labelled_matrices(path: Path) -> dict[str, Float[np.ndarray, "rows columns"]]:
     """Matrices of a text file, each labelled by the comment line above it."""
-    lines = read_text(path, _MAX_TEXT_BYTES).splitlines()
+    lines = read_text(path, MAX_TEXT_BYTES).splitlines()
     found: dict[str, list[list[float]]] = {}
     label = ""
     for number, line in enumerate(lines, start=1):

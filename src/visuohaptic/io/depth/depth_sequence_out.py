@@ -16,11 +16,7 @@ DESCRIPTION_PART = "sequence.yaml.part"
 
 
 def write_sequence(
-    folder: Path | str,
-    frames: Iterable[DepthFrame],
-    *,
-    sensor: str = "unknown",
-    depth_scale_m: float = 1e-4,
+    folder: Path | str, frames: Iterable[DepthFrame], *, sensor: str = "unknown", depth_scale_m: float = 1e-4
 ) -> int:
     """Write a sequence folder that :class:`.DepthSequence` reads; returns the number of frames.
 

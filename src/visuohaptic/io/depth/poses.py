@@ -12,13 +12,11 @@ from jaxtyping import Float
 
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
-from ...core.files import read_head, read_text, write_text
+from ...core.files import MAX_TEXT_BYTES, read_head, read_text, write_text
 from ..ros.sqlite_bag import is_bag, open_bag
 
 POSE_HEADER = "# t_s tx_m ty_m tz_m qx qy qz qw, camera to world\n"
 
-#: Larger text files are not accepted as lists of poses [bytes].
-_MAX_FILE_BYTES = 1 << 28
 #: Matrices that deviate less from a rotation are rounded text, and are orthonormalised.
 _ROUNDING = 1e-3
 _POSE_TYPES = (
@@ -63,7 +61,7 @@ def read_poses(path: Path | str, topic: str | None = None) -> list[StampedPose]:
     path = Path(path)
     if is_bag(path) or read_head(path, 8) == b"\x89MCAP0\r\n":
         return _from_mcap(path, topic)
-    text = read_text(path, _MAX_FILE_BYTES)
+    text = read_text(path, MAX_TEXT_BYTES)
     found = list(_from_rows(path, _rows(path, text)))
     if not found:
         raise InputError(path, "has no poses, expected lines of t tx ty tz qx qy qz qw")

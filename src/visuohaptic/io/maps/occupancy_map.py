@@ -178,11 +178,7 @@ class OccupancyMap:
 
     @classmethod
     def from_image(
-        cls,
-        path: Path | str,
-        resolution_m: float,
-        *,
-        origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        cls, path: Path | str, resolution_m: float, *, origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> OccupancyMap:
         """Read an image without YAML file.
 
@@ -319,9 +315,7 @@ class OccupancyMap:
         q = info.origin.orientation
         if not (abs(q.x) < 1e-6 and abs(q.y) < 1e-6 and np.hypot(q.z, q.w) > 1e-9):
             raise InputError(
-                where,
-                f"found a tilted origin (x {q.x}, y {q.y}, z {q.z}, w {q.w})",
-                field="orientation",
+                where, f"found a tilted origin (x {q.x}, y {q.y}, z {q.z}, w {q.w})", field="orientation"
             )
         position = info.origin.position
         # The message stores the resolution in single precision: 0.05 is read as 0.05000000074505806.

@@ -20,13 +20,7 @@ DAMPING = 1e-2
 
 @kernel
 def collapse_short(
-    points: Any,
-    faces: Any,
-    quadric: Any,
-    border: Any,
-    bound: float,
-    length: float,
-    tolerance: float,
+    points: Any, faces: Any, quadric: Any, border: Any, bound: float, length: float, tolerance: float
 ) -> float:
     """Collapse edges shorter than ``bound``; removed faces get -1; returns the largest resulting distance."""
     count, total = points.shape[0], faces.shape[0]

@@ -268,10 +268,7 @@ def _alone(members: Int[np.ndarray, "n k"], count: int) -> Bool[np.ndarray, "n"]
 
 
 def collapse_edges(
-    vertices: Float[np.ndarray, "v 3"],
-    faces: Int[np.ndarray, "f 3"],
-    length: float,
-    tolerance: float,
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], length: float, tolerance: float
 ) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"], float]:
     """Collapse short edges as far as the surface allows, the shortest first.
 

@@ -338,8 +338,4 @@ def compressed_image(
     kind = "png" if quality is None else "jpeg"
     data = encode_image(pixels, kind.replace("jpeg", "jpg"), quality=quality, where="frame")
     base = "mono8" if pixels.ndim == 2 else "bgr8"
-    return {
-        "header": header(t_s, frame),
-        "format": f"{base}; {kind} compressed {base}",
-        "data": data,
-    }
+    return {"header": header(t_s, frame), "format": f"{base}; {kind} compressed {base}", "data": data}

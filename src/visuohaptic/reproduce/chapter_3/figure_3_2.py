@@ -40,8 +40,7 @@ def run(out: Output) -> None:
         data = calibration.data
         key = name.split()[0]
         out.table(
-            f"points_{key}",
-            {"strain": data.strain, "stress_Pa": data.stress_Pa, "direction": data.direction},
+            f"points_{key}", {"strain": data.strain, "stress_Pa": data.stress_Pa, "direction": data.direction}
         )
         largest = float(np.max(data.loading[1]))
         out.compare(

@@ -83,12 +83,7 @@ class LocalCostmap:
     distance_m: Float32[np.ndarray, "rows columns"]
 
     @classmethod
-    def around(
-        cls,
-        map: OccupancyMap,
-        footprint_m: Float[np.ndarray, "p 2"],
-        reach_m: float,
-    ) -> LocalCostmap:
+    def around(cls, map: OccupancyMap, footprint_m: Float[np.ndarray, "p 2"], reach_m: float) -> LocalCostmap:
         """Cut out the surroundings of an object and remove the object.
 
         Parameters

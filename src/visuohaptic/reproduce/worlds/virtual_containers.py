@@ -23,10 +23,7 @@ from ...recognition.data.places import HEIGHTS
 from .mitc4 import mitc4_factor, mitc4_stiffness
 
 #: The elliptic bottles of Table 6.2 are one class, as there.
-GROUPS = {
-    "elliptic": ("elliptic", "isana", "cien", "cleaner", "palmo"),
-    "cup": ("cup", "cut-bottle"),
-}
+GROUPS = {"elliptic": ("elliptic", "isana", "cien", "cleaner", "palmo"), "cup": ("cup", "cut-bottle")}
 #: The nine objects of Table 6.2 -> their classes.
 REAL = {
     "cup": "cup",

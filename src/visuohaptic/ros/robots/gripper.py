@@ -102,11 +102,7 @@ class RosGripper(Closing, Gripper):
         """
         received = self._states.get()
         position, speed = self._joint(received)
-        return GripperState(
-            received.t_s,
-            self._zero_m + self._slope * position,
-            self._slope * speed,
-        )
+        return GripperState(received.t_s, self._zero_m + self._slope * position, self._slope * speed)
 
     def _joint(self, received: Received) -> tuple[float, float]:
         message = received.message

@@ -59,10 +59,7 @@ def run(args: Any) -> dict[str, Any]:
                 remedy="check --tag, and that the whole tag is visible in even light",
             )
         count = depth.write_sequence(
-            args.out,
-            _all(first, views),
-            sensor=names[0] if names else maker,
-            depth_scale_m=_DEPTH_SCALE_M,
+            args.out, _all(first, views), sensor=names[0] if names else maker, depth_scale_m=_DEPTH_SCALE_M
         )
     args.report(f"{count} images in {args.out}, {skipped[0]} without the tag skipped")
     args.report(f"next: visuohaptic reconstruct {args.out} --out {args.out}_model")

@@ -18,12 +18,7 @@ from typing import Any
 from .... import core, deformation
 from ....core.files.plain_json import picked
 from ....deformation import maps
-from ._container import (
-    add_container_arguments,
-    add_contents_arguments,
-    read_container,
-    read_contents,
-)
+from ._container import add_container_arguments, add_contents_arguments, read_container, read_contents
 
 
 def add_arguments(add: Any) -> None:

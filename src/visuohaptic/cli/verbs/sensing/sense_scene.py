@@ -27,14 +27,7 @@ from typing import Any
 from .... import core, sensing
 from ....core.errors import InputError
 from ....sensing import scene
-from ..._sensor_run import (
-    Outputs,
-    SensorRun,
-    add_run_arguments,
-    opened_frames,
-    run_sensor,
-    shown_frames,
-)
+from ..._sensor_run import Outputs, SensorRun, add_run_arguments, opened_frames, run_sensor, shown_frames
 
 
 def add_arguments(add: Any) -> None:

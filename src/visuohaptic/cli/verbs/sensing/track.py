@@ -137,11 +137,7 @@ class _Table:
         numbers: list[Any] = [""] * 13
         if pose.T_camera_template is not None:
             sigma = pose.covariance.diagonal() ** 0.5
-            values = [
-                *pose.T_camera_template.translation_m,
-                *pose.T_camera_template.quaternion_xyzw,
-                *sigma,
-            ]
+            values = [*pose.T_camera_template.translation_m, *pose.T_camera_template.quaternion_xyzw, *sigma]
             numbers = [f"{value:.9g}" for value in values]
         ncc = f"{pose.alignment.ncc:.4f}" if pose.alignment is not None else ""
         head = [f"{pose.t_s:.6f}", pose.name, int(pose.valid), str(pose.reason)]
