@@ -10,8 +10,7 @@ parts
 reads
   --world   seed of a random house with its own obstacles and containers; the robot knows nothing of it
   --memory  database (a folder, or postgresql://...): a later visit uses the map, tags and containers of earlier ones
-  --apart   the robots at the table (depth camera, probe, hand) run with their worlds in processes of their own; only
-            images, poses and commands cross
+  --apart   processes of their own for depth camera, probe and hand: only images, poses and commands cross
   --map     any map_server YAML file: push three obstacles in it (foam part only)
 writes, into --out
   report.html   one self-contained page with every chapter
