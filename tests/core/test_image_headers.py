@@ -79,6 +79,12 @@ def test_a_header_without_a_usable_size_is_refused(head: bytes, said: str) -> No
         image_size(head, "picture")
 
 
+def test_a_hundred_million_pixels_are_the_most() -> None:
+    assert image_size(b"P5 10000 10000 255\n", "largest.pgm") == (10_000, 10_000)
+    with pytest.raises(InputError):
+        image_size(b"P5 10001 10000 255\n", "larger.pgm")
+
+
 @pytest.mark.parametrize("kind", ["PNG", "JPEG"])
 def test_dots_per_inch_become_pixels_per_metre(kind: str) -> None:
     found = pixels_per_metre(_by_pillow(kind, dpi=(300, 150)))

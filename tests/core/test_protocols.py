@@ -82,6 +82,15 @@ def test_a_clock_that_stands_is_noticed_by_periods_and_by_the_host():
     assert polled.update(2.0)
 
 
+def test_a_clock_may_stand_for_five_seconds_or_as_many_periods_of_20_ms():
+    host = [0.0]
+    polled = ClockWatch(max_periods=None, host_clock=lambda: host[0])
+    for host[0], stopped in ((0.0, False), (4.9, False), (5.1, True)):
+        assert bool(polled.update(1.0)) is stopped
+    counted = ClockWatch(host_clock=lambda: 0.0)
+    assert [bool(counted.update(1.0)) for _ in range(251)].index(True) == 250
+
+
 def test_beams_that_hit_are_points_of_the_plane():
     ranges = np.array([2.0, np.inf, np.nan, 0.01, 3.0, 30.0])
     scan = LaserScan(0.0, ranges, np.pi / 2, np.pi / 4)

@@ -6,9 +6,11 @@ import math
 import time
 from collections.abc import Callable
 
-#: A clock counts as stopped after this many control periods without advancing (five seconds of a loop at 50 Hz), or
-#: after this time on the host's clock [s]: no robot's odometry or camera is that slow.
-MAX_STILL_PERIODS, MAX_STILL_S = 250, 5.0
+#: A clock counts as stopped after this time on the host's clock without advancing [s]: no robot's odometry or camera
+#: is that slow.
+MAX_STILL_S = 5.0
+#: Or after as many control periods as a loop at 50 Hz has in that time.
+MAX_STILL_PERIODS = round(50 * MAX_STILL_S)
 
 
 class ClockWatch:
