@@ -57,6 +57,7 @@ def example_foam(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     from visuohaptic.rigs.foam_example import write_example
 
     assert write_example.__kwdefaults__["seed"] == 1, "as the verb's --seed"
+    world.run("example foam")  # it calls what is replaced
     monkeypatch.setattr(rigs, "write_example", world.copy_recording)
 
 
