@@ -15,10 +15,11 @@ now and x0 at rest, the likelihoods of a frame, each relative to that of O, are
 
 The variance about g Z and the visible fraction of the texture of Z (blur, JPEG) are measured on the foam behind the
 edges of the same frame; pixels beyond the edge are weighted by the correlation of their own residuals. Steepness and
-crossing couple the states along the strip. An occluder that covers one point within reach of the contact covers its
-neighbours within reach as well: position and surface of a run of points count once, not once per point. The
-forward-backward algorithm over the points gives p(z_k | all), and the probabilities P_ij that the states of all points
-from i to j are wrong, from which force and variance follow in ``deflection.py``.
+crossing couple the states along the strip, and states persist in time for ``PERSISTENCE_S``. An occluder that covers one
+point within reach of the contact covers its neighbours within reach as well: position, surface and persistence of a run of
+points count once, not once per point. The forward-backward algorithm over the points gives p(z_k | all), and the
+probabilities P_ij that the states of all points from i to j are wrong, from which force and variance follow in
+``deflection.py``.
 
 P_ij is filtered from frame to frame (``filter_runs``). An edge that was wrongly taken for foam moves on as foam would, and
 frames share its appearance. Therefore its odds decrease by the rate at which states change, and where its appearance becomes
@@ -48,7 +49,7 @@ _CHORD = 0.03
 BULGE = 0.067
 #: Accepted probability that a run of points has wrong states and its force makes the reading of the frame wrong.
 FALSE_ALARM = 1e-3
-#: Time constant of the persistence of wrong runs [s].
+#: Time constant of the persistence of edge states [s].
 PERSISTENCE_S = 0.3
 #: Log-probability of entering F, S, O and N from another state at the next point: one strip in a hundred has an
 #: occluder or the edge of a shadow, one point in a hundred has no edge, and each of them is some twenty points long.
@@ -125,7 +126,7 @@ class EdgePosterior:
         self._beyond = np.full(
             len(s_m), np.nan
         )  # last grey level beyond the front, relative to that of the foam
-        self._last_s = -math.inf
+        self._last: tuple[float, Float[np.ndarray, "K 4"]] | None = None
 
     def start(self, t_s: float) -> None:
         """Initialise with foam at rest at this time.
@@ -165,7 +166,7 @@ class EdgePosterior:
             image_evidence(strip, zero, rest_px, seen, deflected, unary, against)
         unary[:, SHADOW] = np.where(deflected, unary[:, SHADOW], -MAX_ODDS)
         own, near = unary[:, FOAM] - unary[:, SHADOW:NOTHING].max(axis=1), np.empty(len(seen))
-        apart_s = strip.t_s - self._last_s
+        apart_s = strip.t_s - self._last[0] if self._last is not None else math.inf
         place_odds(
             strip.t_s, apart_s, delta, np.hypot(sigma, strip.common_sigma_m), self._trusted_m, self._since_s,
             strip.front.blur_px, strip.lens_px, strip.pixel_m, self._width, self._speed,
@@ -179,17 +180,16 @@ class EdgePosterior:
         corner = np.zeros(len(seen), dtype=bool)
         corner[[0, -1]] = deflected[[1, -2]] & ~strip.usable[[0, -1]]
         unary[corner, FOAM] = np.maximum(unary[corner, FOAM], math.log(0.5))
-        shared = self._shared(strip, near, seen, deflected)
+        shared, stay = self._shared(strip, near, seen, deflected)
         probability, runs = np.empty_like(unary), np.empty((len(seen), len(seen)))
         rules = DECAY_PER_WIDTH * self._width, _CHORD, OPTICS * self._width
         crossing = edge_crossing(delta, sigma, self._s, self._width)
         s_m, rest_m = self._s, REST_PX * strip.pixel_m
         places = delta, sigma, rest_m, s_m
         join(unary, shared, crossing, *places, _ENTER, *rules, probability, runs, against[:, 3])
-        self._last_s = strip.t_s
+        self._last = strip.t_s, probability
         reach = min(self._speed * apart_s, self._width) + np.hypot(sigma, OPTICS * self._width)
         own -= against[:, BLUR]
-        stay = math.exp(-apart_s / PERSISTENCE_S)
         self._filter(probability[:, FOAM] > 0.5, deflected, delta, reach, strip.pixel_m, own, stay, runs)
         states = EdgeStates(probability, runs, against)
         calm = states.foam & seen
@@ -203,12 +203,17 @@ class EdgePosterior:
         near: Float[np.ndarray, "K"],
         seen: Bool[np.ndarray, "K"],
         deflected: Bool[np.ndarray, "K"],
-    ) -> Float[np.ndarray, "K 4"]:
-        """Negative log-likelihoods that neighbours share, see ``join``."""
+    ) -> tuple[Float[np.ndarray, "K 4"], float]:
+        """Negative log-likelihoods that neighbours share, see ``join``, and the probability that a state has persisted."""
         foam = np.where(seen, near + self._same_surface(strip, seen & deflected & self._pressed), 0.0)
-        shared = np.repeat(np.maximum(foam, 0.0)[:, None], 4, axis=1)
-        shared[:, FOAM] -= foam
-        return shared
+        stay, last = 0.0, 0.25 * np.ones((len(seen), 4))
+        if self._last is not None:
+            stay, last = math.exp(-max(strip.t_s - self._last[0], 0.0) / PERSISTENCE_S), self._last[1]
+        # An occluder or shadow that is there already remains where it was, as foam does; a new one is there by chance.
+        change = 0.25 * (1.0 - stay)
+        log_prior = np.log(stay * last * np.exp(np.maximum(foam, 0.0))[:, None] + change)
+        log_prior[:, FOAM] = foam + np.log(stay * last[:, FOAM] + change)
+        return log_prior.max(axis=1, keepdims=True) - log_prior, stay
 
     def _same_surface(self, strip: ObservedStrip, known: Bool[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
         """Log-likelihood ratio of the grey levels beyond the edges: the body that pressed there before against any surface.
