@@ -2,7 +2,7 @@
 
 Each function of :data:`ROBOTS` creates one world of the mission and returns the parts of the robot in it, as
 :func:`visuohaptic.io.remote.serve_robot` serves them. With ``visuohaptic demo --apart`` it does so in another process: then
-only images, poses and commands cross. Ground truth for the judge is written to a file, which no task reads.
+only images, poses and commands cross. Ground truth for the evaluation is written to a file, which no task reads.
 """
 
 from __future__ import annotations
@@ -228,7 +228,7 @@ def _truth_path(mission: Mission) -> Path:
 
 @dataclass(slots=True)
 class _Frames:
-    """Frames of a world as a frame source; a new loop goes on where the last one stopped."""
+    """Frames of a world as a frame source; a new loop continues where the last one stopped."""
 
     camera: Camera
     frames: Iterator[Frame]

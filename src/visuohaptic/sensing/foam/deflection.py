@@ -133,12 +133,13 @@ def measure_deflection(
     excess = blur_excess_px2(strip, zero, edges.moved_m(raw) / strip.pixel_m)
     gap, gap_sigma = gap_shift_px(strip, zero, rest_px, excess)
     # The edge before a gap is that between foam and floor, as at rest.
-    encoded_now = np.where(gap == 0.0, strip.encoded_m, encoded)
-    raw = raw + scale * (strip.pixel_m * gap + part * (encoded_now - strip.encoded_m))
+    to_floor = np.where(gap == 0.0, 0.0, encoded - strip.encoded_m)
+    raw = raw + scale * (strip.pixel_m * gap + part * to_floor)
     noise = scale * strip.width_noise_m
     kink = scale * np.hypot(edge_uncertainty_m(strip), strip.pixel_m * gap_sigma)
-    # Derivative of the deflection by the fraction of the encoding's shift that is present.
-    shift = scale * (encoded_now - encoded * (1.0 - raw / geometry.width_m))
+    # Derivative of the deflection by the fraction of the encoding's shift that is present. A penumbra may look like a gap: its
+    # edge is shifted as without one.
+    shift = scale * (strip.encoded_m - encoded * (1.0 - raw / geometry.width_m))
     encoding = math.hypot(math.sqrt(part * (1.0 - part)), _SHIFT_ERROR * part) * np.where(
         np.isfinite(shift), shift, 0.0
     )
