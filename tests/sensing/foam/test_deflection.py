@@ -87,21 +87,6 @@ def test_a_line_that_meets_the_end_face_is_replaced_by_the_decay_of_its_neighbou
     assert fill_gaps(GEOMETRY, edge, SIGMA, SIGMA, unclean, np.ones(K, dtype=bool))[0][-1] == edge[-1]
 
 
-def test_two_lines_that_show_the_far_edge_of_a_gap_are_replaced_by_their_neighbours() -> None:
-    # Beside a cylinder the gap of floor grows from a pixel to ten over two lines: both edges are half a millimetre too far out.
-    delta = 0.004 * np.exp(-np.maximum(np.abs(GEOMETRY.s_m) - 0.006, 0.0) / 0.006)
-    pair = np.array([45, 46])
-    edge, unclean = delta.copy(), np.zeros(K)
-    edge[pair] -= 0.0005
-    unclean[pair] = 0.0004
-    found, sigma, *_ = fill_gaps(GEOMETRY, edge, SIGMA, SIGMA, unclean, np.ones(K, dtype=bool))
-    assert (np.abs(found - delta)[pair] < sigma[pair]).all()
-    assert (sigma[pair] < 0.0004).all()
-    # Three are too many.
-    unclean[47], edge[47] = 0.0004, edge[47] - 0.0005
-    assert fill_gaps(GEOMETRY, edge, SIGMA, SIGMA, unclean, np.ones(K, dtype=bool))[0][46] == edge[46]
-
-
 def test_texture_that_the_zero_has_too_cancels() -> None:
     rng = np.random.default_rng(4)
     noise, texture = np.full(K, 5e-6), 3e-5

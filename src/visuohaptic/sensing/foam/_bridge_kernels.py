@@ -88,10 +88,3 @@ def drop_bridged(s, value, sigma, seen, filled, error, kept):
         if seen[a] and seen[k] and seen[b] and sigma[k] > 2.0 * max(sigma[a], sigma[b]):
             bridge(s, value, sigma, seen, k, k + 1, filled, error)
             kept[k] = not error[k] < sigma[k]
-    # Where a gap in front of a body is resolved, two neighbours may show its far edge.
-    for k in range(1, len(s) - 2):
-        a, b = k - 1, k + 2
-        known = kept[a] and kept[k] and kept[k + 1] and kept[b]
-        if known and min(sigma[k], sigma[k + 1]) > 2.0 * max(sigma[a], sigma[b]):
-            bridge(s, value, sigma, kept, k, b, filled, error)
-            kept[k] = kept[k + 1] = not max(error[k], error[k + 1]) < min(sigma[k], sigma[k + 1])
