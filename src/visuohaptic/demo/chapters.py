@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 CHAPTERS: tuple[Chapter, ...] = (
     Chapter(
-        "map", "The platform maps its path with the laser", (), floor.map_route, 1, floor.default_map,
+        "map", "The platform maps its path with the laser", (), floor.map_route, 3, floor.default_map,
         "the round is led the other way about",
     ),
     Chapter(
@@ -31,30 +31,30 @@ CHAPTERS: tuple[Chapter, ...] = (
         "it turns to either side and looks again",
     ),
     Chapter(
-        "foam", "It touches the obstacles and tags them", ("door",), touch.explore_obstacles, 120,
+        "foam", "It touches the obstacles and tags them", ("door",), touch.explore_obstacles, 75,
         touch.default_tags, "off the centre of the obstacles",
     ),
     Chapter(
-        "drive", "It plans with the tags, pushes and arrives", ("map", "foam"), drive.drive_to_the_table, 2,
+        "drive", "It plans with the tags, pushes and arrives", ("map", "foam"), drive.drive_to_the_table, 5,
         drive.default_arrival, "from its present pose, with the forces measured so far",
     ),
     Chapter(
-        "beam", "At the table the probe's beam sensor is zeroed", ("drive",), probe.zero_the_beam, 12,
+        "beam", "At the table the probe's beam sensor is zeroed", ("drive",), probe.zero_the_beam, 3,
         probe.default_beam, "zeroed again",
     ),
     Chapter(
-        "glass", "The camera circles, and finds what is transparent", ("drive",), probe.find_the_glass, 11,
+        "glass", "The camera circles, and finds what is transparent", ("drive",), probe.find_the_glass, 6,
         None, "with twice the views",
     ),
     Chapter(
-        "probe", "The probe completes the bottle", ("glass", "beam"), probe.complete_the_bottle, 1,
+        "probe", "The probe completes the bottle", ("glass", "beam"), probe.complete_the_bottle, 13,
         probe.default_outline, "with twice the lines",
     ),
     Chapter(
-        "squeeze", "The gripper squeezes: class and contents", ("probe",), hand.recognise_the_bottle, 2,
+        "squeeze", "The gripper squeezes: class and contents", ("probe",), hand.recognise_the_bottle, 13,
         None, "at as many places more",
     ),
-    Chapter("grasp", "The grasp is planned and carried out", ("squeeze",), hand.grasp_the_bottle),
+    Chapter("grasp", "The grasp is planned and carried out", ("squeeze",), hand.grasp_the_bottle, 3),
 )  # fmt: skip
 
 #: Parts of the demonstration -> their chapters.
