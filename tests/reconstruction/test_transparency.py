@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.worlds.plane_views import CAMERA, looking_down, plane_frame
 from visuohaptic.cli.main import main
 from visuohaptic.core import InputError
 from visuohaptic.core.camera import Camera, Pose
@@ -39,22 +40,7 @@ from visuohaptic.reconstruction.transparency.ray_readings import RayEvidence, Ra
 from visuohaptic.reconstruction.transparency.surface_rates import surface_ratios
 from visuohaptic.simulation.tabletop import DepthCamera, disturb_pose, glass_scene
 
-CAMERA = Camera.simple(64, 48, 60.0)
 SEED = 12  # a development seed: thin, 360 degrees
-
-
-def plane_frame(pose: Pose, rng: np.random.Generator | None = None, sigma_m: float = 0.0) -> DepthFrame:
-    """The plane z = 0 of the world."""
-    rows, columns = np.mgrid[0 : CAMERA.height, 0 : CAMERA.width]
-    rays = CAMERA.rays(np.stack([columns, rows], axis=-1).astype(float)) @ pose.rotation.T
-    depth_m = -pose.translation_m[2] / rays[..., 2]
-    if rng is not None:
-        depth_m = depth_m + sigma_m * rng.standard_normal(depth_m.shape)
-    return DepthFrame(0.0, depth_m.astype(np.float32), None, pose, CAMERA)
-
-
-def looking_down(x: float) -> Pose:
-    return Camera.pose_of_view((x, -0.6, 0.8), (x, 0.0, 0.0))
 
 
 @pytest.fixture(scope="module")

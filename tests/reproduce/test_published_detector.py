@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.worlds.plane_views import CAMERA, looking_down, plane_frame
 
 from visuohaptic.core import InputError
 from visuohaptic.core.camera import Camera, Pose
-from visuohaptic.io.depth import DepthFrame
 from visuohaptic.reconstruction.fusion import SENSOR_NOISE, SpaceGrid
 from visuohaptic.reproduce.worlds import (
     HELLINGER_WEIGHT,
@@ -22,22 +22,6 @@ from visuohaptic.reproduce.worlds import (
     error_image,
 )
 from visuohaptic.reproduce.worlds._published_kernels import cast_rays, view_moments
-
-CAMERA = Camera.simple(64, 48, 60.0)
-
-
-def plane_frame(pose: Pose, rng: np.random.Generator | None = None, sigma_m: float = 0.0) -> DepthFrame:
-    """The plane z = 0 of the world."""
-    rows, columns = np.mgrid[0 : CAMERA.height, 0 : CAMERA.width]
-    rays = CAMERA.rays(np.stack([columns, rows], axis=-1).astype(float)) @ pose.rotation.T
-    depth_m = -pose.translation_m[2] / rays[..., 2]
-    if rng is not None:
-        depth_m = depth_m + sigma_m * rng.standard_normal(depth_m.shape)
-    return DepthFrame(0.0, depth_m.astype(np.float32), None, pose, CAMERA)
-
-
-def looking_down(x: float) -> Pose:
-    return Camera.pose_of_view((x, -0.6, 0.8), (x, 0.0, 0.0))
 
 
 def test_moments_and_reliability_equal_the_printed_formulas():

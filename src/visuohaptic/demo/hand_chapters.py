@@ -48,10 +48,10 @@ if TYPE_CHECKING:
 
 
 #: At a single location an unusual bottle can be as stiff and as wide as another class. Of objects of no class two in a hundred may
-#: be misclassified; the posterior, which knows no object between the classes, is too certain of them: of 300 on open tables
-#: (``benchmarks.table_bottles``) five were misclassified with 0.99, two with 0.995 and with 0.998. Known objects need two
+#: be misclassified; the posterior, which knows no object between the classes, is too certain of them: of 150 on open tables
+#: (``benchmarks.table_bottles``) four were misclassified with 0.995, three with 0.998. Known objects need two
 #: squeezes, unknown ones up to a dozen.
-CONFIDENCE, MIN_SQUEEZES, MAX_SQUEEZES = 0.995, 2, 12
+CONFIDENCE, MIN_SQUEEZES, MAX_SQUEEZES = 0.998, 2, 12
 #: The gripper's limit, above the strongest squeeze [N].
 MAX_GRIP_N = 60.0
 #: An empty bottle requires tenths of a newton, which are lost if the finger is 0.2 mm off the

@@ -22,6 +22,7 @@ from jaxtyping import Float
 from ..core.camera.frame import Frame
 from ..core.camera.model import Camera
 from ..core.camera.pose import Pose
+from ..core.errors import DeviceError
 from ..io.remote.client import start_robot
 from ..rigs.virtual_beam import VirtualProbe, probe_beam, weighing_frames
 from ..rigs.virtual_gripper import STRIP, TRACKING, VirtualHand, finger_sensor
@@ -251,7 +252,7 @@ class _CirclingCamera:
     rng: np.random.Generator
     t_s: float = -0.1
     _poses: Iterator[Pose] = field(init=False)
-    _measured: Pose = field(init=False)
+    _measured: Pose | None = field(init=False, default=None)
     _model: DepthCamera = field(init=False)
 
     def __post_init__(self) -> None:
@@ -263,11 +264,15 @@ class _CirclingCamera:
 
     def read(self) -> SimpleNamespace:
         """The image from the next pose."""
-        pose = next(self._poses)
+        pose = next(self._poses, None)
+        if pose is None:
+            raise DeviceError(f"the camera has taken all of its {self.views} views")
         depth_m = self._model.render(self.scene, pose, self.rng)
         self.t_s, self._measured = self.t_s + 0.1, disturb_pose(pose, self.rng, 0.0005, 0.001)
         return SimpleNamespace(t_s=self.t_s, depth_m=depth_m)
 
     def pose(self) -> tuple[float, Pose]:
         """Measured pose of the camera at the last image."""
+        if self._measured is None:
+            raise DeviceError("the pose is that of an image, and none was taken")
         return self.t_s, self._measured

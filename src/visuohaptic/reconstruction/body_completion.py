@@ -8,8 +8,8 @@ drawn from classes of shapes (:mod:`.vessel_shapes`), each at a scale of its own
 probabilities are the likelihoods of the contacts given the cone (Rasmussen and Williams 2006, Eq. 2.30), and the wall is the mixture
 of the processes conditioned on the contacts (Eq. 2.23): its variance contains that between the shapes. One contact constrains the whole
 ring at its height; no artificial points are added. The next touch is a horizontal line to the axis, below the rim and clear of
-surrounding surfaces, that maximises the standard deviation of the wall times the probability of contact. A line may miss a stem that is
-thinner than the error of the axis. So that such a line is not repeated, axis and profile are sampled from the mixture, and samples that
+surrounding surfaces, that maximises the variance of the wall times its radius, for the area that the contact explains, times the
+probability of contact. A line may miss a stem that is thinner than the error of the axis. So that such a line is not repeated, axis and profile are sampled from the mixture, and samples that
 contradict the missed lines are rejected.
 """
 
@@ -237,7 +237,7 @@ class BodyCompletion:
         return sigma
 
     def next_touch(self) -> TouchPlan:
-        """Plan the next touch: the horizontal line to the axis with the largest standard deviation times contact probability.
+        """Plan the next touch: the horizontal line to the axis with the largest variance over the wall's area times contact probability.
 
         Raises
         ------

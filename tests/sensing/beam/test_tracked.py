@@ -109,6 +109,13 @@ def test_zero_refuses_what_is_not_at_rest(world):
         beam.zero(blank)
 
 
+def test_a_calibration_has_a_load_for_each_frame(world):
+    folder, rest, *_ = world
+    beam = TrackedBeam.load(folder / "sensor.yaml")
+    with pytest.raises(InputError, match="six values for each frame"):
+        beam.calibrate(rest[:1], np.zeros((2, 6)))
+
+
 def test_files_that_do_not_fit_together_are_refused(tmp_path):
     virtual(kind="pictures").write(tmp_path)
     assert TrackedBeam.load(tmp_path / "sensor.yaml").sensor.zero_reference is None

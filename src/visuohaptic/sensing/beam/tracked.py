@@ -161,10 +161,16 @@ class TrackedBeam(Closing):
 
         Raises
         ------
+        InputError
+            There are not as many loads as frames.
         CalibrationError
             As :func:`.calibrate_beam`.
         """
         read = [self.read(frame).reading.wrench for frame in frames]
+        if loads.shape != (len(read), 6):
+            raise InputError(
+                "loads", f"found shape {loads.shape}, expected {(len(read), 6)}: six values for each frame"
+            )
         valid = np.flatnonzero([wrench.valid for wrench in read])
         observed = np.array([[*read[k].force_N, *read[k].moment_Nm] for k in valid]).reshape(-1, 6)
         record = LoadRecord(loads[valid], observed, "wrench", valid + 1)
