@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.worlds.plane_views import CAMERA, looking_down, plane_frame
+from tests.reconstruction.plane_views import CAMERA, looking_down, plane_frame
 from visuohaptic.cli.main import main
 from visuohaptic.core import InputError
 from visuohaptic.core.camera import Camera, Pose

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.worlds.plane_views import CAMERA, looking_down, plane_frame
+from tests.reconstruction.plane_views import CAMERA, looking_down, plane_frame
 
 from visuohaptic.core import InputError
 from visuohaptic.core.camera import Camera, Pose
