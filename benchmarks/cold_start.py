@@ -6,6 +6,7 @@ peer is a fresh process that only imports NumPy, which is the least that the com
 Two campaigns are run by name, each with its own empty cache:
 
 - ``python -m benchmarks.cold_start compile``: prints the CPU time of all kernels, of all imports, and of the first verbs;
+  with ``--peer CHECKOUT``, all kernels and the first verbs, each in turn with an older checkout, and the ratios;
 - ``python -m benchmarks.cold_start saves --seeds open --count 1000``: two processes save all signatures of two versions of
   one kernel at the same time while another one loads them; prints how many loads were right, wrong, of another signature
   (mixed) or of the other version (stale), and how many entries were lost.
@@ -19,6 +20,7 @@ import importlib
 import multiprocessing
 import os
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -103,6 +105,18 @@ def cold_rows() -> Iterator[tuple[str, float]]:
             yield name, _cpu_s(["-m", "visuohaptic", *words], folder / name.replace(" ", "_"))
 
 
+def peer_rows(peer: Path) -> Iterator[tuple[str, float, float]]:
+    """(what, CPU time [s] here, CPU time [s] of another checkout), each with an empty cache and one after the other."""
+    with tempfile.TemporaryDirectory() as text:
+        for name, words in [*first_verbs(Path(text)), ("all kernels", ["warmup"])]:
+            spent_s = []
+            for place in (Path(__file__).parents[1], peer):
+                with tempfile.TemporaryDirectory(dir=text) as cache:
+                    spent_s.append(_cpu_s(["-m", "visuohaptic", *words], Path(cache), place))
+                shutil.rmtree(Path(text) / "try", ignore_errors=True)  # the example's folder must be new
+            yield name, spent_s[0], spent_s[1]
+
+
 def first_verbs(folder: Path) -> Iterator[tuple[str, list[str]]]:
     """Verbs that a new user runs first, each with an empty cache."""
     grid = folder / "room.pgm"
@@ -130,9 +144,11 @@ def first_verbs(folder: Path) -> Iterator[tuple[str, list[str]]]:
     yield "plan", ["plan", *files, "--start", "1.5", "0.9", "--goal", "2.45", "1.5", "-q"]
 
 
-def _cpu_s(words: Sequence[str], cache: Path) -> float:
-    """CPU time [s] of a process and of those it starts."""
-    environment = {**os.environ, "VISUOHAPTIC_CACHE_DIR": str(cache)}
+def _cpu_s(words: Sequence[str], cache: Path, checkout: Path | None = None) -> float:
+    """CPU time [s] of a process and of those it starts, from another checkout if one is given."""
+    environment = {**os.environ, "VISUOHAPTIC_CACHE_DIR": str(cache), "NUMBA_CACHE_DIR": str(cache)}
+    if checkout:
+        environment["PYTHONPATH"] = str(checkout / "src")
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run([sys.executable, *words], env=environment, check=True, stdout=subprocess.DEVNULL)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -238,7 +254,12 @@ def main() -> int:
     parser.add_argument(
         "--report", type=Path, help="JSON lines, one per row; a campaign that was stopped goes on"
     )
+    parser.add_argument("--peer", type=Path, help="compile: another checkout, whose times are compared")
     args = parser.parse_args()
+    if args.peer:
+        for name, own_s, peer_s in peer_rows(args.peer.resolve(strict=True)):
+            print(f"{name:<36}{own_s:8.1f} CPU-s, peer {peer_s:.1f}, ratio {own_s / peer_s:.2f}", flush=True)
+        return 0
     if args.what == "compile":
         for name, taken_s in cold_rows():
             print(f"{name:<36}{taken_s:8.1f} CPU-s", flush=True)
