@@ -5,7 +5,7 @@ peer is a fresh process that only imports NumPy, which is the least that the com
 
 Two campaigns are run by name, each with its own empty cache:
 
-- ``python -m benchmarks.cold_start compile``: prints the CPU time of all kernels, of all imports, and of the first verbs;
+- ``python -m benchmarks.cold_start compile``: prints CPU and wall time of all kernels, of all imports, and of the first verbs;
   with ``--peer CHECKOUT``, all kernels and the first verbs, each in turn with an older checkout, and the ratios;
 - ``python -m benchmarks.cold_start saves --seeds open --count 1000``: two processes save all signatures of two versions of
   one kernel at the same time while another one loads them; prints how many loads were right, wrong, of another signature
@@ -20,7 +20,6 @@ import importlib
 import multiprocessing
 import os
 import resource
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -82,39 +81,38 @@ def _wall_s(script: str) -> float:
     return time.perf_counter() - started_s
 
 
-def cold_rows() -> Iterator[tuple[str, float]]:
-    """(what, CPU time [s]) of things done with an empty cache."""
+def cold_rows() -> Iterator[tuple[str, tuple[float, float]]]:
+    """What, and (CPU time, wall time) [s], of things done with an empty cache."""
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)
-        import_s = _cpu_s(["-c", _IMPORT_ALL], folder / "import")
+        import_s = _spent_s(["-c", _IMPORT_ALL], folder / "import")
         yield "import of every module", import_s
         assert not (folder / "import").exists(), "an import has compiled a kernel"
         yield (
             "all kernels, one process",
-            _cpu_s(["-m", "visuohaptic", "warmup", "--workers", "1"], folder / "one"),
+            _spent_s(["-m", "visuohaptic", "warmup", "--workers", "1"], folder / "one"),
         )
         yield (
             "all kernels, two processes",
-            _cpu_s(["-m", "visuohaptic", "warmup", "--workers", "2"], folder / "two"),
+            _spent_s(["-m", "visuohaptic", "warmup", "--workers", "2"], folder / "two"),
         )
         yield (
             "the same again, from the cache",
-            _cpu_s(["-m", "visuohaptic", "warmup", "--workers", "1"], folder / "two"),
+            _spent_s(["-m", "visuohaptic", "warmup", "--workers", "1"], folder / "two"),
         )
         for name, words in first_verbs(folder):
-            yield name, _cpu_s(["-m", "visuohaptic", *words], folder / name.replace(" ", "_"))
+            yield name, _spent_s(["-m", "visuohaptic", *words], folder / name.replace(" ", "_"))
 
 
-def peer_rows(peer: Path) -> Iterator[tuple[str, float, float]]:
-    """(what, CPU time [s] here, CPU time [s] of another checkout), each with an empty cache and one after the other."""
+def peer_rows(peer: Path) -> Iterator[tuple[str, tuple[float, float], tuple[float, float]]]:
+    """What, and (CPU time, wall time) [s] here and of another checkout, each with an empty cache, one after the other."""
     with tempfile.TemporaryDirectory() as text:
-        for name, words in [*first_verbs(Path(text)), ("all kernels", ["warmup"])]:
-            spent_s = []
-            for place in (Path(__file__).parents[1], peer):
-                with tempfile.TemporaryDirectory(dir=text) as cache:
-                    spent_s.append(_cpu_s(["-m", "visuohaptic", *words], Path(cache), place))
-                shutil.rmtree(Path(text) / "try", ignore_errors=True)  # the example's folder must be new
-            yield name, spent_s[0], spent_s[1]
+        for name, words in (*first_verbs(Path(text)), ("all kernels", ["warmup", "-q"])):
+            own_s, peer_s = (
+                _spent_s(["-m", "visuohaptic", *words], Path(text) / place.name / name, place)
+                for place in (Path(__file__).parents[1], peer)
+            )
+            yield name, own_s, peer_s
 
 
 def first_verbs(folder: Path) -> Iterator[tuple[str, list[str]]]:
@@ -144,15 +142,15 @@ def first_verbs(folder: Path) -> Iterator[tuple[str, list[str]]]:
     yield "plan", ["plan", *files, "--start", "1.5", "0.9", "--goal", "2.45", "1.5", "-q"]
 
 
-def _cpu_s(words: Sequence[str], cache: Path, checkout: Path | None = None) -> float:
-    """CPU time [s] of a process and of those it starts, from another checkout if one is given."""
+def _spent_s(words: Sequence[str], cache: Path, checkout: Path | None = None) -> tuple[float, float]:
+    """CPU time of a process and of those it starts, and wall time [s]; of another checkout if one is given."""
     environment = {**os.environ, "VISUOHAPTIC_CACHE_DIR": str(cache), "NUMBA_CACHE_DIR": str(cache)}
     if checkout:
         environment["PYTHONPATH"] = str(checkout / "src")
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    before, started_s = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     subprocess.run([sys.executable, *words], env=environment, check=True, stdout=subprocess.DEVNULL)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    after, wall_s = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter() - started_s
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall_s
 
 
 def _scaled(offset: float) -> Any:
@@ -258,11 +256,15 @@ def main() -> int:
     args = parser.parse_args()
     if args.peer:
         for name, own_s, peer_s in peer_rows(args.peer.resolve(strict=True)):
-            print(f"{name:<36}{own_s:8.1f} CPU-s, peer {peer_s:.1f}, ratio {own_s / peer_s:.2f}", flush=True)
+            ratios = ", ".join(
+                f"{own:.1f} s {clock}, peer {peer:.1f}, ratio {own / peer:.2f}"
+                for clock, own, peer in zip(("CPU", "wall"), own_s, peer_s, strict=True)
+            )
+            print(f"{name:<16}{ratios}", flush=True)
         return 0
     if args.what == "compile":
-        for name, taken_s in cold_rows():
-            print(f"{name:<36}{taken_s:8.1f} CPU-s", flush=True)
+        for name, (cpu_s, wall_s) in cold_rows():
+            print(f"{name:<36}{cpu_s:8.1f} s CPU,{wall_s:8.1f} s wall", flush=True)
         return 0
     journal = Journal(args.report, {"campaign": "saves", "seeds": args.seeds})
     seeds = [seed for seed in seeds_of(args.seeds, args.count, args.first) if str(seed) not in journal]

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 import visuohaptic
-from visuohaptic.cli.verbs.system.warmup import SIGNATURES
+from visuohaptic.cli._compilation import SIGNATURES
 from visuohaptic.core import KERNELS
 
 

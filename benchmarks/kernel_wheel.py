@@ -23,7 +23,7 @@ from visuohaptic._version import __version__
 #: Prints the name of the cache folder, that of the folder in the wheel, and the entries that Python requests.
 _NAMES = """
 import importlib
-from visuohaptic.cli.verbs.system.warmup import read_signatures
+from visuohaptic.cli._compilation import read_signatures
 from visuohaptic.core import cache_folder, code_digest
 from visuohaptic.core.kernels import shipped_name
 print(cache_folder())

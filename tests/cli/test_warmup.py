@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import json
 import subprocess
@@ -11,7 +12,9 @@ from pathlib import Path
 import pytest
 from numba.core.event import install_recorder
 
+from visuohaptic.cli import _compilation
 from visuohaptic.cli import main as command
+from visuohaptic.cli.verbs.planning import map_inspect
 from visuohaptic.cli.verbs.system import demo, warmup
 
 #: Warms up, runs every part, and prints the signatures that the list did not have.
@@ -36,7 +39,7 @@ def one_line(tmp_path, monkeypatch):
     path.write_text(
         "visuohaptic.navigation.graph.tracing._path_kernels:longer (Array(int64, 1, 'C', False, aligned=True),)\n"
     )
-    monkeypatch.setattr(warmup, "SIGNATURES", path)
+    monkeypatch.setattr(_compilation, "SIGNATURES", path)
     monkeypatch.setenv("VISUOHAPTIC_CACHE_DIR", str(tmp_path / "cache"))
 
 
@@ -65,7 +68,7 @@ def test_it_removes_what_no_kernel_can_load(one_line, tmp_path, capsys):
 def test_a_line_without_its_kernel_is_said(monkeypatch, tmp_path, capsys):
     path = tmp_path / "signatures.txt"
     path.write_text("visuohaptic.navigation.graph._sweep_kernels:no_such_kernel (int64,)\n")
-    monkeypatch.setattr(warmup, "SIGNATURES", path)
+    monkeypatch.setattr(_compilation, "SIGNATURES", path)
     assert command.main(["warmup"]) == 1
     assert "no_such_kernel" in capsys.readouterr().err
 
@@ -80,7 +83,7 @@ TWO = (
 
 @pytest.fixture
 def two_lines(one_line):
-    warmup.SIGNATURES.write_text("\n".join(TWO) + "\n")
+    _compilation.SIGNATURES.write_text("\n".join(TWO) + "\n")
 
 
 def test_two_processes_compile_what_one_then_loads(two_lines, capsys):
@@ -111,13 +114,13 @@ def test_a_package_alone_is_compiled(two_lines, capsys):
 
 def test_a_kernel_that_another_process_does_not_find_is_said(two_lines, capsys):
     missing = TWO[0].replace(":longer", ":no_such_kernel")
-    warmup.SIGNATURES.write_text(f"{missing}\n{TWO[1]}\n")
+    _compilation.SIGNATURES.write_text(f"{missing}\n{TWO[1]}\n")
     assert command.main(["warmup", "--workers", "2"]) == 2
     assert "unexpected AttributeError in a worker" in capsys.readouterr().err
 
 
 def test_the_work_is_shared_by_whole_packages():
-    lines = warmup.SIGNATURES.read_text().splitlines()
+    lines = _compilation.SIGNATURES.read_text().splitlines()
     parts = warmup._by_package(lines)
     assert sorted(line for part in parts.values() for line in part) == sorted(lines)
     assert all(line.startswith(f"{package}.") for package, part in parts.items() for line in part)
@@ -129,7 +132,7 @@ def test_the_work_is_shared_by_whole_packages():
 @pytest.fixture
 def own_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("VISUOHAPTIC_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(warmup, "available_cores", lambda: 2)
+    monkeypatch.setattr(_compilation, "available_cores", lambda: 2)
 
 
 def test_kernels_are_compiled_in_the_background_where_they_are_missing(own_cache):
@@ -139,16 +142,16 @@ def test_kernels_are_compiled_in_the_background_where_they_are_missing(own_cache
     # Entries of other kernels do not count, however many they are.
     for number in range(1000):
         (cache_folder() / f"visuohaptic.other.kernel-{number}-0").touch()
-    with warmup.compiling_in_background(["database"]) as process:
+    with _compilation.compiling_in_background(["database"]) as process:
         assert process is not None
         assert process.wait(timeout=120) == 0
     assert any(one.name.startswith("visuohaptic.database.") for one in cache_folder().iterdir())
-    with warmup.compiling_in_background(["database"]) as process:
+    with _compilation.compiling_in_background(["database"]) as process:
         assert process is None
 
 
 def test_one_worker_compiles_in_the_order_of_its_arguments():
-    lines = warmup._chosen(["reconstruction.surfaces", "database", "reconstruction"])
+    lines = _compilation.chosen_lines(["reconstruction.surfaces", "database", "reconstruction"])
     parts = list(warmup._by_package(lines, shared=False))
     assert parts[:2] == ["visuohaptic.reconstruction.surfaces", "visuohaptic.database"]
     assert len(lines) == len(set(lines))
@@ -156,12 +159,41 @@ def test_one_worker_compiles_in_the_order_of_its_arguments():
 
 
 def test_compilation_in_the_background_ends_with_its_block(own_cache, monkeypatch):
-    with warmup.compiling_in_background() as process:
+    with _compilation.compiling_in_background() as process:
         assert process.poll() is None
     assert process.returncode is not None
-    monkeypatch.setattr(warmup, "available_cores", lambda: 1)
-    with warmup.compiling_in_background() as process:
+    monkeypatch.setattr(_compilation, "available_cores", lambda: 1)
+    with _compilation.compiling_in_background() as process:
         assert process is None
+
+
+def test_a_command_names_kernels_of_the_list():
+    """Verbs name modules, which move; and a call from Python starts no process."""
+    named = {}
+    for verb in command.VERBS:
+        module = command._load(verb, command.VERBS)
+        if hasattr(module, "KERNELS"):
+            named[verb] = module.KERNELS
+            assert _compilation.chosen_lines(module.KERNELS)  # refuses unknown names
+    assert {"plan", "map inspect", "sense foam", "example foam"} <= named.keys()
+
+
+def test_only_the_command_compiles_in_the_background(monkeypatch, tmp_path, capsys):
+    started = []
+
+    @contextlib.contextmanager
+    def recorded(packages):
+        started.append(packages)
+        yield
+
+    monkeypatch.setattr(_compilation, "compiling_in_background", recorded)
+    words = ["map", "inspect", str(tmp_path / "missing.yaml")]
+    assert command.main(words) != 0
+    assert started == []
+    monkeypatch.setattr(sys, "argv", ["visuohaptic", *words])
+    assert command.main() != 0
+    assert started == [map_inspect.KERNELS]
+    capsys.readouterr()
 
 
 @pytest.mark.slow
@@ -174,7 +206,7 @@ def test_the_list_has_every_signature_of_the_parts():
 
 
 def test_every_line_names_a_kernel():
-    for module, signatures in warmup.read_signatures().items():
+    for module, signatures in _compilation.read_signatures().items():
         assert module.startswith("visuohaptic."), f"{module} is not installed with the library"
         kernels = importlib.import_module(module)
         for function, _ in signatures:
@@ -187,5 +219,5 @@ def test_the_chapters_of_make_demo_name_packages_with_kernels():
     )
     (named,) = (line.partition(":=")[2].split() for line in lines if line.startswith("FIRST_CHAPTERS"))
     assert named
-    assert warmup._chosen(named)  # refuses unknown names
-    assert not set(warmup._chosen(named)) & set(warmup._chosen(demo.LATER_CHAPTERS))
+    assert _compilation.chosen_lines(named)  # refuses unknown names
+    assert not set(_compilation.chosen_lines(named)) & set(_compilation.chosen_lines(demo.LATER_CHAPTERS))

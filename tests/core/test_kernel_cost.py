@@ -20,7 +20,7 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.typed_passes import NopythonTypeInference
 
 import visuohaptic
-from visuohaptic.cli.verbs.system.warmup import read_signatures
+from visuohaptic.cli._compilation import read_signatures
 from visuohaptic.core import KERNELS, kernel
 from visuohaptic.core.kernels.compiler import compile_kernel
 

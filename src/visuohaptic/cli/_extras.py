@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 from collections.abc import Iterable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from types import ModuleType
 
@@ -135,6 +136,24 @@ def needs(module: ModuleType, args: argparse.Namespace) -> frozenset[str]:
 
 def _ends(text: str, ending: str) -> bool:
     return text.lower().partition(":/")[0].endswith(ending)
+
+
+def compiling(module: ModuleType, args: argparse.Namespace) -> AbstractContextManager[object]:
+    """Compilation, in another process, of the kernels that a verb needs last; nothing if they are in the cache.
+
+    Parameters
+    ----------
+    module
+        Of the verb, with ``KERNELS`` or ``kernels(args)``, or none of them.
+    args
+        As parsed.
+    """
+    named = module.kernels(args) if hasattr(module, "kernels") else getattr(module, "KERNELS", ())
+    if not named:
+        return nullcontext()
+    from ._compilation import compiling_in_background
+
+    return compiling_in_background(named)
 
 
 def check_needs(verb: str, module: ModuleType, args: argparse.Namespace) -> None:

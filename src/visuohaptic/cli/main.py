@@ -8,7 +8,9 @@ A verb is a line of ``VERBS`` (what it does) and a module with
   end of its help;
 - optionally ``NEEDS: tuple[str, ...]``, modules beyond the core that it always imports on its way, and
   ``needs(args) -> set[str]``, those that depend on the arguments; what an argument of several verbs needs
-  is in ``_extras``. All are checked before it runs.
+  is in ``_extras``. All are checked before it runs;
+- optionally ``KERNELS: tuple[str, ...]``, packages or modules whose kernels it needs, the last ones first, or
+  ``kernels(args)``: while the command compiles the first ones, another process compiles the last ones.
 
 A verb whose work was done in part only sets ``args.exit_code``.
 
@@ -26,6 +28,7 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from types import ModuleType
 from typing import NoReturn
 
@@ -190,7 +193,7 @@ def main(argv: Sequence[str] | None = None, verbs: Mapping[str, tuple[str, str]]
         verbose=bool({"-v", "--verbose"} & set(words)),
     )
     try:
-        return _run(words, console, verbs)
+        return _run(words, console, verbs, meanwhile=argv is None)
     except OutputClosedError:
         # Python would complain once more when it flushes stdout at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -221,7 +224,7 @@ def _advice(verbose: bool) -> str:
     )
 
 
-def _run(words: list[str], console: Console, verbs: Mapping[str, tuple[str, str]]) -> int:
+def _run(words: list[str], console: Console, verbs: Mapping[str, tuple[str, str]], *, meanwhile: bool) -> int:
     verb, rest = _find_verb(words, verbs)
     if verb is None:
         flags = set(words)
@@ -247,7 +250,10 @@ def _run(words: list[str], console: Console, verbs: Mapping[str, tuple[str, str]
     console = Console(json=args.json, quiet=args.quiet, verbose=args.verbose)
     console.start_logging()
     args.console = console
-    result = _do(verb, module, args)
+    from ._extras import compiling
+
+    with compiling(module, args) if meanwhile else nullcontext():
+        result = _do(verb, module, args)
     if result is not None:
         console.result(result)
     return args.exit_code

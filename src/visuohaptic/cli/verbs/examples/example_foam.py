@@ -24,6 +24,8 @@ from typing import Any
 
 from .... import rigs
 
+#: Modules with kernels of the verb, the last needed first.
+KERNELS = ("simulation.rendering", "simulation.foam")
 #: Optional modules that the verb imports.
 NEEDS = ("av",)
 

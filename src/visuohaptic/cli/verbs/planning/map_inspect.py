@@ -15,6 +15,13 @@ from .... import io
 from ....core.files.plain_json import picked
 from ....navigation import mapping
 
+#: Modules with kernels of the verb, the last needed first.
+KERNELS = (
+    "navigation.graph.tracing._prune_kernels",
+    "navigation.graph.tracing._junction_kernels",
+    "navigation.graph.tracing._line_kernels",
+    "navigation.graph.tracing._skeleton_kernels",
+)
 #: Maximum number of narrow passages in the output.
 _NARROWEST = 5
 

@@ -28,6 +28,12 @@ from ....navigation.planning import search
 if TYPE_CHECKING:
     from ....navigation.problem.path_plan import Plan
 
+#: Modules with kernels of the verb, the last needed first.
+KERNELS = (
+    "navigation.pushing._push_kernels",
+    "navigation.planning.search._travel_kernels",
+    "navigation.planning.search._push_search_kernels",
+)
 #: Exit code if there is no plan, or none was found.
 NO_PLAN = 3
 #: Budget of a proof of infeasibility, in budgets of a plan.

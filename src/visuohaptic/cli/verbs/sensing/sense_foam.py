@@ -38,6 +38,16 @@ from ..._sensor_run import (
 )
 from ._reference import add_reference, checked_reference, reported
 
+#: Modules with kernels of the verb, the last needed first.
+KERNELS = (
+    "sensing.foam._profile_kernels",
+    "sensing.foam._bridge_kernels",
+    "sensing.foam._chain_kernels",
+    "sensing.foam._posterior_kernels",
+    "sensing.foam._texture_kernels",
+    "tracking.contours",
+)
+
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""

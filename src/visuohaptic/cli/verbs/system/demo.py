@@ -30,18 +30,17 @@ examples
 from __future__ import annotations
 
 import argparse
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
 from .... import demo, viewer
 from ....core.errors import InputError
-from .warmup import compiling_in_background
 
 #: Parts of the demo; the same names as ``experiments.mission.PARTS``, without its imports.
 PARTS = ("foam", "beam", "navigate", "glass", "bottle")
 
-#: Packages with kernels of the chapters after the first five, in the order in which these need them.
+#: Packages with kernels of the chapters after the first five, in the order in which these need them: the first chapters
+#: need few, and leave time for those of the others.
 LATER_CHAPTERS = ("simulation.tabletop", "reconstruction", "deformation.shells")
 
 
@@ -57,6 +56,17 @@ def needs(args: argparse.Namespace) -> set[str]:
         return set()
     remembers = {"pyarrow", "sqlalchemy"} if args.memory else set()
     return {"av", "matplotlib", "mcap_ros2", "mujoco", "robust_laplacian", "skimage"} | remembers
+
+
+def kernels(args: argparse.Namespace) -> tuple[str, ...]:
+    """Packages whose kernels are compiled while the demo runs; none for one part, a map or the recorded mission.
+
+    Parameters
+    ----------
+    args
+        As parsed.
+    """
+    return () if args.quick or args.part or args.map else LATER_CHAPTERS
 
 
 def add_arguments(add: Any) -> None:
@@ -130,15 +140,10 @@ def _tell(args: Any, page: Any) -> dict[str, Any]:
     if args.map is not None:
         story = demo.touch_in_map(args.out, args.map, seed=args.seed, on_message=args.report, page=page)
     else:
-        # The first chapters need few kernels, and leave time for those of the others.
-        background: AbstractContextManager[Any] = (
-            nullcontext() if args.part else compiling_in_background(LATER_CHAPTERS)
-        )
-        with background:
-            story = demo.run_mission(
-                args.out, part=args.part, seed=args.seed, on_message=args.report, page=page,
-                visit=demo.Visit(args.world, args.visit, args.memory, args.apart),
-            )  # fmt: skip
+        story = demo.run_mission(
+            args.out, part=args.part, seed=args.seed, on_message=args.report, page=page,
+            visit=demo.Visit(args.world, args.visit, args.memory, args.apart),
+        )  # fmt: skip
     report = demo.write_story(story, args.out / "report.html")
     args.report("")
     args.report(f"{story.summary()} ({story.duration_s:.0f} s)")
