@@ -62,6 +62,7 @@ def _envelope(
     height: np.ndarray,
     border: np.ndarray,
     outside_blocks: bool,
+    deepest: int,
 ) -> int:
     """Lower envelope over a run of cells ``column..end - 1`` between two obstacles of a row; returns its number of pieces.
 
@@ -70,16 +71,16 @@ def _envelope(
     left of column k, each with the nearer obstacle of its two columns.
     Piece k is the parabola of source ``vertex[k]`` with minimum ``height[k] - vertex[k]^2``
     [cells^2, multiples of a quarter], for cells from ``border[k]`` on. With ``outside_blocks`` there are
-    obstacles before the first and after the last column.
+    obstacles before the first and after the last column. Obstacles farther than ``deepest`` rows are left out.
     """
     columns = len(line)
-    beyond = np.uint16(0) if outside_blocks else FAR
+    beyond = np.int64(0) if outside_blocks else np.int64(FAR)
     count = 0
+    right = np.int64(line[column - 1]) if column > 0 else beyond
     for u in range(column, end + 1):
-        left = line[u - 1] if u > 0 else beyond
-        right = line[u] if u < columns else beyond
+        left, right = right, np.int64(line[u]) if u < columns else beyond
         away = min(left, right)
-        if away == FAR:
+        if away > deepest:
             continue
         value = max(float(away) - 0.5, 0.0)
         top = value * value + float(u) * float(u)
@@ -97,20 +98,6 @@ def _envelope(
             border[count] = here
             count += 1
     return count
-
-
-@kernel(error_model="numpy")
-def _quarters(line: np.ndarray, x: int, v: int, height: float) -> np.int64:
-    """Squared distance of a cell's centre from the nearest obstacle [cells^2 / 4], an integer.
-
-    The obstacle is that of source ``v`` of the envelope, or the one in the cell's own column.
-    """
-    aside = np.int64(2 * (x - v) + 1)
-    squared = aside * aside + np.int64(4.0 * (height - float(v) * float(v)))
-    if line[x] != FAR:
-        own = np.int64(2) * np.int64(line[x]) - np.int64(1)
-        squared = min(squared, own * own)
-    return squared
 
 
 @kernel(error_model="numpy")
@@ -179,6 +166,7 @@ def near_distance(vertical: np.ndarray, reach: float, outside_blocks: bool, dist
     height = np.zeros(columns + 2, np.float64)
     border = np.zeros(columns + 2, np.int32)
     wide = columns + int(FAR) if reach == np.inf else int(math.ceil(reach)) + 1
+    deepest = min(wide, int(FAR) - 1)
     for row in range(rows):
         line = vertical[row]
         for x in range(columns):
@@ -188,10 +176,12 @@ def near_distance(vertical: np.ndarray, reach: float, outside_blocks: bool, dist
             if v < columns and line[v] > wide:
                 continue
             if v - wide > stop:
-                _stretch(line, start, stop, reach, outside_blocks, vertex, height, border, distance[row])
+                _stretch(
+                    line, start, stop, reach, deepest, outside_blocks, vertex, height, border, distance[row]
+                )
                 start = v - wide
             stop = min(v + wide + 1, columns)
-        _stretch(line, start, stop, reach, outside_blocks, vertex, height, border, distance[row])
+        _stretch(line, start, stop, reach, deepest, outside_blocks, vertex, height, border, distance[row])
 
 
 @kernel(error_model="numpy")
@@ -200,6 +190,7 @@ def _stretch(
     start: int,
     stop: int,
     reach: float,
+    deepest: int,
     outside_blocks: bool,
     vertex: np.ndarray,
     height: np.ndarray,
@@ -216,10 +207,13 @@ def _stretch(
         end = column
         while end < stop and line[end] != 0:
             end += 1
-        count = _envelope(line, column, end, vertex, height, border, outside_blocks)
+        count = _envelope(line, column, end, vertex, height, border, outside_blocks, deepest)
         for k in range(count):
             high = border[k + 1] if k + 1 < count else end
+            # Four times the squared distance, an integer, from the source or from the obstacle in the cell's own column.
+            aside = 4.0 * (height[k] - float(vertex[k]) ** 2)
             for x in range(border[k], high):
-                squared = _quarters(line, x, vertex[k], height[k])
-                distance[x] = min(np.float32(math.sqrt(float(squared)) * 0.5), np.float32(reach))
+                across, own = 2.0 * (x - vertex[k]) + 1.0, 2.0 * float(line[x]) - 1.0
+                squared = min(across * across + aside, own * own)
+                distance[x] = min(np.float32(math.sqrt(squared) * 0.5), np.float32(reach))
         column = end

@@ -143,16 +143,38 @@ def extent(polygon: np.ndarray) -> tuple[float, float, float, float]:
     return x_min, x_max, y_min, y_max
 
 
-@kernel
+@kernel(error_model="numpy")
 def distance_patch(polygon: np.ndarray, reach: float) -> tuple[np.ndarray, int, int]:
     """Distance from a polygon of the cells around it, and the first row and column of the patch, possibly outside a map."""
     x_min, x_max, y_min, y_max = extent(polygon)
     c0, c1 = int(math.floor(x_min - reach)), int(math.ceil(x_max + reach)) + 1
     r0, r1 = int(math.floor(y_min - reach)), int(math.ceil(y_max + reach)) + 1
     patch = np.empty((r1 - r0, c1 - c0), np.float32)
+    nearest = np.empty(c1 - c0)
+    inside = np.empty(c1 - c0, np.bool_)
+    # As polygon_distance, row by row and edge by edge, so that the loops over columns are vectorized.
     for r in range(r0, r1):
-        for c in range(c0, c1):
-            patch[r - r0, c - c0] = polygon_distance(c + 0.5, r + 0.5, polygon)
+        py = r + 0.5
+        for c in range(c1 - c0):
+            nearest[c], inside[c] = np.inf, False
+        j = len(polygon) - 1
+        for i in range(len(polygon)):
+            xi, yi, xj, yj = polygon[i, 0], polygon[i, 1], polygon[j, 0], polygon[j, 1]
+            dx, dy, y = xi - xj, yi - yj, py - yj
+            squared = max(dx * dx + dy * dy, 1e-300)
+            crosses = -np.inf
+            if (yi > py) != (yj > py):
+                crosses = xi + (py - yi) / (yj - yi) * (xj - xi)
+            for c in range(c1 - c0):
+                px = c + c0 + 0.5
+                x = px - xj
+                t = min(max(x * dx + y * dy, 0.0) / squared, 1.0)
+                u, v = x - t * dx, y - t * dy
+                nearest[c] = min(nearest[c], u * u + v * v)
+                inside[c] ^= px < crosses
+            j = i
+        for c in range(c1 - c0):
+            patch[r - r0, c] = 0.0 if inside[c] else math.sqrt(nearest[c])
     return patch, r0, c0
 
 

@@ -316,17 +316,22 @@ def string_pull(
     came = np.zeros(n, np.int32)
     best[0] = 0.0
     for j in range(1, n):
-        for i in range(max(0, j - window), j):
+        first = max(0, j - window)
+        # The point before the previous one first: its segment is often the cheapest, and limits the evaluation of the others.
+        likely = max(first, came[j - 1])
+        for k in range(first - 1, j):
+            i = likely if k < first else k
             length = math.hypot(path[j, 0] - path[i, 0], path[j, 1] - path[i, 1])
-            if best[i] + length >= best[j]:
+            if k == likely or best[i] + length >= best[j]:
                 continue
             x0, y0, x1, y1 = path[i, 0], path[i, 1], path[j, 0], path[j, 1]
             cost = segment_cost(clearance, radius, slow, x0, y0, x1, y1, False, best[j] - best[i])
             if not cost < np.inf and i == j - 1:
                 cost = segment_cost(clearance, radius, slow, x0, y0, x1, y1, True, np.inf)
             # 1e-9 per kept point: among paths of equal cost, prefer fewer corners.
-            if best[i] + cost + 1e-9 < best[j]:
-                best[j] = best[i] + cost + 1e-9
+            total = best[i] + cost + 1e-9
+            if total < best[j] or (total == best[j] and i < came[j]):
+                best[j] = total
                 came[j] = i
     count = 1
     j = n - 1

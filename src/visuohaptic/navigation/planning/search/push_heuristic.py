@@ -92,6 +92,7 @@ class PushHeuristic:
         )
         #: cost from the start, cached [units]
         self.begin: Int32[np.ndarray, "n"] | None = None
+        self._begin: Int32[np.ndarray, "n"] | None = None  # with the present charges
         self.limit = self.far  #: cost of a known plan [units]: more expensive nodes are not expanded
         #: cost-to-go when no pushable body is an obstacle [units]
         self.free_field: Int32[np.ndarray, "n"] = free.free_field if free else self._field(zeros, [])
@@ -132,7 +133,7 @@ class PushHeuristic:
         """
         self.alone[body] = max(self.alone[body], units)
         self._fields.clear()
-        self._both = None
+        self._both = self._begin = None
 
     def push_units(self, body: int, length: float, contact: int = -1) -> float:
         """``t_mani`` of a push [units]; infinite beyond the allowed length.
@@ -318,16 +319,32 @@ class PushHeuristic:
         # Both costs are integers, and diagonal steps are rounded.
         return [k for k in self.active if cheapest[k + 1] <= 1.001 * both.min() + self.units]
 
+    def least_cost(self, start: Int32[np.ndarray, "k"]) -> float:
+        """Lower bound of every plan [units]: each body on the way costs at least its shortest push.
+
+        Parameters
+        ----------
+        start
+            Start nodes of the robot.
+        """
+        return float((self._from_start(start)[self.goal_cells] + self.goal_costs).min())
+
+    def _from_start(self, start: Int32[np.ndarray, "k"]) -> Int32[np.ndarray, "n"]:
+        if self._begin is None:
+            shifts = np.zeros((len(self.domain.bodies), 2))
+            known = self.free_field if self.limit < self.far else None
+            seeds = start, np.zeros_like(start)
+            self.begin = self._begin = self._field(shifts, self.active, seeds=seeds, rest=known)
+        return self._begin
+
     def _from_start_to_goal(self, start: Int32[np.ndarray, "k"]) -> Int[np.ndarray, "r c"]:
         """Lower bound of a plan through each node."""
         if self._both is None:
-            shifts = np.zeros((len(self.domain.bodies), 2))
-            known = self.free_field if self.limit < self.far else None
-            self.begin = self._field(shifts, self.active, seeds=(start, np.zeros_like(start)), rest=known)
+            shifts, begin = np.zeros((len(self.domain.bodies), 2)), self._from_start(start)
             # Both fields add the charge where they leave a region: inside it, neither includes it yet.
             charges = [self.crossing(k, shifts[k]) if k in self.active else 0.0 for k in range(len(shifts))]
             charge = np.minimum([0.0, *charges], MAX_CROSSING_S * self.units_per_s).astype(np.int64)
-            both = (self.begin.astype(np.int64) + self.field(shifts)).reshape(self.base.shape)
+            both = (begin.astype(np.int64) + self.field(shifts)).reshape(self.base.shape)
             self._both = both + charge[self._regions(tuple(self.active), shifts)]
         return self._both
 

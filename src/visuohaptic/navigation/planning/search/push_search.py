@@ -147,16 +147,21 @@ class _Search:
 
     def _with_pushes(self, free: PushHeuristic, plan: SearchResult) -> SearchResult:
         """A plan with pushes, if a cheaper one than the plan without pushes is found within the budget."""
-        if plan.found:
-            plan = replace(
-                plan, bound=float(free.free_field[self.cells].min()) * self.domain.block / free.units
-            )
-        needed = _bottlenecks(self.domain, self.goal, self.active, self._until(ALONE))
+        # A known plan excludes more bodies by their costs, below.
+        needed = (
+            self.active
+            if plan.found
+            else _bottlenecks(self.domain, self.goal, self.active, self._until(ALONE))
+        )
         if self._until(SOON[-1]).passed:
             return plan if plan.found else self._late()
         heuristic = self._heuristic(needed, free)
         if plan.found:
             heuristic.limit = int(plan.cost * heuristic.units / self.domain.block) + 1
+            bound = heuristic.least_cost(self.cells) * self.domain.block / heuristic.units
+            plan = replace(plan, bound=min(bound, plan.cost))
+            if plan.cost <= (1.0 + self.limits.gap) * plan.bound:
+                return plan
         elif reason := self._bound_crossings(heuristic):
             return SearchResult(False, exhausted=True, reason=reason)
         alone, crossed = heuristic.alone, heuristic.crossed(self.cells)
@@ -175,7 +180,7 @@ class _Search:
             worth -= {k for k, cost in through.items() if cost * (1.0 + self.limits.gap) >= plan.cost}
         elif reason := self._proof(heuristic):
             return SearchResult(False, exhausted=True, reason=reason, expanded=self.expanded)
-        if worth != needed and not self._until(1.0).passed:
+        if not worth <= needed and not self._until(1.0).passed:
             before, heuristic = heuristic, self._heuristic(worth, free)
             if plan.found:
                 heuristic.begin, heuristic.limit = before.begin, int(plan.cost / seconds) + 1
@@ -188,10 +193,10 @@ class _Search:
             if not plan.found:
                 late = self._late()
                 return replace(late, exhausted=bool(reason), reason=reason or late.reason)
-        plan = self._improved(heuristic, plan)
+        plan = self._improved(heuristic, plan, worth)
         steps, cost = refine_lengths(heuristic, self.start, plan, self._until(1.0))
         plan = replace(plan, steps=steps, cost=cost)
-        bound = min([plan.bound, cost, *(through[k] for k in through.keys() - set(heuristic.active))])
+        bound = min([plan.bound, cost, *(through[k] for k in through.keys() - worth)])
         left_out = tuple(sorted(self.active - needed - worth))
         return replace(plan, bound=bound, expanded=self.expanded, left_out=left_out)
 
@@ -260,8 +265,10 @@ class _Search:
                 return SearchResult(True, steps, cost, bound)
         return known
 
-    def _improved(self, heuristic: PushHeuristic, plan: SearchResult) -> SearchResult:
-        """The plan or a better one, with the tightest bound found within the budget."""
+    def _improved(
+        self, heuristic: PushHeuristic, plan: SearchResult, bodies: Collection[int]
+    ) -> SearchResult:
+        """By pushes of these bodies, the plan or a better one, with the tightest bound found within the budget."""
         units = heuristic.units / self.domain.block
         if self.deadline.passed:
             return replace(plan, bound=min(plan.bound, plan.cost))
@@ -269,7 +276,7 @@ class _Search:
         for weight in (1.0,) if self.expanded <= FIRST_EXPANSIONS else (WEIGHTS[0], 1.0):
             if plan.cost <= (1.0 + self.limits.gap) * plan.bound:
                 break
-            better = PushPass(heuristic, weight, self.limits, self._until(1.0)).run(
+            better = PushPass(heuristic, weight, self.limits, self._until(1.0), bodies).run(
                 self.first,
                 max(self.limits.expansions - self.expanded, 1),
                 plan.cost * units,
