@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ast
+import builtins
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -86,3 +89,16 @@ def test_branches_are_kept_by_file_of_tests(tmp_path: Path, monkeypatch: pytest.
         (2, 2, 2),
     ]
     assert slices[-1]["tests"] == "no tests"  # nothing was run again
+
+
+def test_every_target_of_the_fuzzer_is_a_parser_of_today() -> None:
+    from benchmarks import hostile_files, parser_fuzz
+
+    calls = {name: call for name, _, _, call in hostile_files.READERS}
+    calls |= {name: call for name, (_, call) in parser_fuzz._bytes_targets().items()}
+    for name in parser_fuzz.targets():
+        module, _, expression = calls[name].partition(":")
+        names = [one for one in ast.walk(ast.parse(expression)) if isinstance(one, ast.Name)]
+        known = {*dir(builtins), *dir(import_module(f"visuohaptic.{module}")), "path", "data", "KINDS"}
+        known |= {one.id for one in names if isinstance(one.ctx, ast.Store)}
+        assert known.issuperset(one.id for one in names), name
