@@ -118,10 +118,12 @@ def trial(command: Path, case: str, steps: list[tuple[str, str]], folder: Path) 
     return {"tried": 1, "hung": 0, "wrong": 0, "why": ""}
 
 
-def cases(pythons: list[str], names: list[str]) -> Iterator[tuple[str, str, str, list[tuple[str, str]]]]:
+def cases(
+    pythons: list[str], names: list[str], places: list[str]
+) -> Iterator[tuple[str, str, str, list[tuple[str, str]]]]:
     """Title, Python, case and steps of every trial."""
     for python in pythons:
-        for case in CASES:
+        for case in places:
             for name in names:
                 yield f"{Path(python).name} {case}: {name}", python, case, COMMANDS[name]
 
@@ -133,12 +135,13 @@ def main() -> None:
     )
     parser.add_argument("--pythons", nargs="+", default=[sys.executable])
     parser.add_argument("--commands", nargs="+", choices=COMMANDS, default=list(COMMANDS))
+    parser.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES))
     parser.add_argument("--report", type=Path)
     args = parser.parse_args()
     journal = Journal(args.report, {"campaign": "bare"})
     commands: dict[str, Path] = {}
     with tempfile.TemporaryDirectory() as root:
-        for title, python, case, steps in cases(args.pythons, args.commands):
+        for title, python, case, steps in cases(args.pythons, args.commands, args.cases):
             if title in journal:
                 continue
             if shutil.which(python) is None:

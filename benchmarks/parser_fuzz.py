@@ -31,32 +31,10 @@ from .house import is_compiled, read_modules
 
 #: Readers with our own parser, from the first byte or after a library that returns plain data.
 FILES = (
-    "camera",
-    "robot",
-    "objects",
-    "container",
-    "beam",
-    "plan",
-    "png",
-    "tiff",
-    "webp",
-    "exr",
-    "forces",
-    "mcap",
-)
-FILES += (
-    "stiffness map",
-    "ply",
-    "stl",
-    "poses",
-    "scans",
-    "curves",
-    "touches",
-    "loads",
-    "hole regions",
-    "tree",
-)
-FILES += ("route graph", "layer", "map", "map image", "bag", "card", "unfinished table")
+    "camera", "robot", "objects", "container", "beam", "plan", "png", "tiff", "webp", "exr", "forces", "mcap",
+    "stiffness map", "ply", "stl", "poses", "scans", "curves", "touches", "loads", "hole regions", "tree", "layer",
+    "map", "map image", "bag", "card", "unfinished table",
+)  # fmt: skip
 _DEFINITION = "int32[<=3] a\nstring b\nHead c\n===\nMSG: a/Head\nfloat64 x\n"
 
 

@@ -41,6 +41,8 @@ from ._journal import Journal
 from ._page_attacks import serve_and_attack
 
 Rng = np.random.Generator
+#: Behind the remark on a row, or the name of a package, whose figures are those of an earlier page.
+EARLIER = " (earlier code)"
 ROOT = Path(__file__).resolve().parents[1]
 #: Files that caused faults; they are moved to ``tests/corpus`` when the fault is fixed.
 KEPT = ROOT / "results" / "hostile"
@@ -353,20 +355,25 @@ def take_in(paths: list[Path], journal: Journal) -> dict[str, dict[str, Any]]:
 def _of_tests(apart: dict[str, dict[str, Any]], before: str = "") -> list[str]:
     """Tables about the tests: mutants that they kill, and branches that they cover; packages without report as before."""
     mistakes, covered = (
-        {row[0]: row[1:] for row in _cells(before, title)} for title in ("mistakes", "branches")
+        {
+            f"{row[0].removesuffix(EARLIER)}{EARLIER}": row[1:]
+            for row in _cells(before, title)
+            if row[0] != "all"
+        }
+        for title in ("mistakes", "branches")
     )
     for package, count in mutants.counts(apart.get("mutants", {})).items():
         figures = [count[name] for name in ("killed", "survived", "uncovered")]
-        mistakes[package] = [str(one) for one in (sum(figures), *figures)]
-    covered |= {
-        package: [
+        if package != "all":
+            mistakes.pop(f"{package}{EARLIER}", None)
+            mistakes[package] = [str(one) for one in (sum(figures), *figures)]
+    for package, row in apart.get("coverage", {}).items():
+        covered.pop(f"{package}{EARLIER}", None)
+        covered[package] = [
             f"{row['branches']:,}", f"{row['taken'] / row['branches']:.1%}", f"{row['lines']:,}",
             f"{row['executed'] / row['lines']:.1%}", f"{row['files']} of {row['of files']}",
-        ]
-        for package, row in apart.get("coverage", {}).items()
-    }  # fmt: skip
+        ]  # fmt: skip
     lines = []
-    mistakes.pop("all", None)
     if mistakes:
         numbers = {
             package: [int(cell.replace(",", "")) for cell in row[:4]] for package, row in mistakes.items()
@@ -436,32 +443,39 @@ def table(journal: Journal) -> list[dict[str, Any]]:
     return found
 
 
+def _figures(figures: dict[str, Any], kept: list[str]) -> list[str]:
+    """Cells of a row behind its target: from the reports, or from the page before, which the remark says."""
+    row = figures["row"]
+    if "tried" not in figures:
+        if not kept[0]:
+            return [*[""] * len(FIGURES), row.elsewhere or "not run"]
+        return [*kept[:-1], f"{kept[-1].removesuffix(EARLIER.strip()).strip()}{EARLIER}".strip()]
+    note = figures["note"]
+    before = [int(cell.replace(",", "")) if cell.strip("-") else 0 for cell in kept[: len(FIGURES)]]
+    if before[0] > figures["tried"]:
+        note = f"{note}; " * bool(note) + f"with earlier code {before[0]:,} tried, {sum(before[1:])} failed"
+    return [*("-" if figures[name] is None else f"{figures[name]:,}" for name in FIGURES), note]
+
+
 def markdown(journal: Journal, apart: dict[str, dict[str, Any]] | None = None, before: str = "") -> str:
-    """The page of the table; rows and tables that are not in the reports stay as they are in the page ``before``."""
-    kept = {found[1]: line for line in before.splitlines() if (found := re.match(r"\| (\d+) ", line))}
+    """The page of the table; rows that are not in the reports are those of the page ``before``, and say so."""
+    kept = {row[0].partition(" ")[0]: row[2:] for row in _cells(before, "owed")}
     lines = [
         "# Reliability",
         "",
         "What was tried against the library from outside, and what came of it. Made by",
         "`python -m benchmarks.reliability --report rows.jsonl --also OTHER.jsonl ... --page docs/reliability.md`, with the",
         "reports of the commands in the last column; a dash stands for a figure that a row does not have. *Wrong* are wrong",
-        "results, refusals that are not one clear line, and attacks that were not refused. Rows without figures were not run",
-        "for this page; the last column has the command.",
+        "results, refusals that are not one clear line, and attacks that were not refused. *Earlier code*: the figures are of",
+        "an earlier state of the library and were not measured again for this page.",
         "",
         "| item | owed | tried | crashed | hung | wrong | lost | remarks |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for figures in table(journal):
         row = figures["row"]
-        if "tried" not in figures and str(row.number) in kept:
-            lines.append(kept[str(row.number)])
-            continue
-        if "tried" in figures:
-            cells = ["-" if figures[name] is None else f"{figures[name]:,}" for name in FIGURES]
-            note = figures["note"]
-        else:
-            cells, note = [""] * len(FIGURES), row.elsewhere or "not run"
-        lines.append(f"| {row.number} {row.title} | {row.target} | {' | '.join(cells)} | {note} |")
+        cells = " | ".join(_figures(figures, kept.get(str(row.number), [""])))
+        lines.append(f"| {row.number} {row.title} | {row.target} | {cells} |")
     return "\n".join([*lines, *_of_tests(apart or {}, before)]) + "\n"
 
 

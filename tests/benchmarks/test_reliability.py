@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ast
+import builtins
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -11,7 +14,7 @@ from benchmarks.branch_coverage import measure
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_rows_and_packages_without_report_stay_as_they_are(tmp_path: Path) -> None:
+def test_rows_and_packages_without_report_are_marked_as_earlier(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     from benchmarks import reliability
 
@@ -33,7 +36,19 @@ def test_rows_and_packages_without_report_stay_as_they_are(tmp_path: Path) -> No
     second = reliability.markdown(later, apart | {"mutants": other}, first)
     kept = [line for line in first.splitlines() if line.startswith(("| 8 ", "| core ", "| database "))]
     assert len(kept) == 3
-    assert set(kept) < set(second.splitlines())
+    for line in kept:
+        marked = line.replace("|  |", "| (earlier code) |") if line[2] == "8" else line
+        for name in ("core", "database"):
+            marked = marked.replace(f"| {name} |", f"| {name} (earlier code) |")
+        assert marked in second.splitlines()
+    third = reliability.markdown(
+        later, {"mutants": killed}, second
+    )  # marked once; measured again, not any more
+    assert [third.count(part) for part in ("code) (earlier", "| database (", "| database |")] == [0, 0, 1]
+    journal.rows["8: cut"] = {"tried": 1, "lost": 0}
+    assert "| 1 | - | - | - | 0 | with earlier code 3 tried, 0 failed |" in reliability.markdown(
+        journal, {}, third
+    )
     assert "| all | 8 | 3 | 5 | 0 | 0.38 |" in second
     assert "| 10 | 1 | - | 0 | - | 1 parsers, 1.5 to 1.5 min each |" in second
 
@@ -74,3 +89,16 @@ def test_branches_are_kept_by_file_of_tests(tmp_path: Path, monkeypatch: pytest.
         (2, 2, 2),
     ]
     assert slices[-1]["tests"] == "no tests"  # nothing was run again
+
+
+def test_every_target_of_the_fuzzer_is_a_parser_of_today() -> None:
+    from benchmarks import hostile_files, parser_fuzz
+
+    calls = {name: call for name, _, _, call in hostile_files.READERS}
+    calls |= {name: call for name, (_, call) in parser_fuzz._bytes_targets().items()}
+    for name in parser_fuzz.targets():
+        module, _, expression = calls[name].partition(":")
+        names = [one for one in ast.walk(ast.parse(expression)) if isinstance(one, ast.Name)]
+        known = {*dir(builtins), *dir(import_module(f"visuohaptic.{module}")), "path", "data", "KINDS"}
+        known |= {one.id for one in names if isinstance(one.ctx, ast.Store)}
+        assert known.issuperset(one.id for one in names), name

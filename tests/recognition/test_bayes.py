@@ -456,3 +456,11 @@ def test_the_calibration_error_of_answers_by_hand() -> None:
 def test_a_touch_lasts_as_long_as_the_gripper_needs() -> None:
     """Two seconds to contact and back, and 3 mm at 5 mm/s."""
     assert TouchProtocol().touch_s == pytest.approx(2.6)
+
+
+def test_the_slope_of_the_seen_stiffness_is_its_derivative() -> None:
+    stiffness, step = np.array([50.0, 1e3, 2e4]), 1e-6
+    low, high = (TouchProtocol().seen_stiffness(stiffness * np.exp(sign * step))[0] for sign in (-1, 1))
+    np.testing.assert_allclose(
+        TouchProtocol().seen_stiffness(stiffness)[1], (high - low) / (2 * step), rtol=1e-6
+    )

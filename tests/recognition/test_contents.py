@@ -20,6 +20,7 @@ from visuohaptic.recognition.touch import (
     MAX_DEFORMATION_M,
     UNKNOWN,
     ContentsModel,
+    ContentsPosterior,
     SqueezeSamples,
     contents,
     posterior_with_unknown,
@@ -216,3 +217,14 @@ def test_at_the_limit_of_its_test_a_state_is_as_probable_as_the_unknown():
     known, unknown = posterior_with_unknown(np.array([-5.414]), np.array([[10.828]]), np.array([1]))
     assert known[0] == pytest.approx(0.5, abs=1e-3)
     assert unknown == pytest.approx(0.5, abs=1e-3)
+
+
+def test_mean_and_deviation_of_the_fill_by_hand():
+    """Two fills of a closed one, three to one, within steps of 2.5 %; half of all probability is for an open one."""
+    told = ContentsPosterior(
+        np.array([True, True, False]), ("water", "water", EMPTY), np.array([0.2, 0.6, 0.0]),
+        np.array([0.3, 0.1, 0.5]), 0.1,
+    )  # fmt: skip
+    mean, sigma = told.fill_of("closed")
+    assert mean == pytest.approx(0.3)
+    assert sigma == pytest.approx(math.sqrt(0.75 * 0.1**2 + 0.25 * 0.3**2 + 0.025**2 / 12))

@@ -63,3 +63,13 @@ def test_errors_of_the_pose_have_a_change_for_each_side(shape: tuple[int, ...]) 
     assert replace(data, pose_errors=np.zeros((6, 2, 16, 4))).pose_errors is not None
     with pytest.raises(InputError, match=r"expected \(6, [12], 16, 4\)"):
         replace(data, pose_errors=np.zeros(shape))
+
+
+@pytest.mark.parametrize("field", ["features", "height_m"])
+def test_a_file_with_no_stiffness_or_height_is_refused(tmp_path: Path, field: str) -> None:
+    read = read_build(build_folder(tmp_path / "objects", synthetic(2), height_m=0.12))
+    values = getattr(read, field).copy()
+    values.flat[0] = 0.0
+    save_feature_set(tmp_path / "set.npz", replace(read, **{field: values}))
+    with pytest.raises(InputError, match="not positive"):
+        load_feature_set(tmp_path / "set.npz")

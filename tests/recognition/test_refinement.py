@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.core import StiffnessMap
+from visuohaptic.core import InputError, StiffnessMap
 from visuohaptic.recognition.touch import correct_map
 
 
@@ -35,3 +35,11 @@ def test_the_deviation_of_a_corrected_map_is_that_of_its_two_parts() -> None:
     sigma = np.sqrt(np.maximum(whole - shared**2 / whole, 0.0))
     relative = new.stiffness_sigma_N_per_m / new.stiffness_N_per_m
     np.testing.assert_allclose(relative, sigma, rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize(("stiffness", "sigma"), [(0.0, 0.1), (1300.0, 0.0)])
+def test_measurements_of_no_stiffness_and_without_error_are_refused(stiffness: float, sigma: float) -> None:
+    points = np.eye(3)
+    found = StiffnessMap(points, np.array([[0, 1, 2]]), np.full(3, 1000.0), np.full(3, 200.0))
+    with pytest.raises(InputError, match="above 0"):
+        correct_map(found, points[:1], np.array([stiffness]), np.array([sigma]))

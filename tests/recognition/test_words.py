@@ -63,6 +63,11 @@ def test_agreeing_matches() -> None:
     mixed = LocalFeatures(rng.permutation(seen.points_px), seen.descriptors)
     assert agreeing_matches(one, mixed) < 10
     assert agreeing_matches(one, LocalFeatures(seen.points_px[:0], seen.descriptors[:0])) == 0
+    # Nor do a mirrored picture, which is no view of a plane, and one of which all matches are of one place in it.
+    assert agreeing_matches(one, one) > 100
+    assert agreeing_matches(one, LocalFeatures(one.points_px * np.float32([-1, 1]), one.descriptors)) == 0
+    other_way = np.repeat(other.descriptors[:1], 20, axis=0)
+    assert agreeing_matches(one, LocalFeatures(other.points_px[:20], other_way)) == 0
 
 
 def test_pictures_that_say_nothing() -> None:

@@ -5,20 +5,29 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.rigs import BOTTLE, FORCES_N, GripperSensor, plot_squeeze, squeeze, stiffness_N_per_m
+from visuohaptic.reproduce import ExperimentOutcome, reproduce
+from visuohaptic.rigs import BOTTLE, FORCES_N, Squeeze, squeeze, squeeze_rig, stiffness_N_per_m
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory):
+def figure(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Squeeze], ExperimentOutcome]:
+    """What the whole figure measures, and what comes of it."""
     pytest.importorskip("sklearn")
-    rig = GripperSensor()
-    rng = np.random.default_rng(3)
-    sensor = rig.build(tmp_path_factory.mktemp("squeeze"), rng, zero_frames=8)
-    sensor.reset()
-    gripper = rig.gripper(BOTTLE, rng=rng)
-    gripper.move(0.072, 0.2)
-    gripper.skip_to(0.35)
-    return squeeze(sensor, gripper)
+    pytest.importorskip("matplotlib")
+    found: list[Squeeze] = []
+
+    def watched(*arguments: object) -> list[Squeeze]:
+        found.extend(squeeze(*arguments))
+        return found
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(squeeze_rig, "squeeze", watched)
+        return found, reproduce("3.12", tmp_path_factory.mktemp("figure"))
+
+
+@pytest.fixture(scope="module")
+def found(figure) -> list[Squeeze]:
+    return figure[0]
 
 
 def test_headline(found) -> None:
@@ -45,7 +54,8 @@ def test_surface_retreats_and_contact_grows(found) -> None:
     assert pressed[-1] > pressed[0]
 
 
-def test_plot(found, tmp_path) -> None:
-    pytest.importorskip("matplotlib")
-    plot_squeeze(found, tmp_path / "squeeze.png")
-    assert (tmp_path / "squeeze.png").stat().st_size > 10_000
+def test_the_figure_is_written(figure) -> None:
+    outcome = figure[1]
+    assert not outcome.problem
+    assert (outcome.folder / "squeeze.png").stat().st_size > 10_000
+    assert (outcome.folder / "result.json").is_file()

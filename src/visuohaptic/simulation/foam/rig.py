@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -32,21 +33,12 @@ class SensorRig:
     @property
     def camera(self) -> Camera:
         """The camera's model."""
-        return Camera.simple(
-            self.width_px,
-            self.height_px,
-            self.focal_px,
-            distortion=np.array(self.distortion),
-            row_delay_s=self.row_delay_s,
-            transfer_function="linear",
-        )
+        return _placed(self)[0]
 
     @property
     def T_camera_foam(self) -> Pose:
         """Maps coordinates of the sensor frame F to the camera."""
-        eye = np.array([-math.cos(self.angle_rad), 0.0, math.sin(self.angle_rad)]) * self.distance_m
-        T_foam_camera = self.camera.pose_of_view(eye, [self.look_ahead_m, 0.0, 0.0])
-        return T_foam_camera.inverse()
+        return _placed(self)[1]
 
     def half_size(self) -> SensorRig:
         """The same view with half the resolution, for quick runs: rendering takes a quarter of the time."""
@@ -103,3 +95,18 @@ class SensorRig:
             },
         )
         return folder / "sensor.yaml"
+
+
+@lru_cache(maxsize=16)
+def _placed(rig: SensorRig) -> tuple[Camera, Pose]:
+    """Camera and pose: the same objects for every frame, by which the renderer knows what it has computed of them."""
+    camera = Camera.simple(
+        rig.width_px,
+        rig.height_px,
+        rig.focal_px,
+        distortion=np.array(rig.distortion),
+        row_delay_s=rig.row_delay_s,
+        transfer_function="linear",
+    )
+    eye = np.array([-math.cos(rig.angle_rad), 0.0, math.sin(rig.angle_rad)]) * rig.distance_m
+    return camera, camera.pose_of_view(eye, [rig.look_ahead_m, 0.0, 0.0]).inverse()
