@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,12 +13,13 @@ from visuohaptic.io.depth import DepthFrame
 from visuohaptic.reconstruction.fusion import DepthNoise, SpaceGrid
 from visuohaptic.reconstruction.transparency import evidence
 from visuohaptic.reconstruction.transparency._outline_kernels import outline_sums
+from visuohaptic.reconstruction.transparency.body_pairs import disjoint_bodies, fit_pair
 from visuohaptic.reconstruction.transparency.evidence import EvidenceDetector
 from visuohaptic.reconstruction.transparency.outline_fit import (
     OutlineView,
     UprightBody,
     _Outlines,
-    disjoint_bodies,
+    body_evidence,
     fit_bodies,
 )
 
@@ -28,9 +30,9 @@ CAMERA = Camera.simple(160, 120, 140.0)
 NOISE = DepthNoise(1e-3, edge_rad=1 / 140)
 
 
-def hit(origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
+def hit(origin: np.ndarray, rays: np.ndarray, axis_m: np.ndarray = AXIS_M) -> np.ndarray:
     """Whether rays meet the cylinder: quadric of its wall between both ends, and the disc on top."""
-    offset, flat = origin[:2] - AXIS_M, rays[..., :2]
+    offset, flat = origin[:2] - axis_m, rays[..., :2]
     a, b, c = (flat**2).sum(-1), 2 * flat @ offset, offset @ offset - RADIUS_M**2
     root = np.sqrt(np.maximum(b**2 - 4 * a * c, 0.0))
     wall = np.zeros(rays.shape[:2], dtype=bool)
@@ -38,10 +40,12 @@ def hit(origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
         z = origin[2] + (-b + sign * root) / (2 * a) * rays[..., 2]
         wall |= (b**2 > 4 * a * c) & (z > LOW_M) & (z < HIGH_M)
     top = origin[:2] + (HIGH_M - origin[2]) / rays[..., 2:] * flat
-    return wall | (((top - AXIS_M) ** 2).sum(-1) < RADIUS_M**2)
+    return wall | (((top - axis_m) ** 2).sum(-1) < RADIUS_M**2)
 
 
-def views(rng: np.random.Generator, turns: np.ndarray, lost: float) -> list[OutlineView]:
+def views(
+    rng: np.random.Generator, turns: np.ndarray, lost: float, axes_m: Sequence[np.ndarray] = (AXIS_M,)
+) -> list[OutlineView]:
     """Eight in ten readings beside the body, and a part of those through it, say that there is no glass."""
     rows, columns = np.mgrid[0:120, 0:160]
     found = []
@@ -51,7 +55,7 @@ def views(rng: np.random.Generator, turns: np.ndarray, lost: float) -> list[Outl
         rays = CAMERA.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float)).reshape(
             120, 160, 3
         )
-        glass = hit(eye, rays @ pose.rotation.T)
+        glass = np.any([hit(eye, rays @ pose.rotation.T, axis_m) for axis_m in axes_m], axis=0)
         dropped = rng.random(glass.shape) < np.where(glass, lost, 0.02)
         # ln(0.5 / 0.02) and ln(0.5 / 0.98) of readings that are lost with 0.5 behind glass and 0.02 elsewhere.
         ratio = np.where(dropped, 3.2, -0.67).astype(np.float32)
@@ -239,17 +243,37 @@ def test_a_part_that_trails_away_from_the_body_does_not_move_it():
     assert body.height_m[1] == pytest.approx(HIGH_M, abs=0.014)
 
 
-def test_of_two_vessels_in_a_row_the_nearer_one_is_taken_and_not_one_wide_body_around_both():
-    """The wide body tells more than each, less than both; what is in one of them is no second."""
+#: Axes of two vessels with 40 mm between their walls, 11 cm apart in the direction of the middle of the views [m].
+ROW_M = (np.array([0.055, 0.0]), np.array([-0.055, 0.0]))
 
-    def body(x_m, radius_m, told):
-        return UprightBody(np.array([x_m, 0.0]), np.full(2, 0.003), (radius_m,) * 2, 0.002, (0.0, 0.12), told)
 
-    wide, near, far = body(0.0, 0.075, 130.0), body(-0.06, 0.035, 125.0), body(0.06, 0.035, 60.0)
-    assert disjoint_bodies([wide, near, far], 10.0) == [near, far]
-    assert disjoint_bodies([wide, near], 10.0) == [wide]
-    assert disjoint_bodies([wide, replace(near, evidence=70.0), far], 10.0) == [wide]
-    assert disjoint_bodies([], 10.0) == []
+@pytest.mark.parametrize("axes_m", [ROW_M, ROW_M[:1]])
+def test_two_vessels_in_a_row_are_two_bodies_and_one_is_one(axes_m):
+    """Within 80 degrees about the line through both axes, a wide body covers both; a single vessel has no second beside it."""
+    seen = views(np.random.default_rng(11), np.linspace(-0.7, 0.7, 12), 0.5, axes_m)
+    x, y, z = (np.arange(*ends, 0.01) for ends in ((-0.1, 0.1), (-0.05, 0.05), (0.05, 0.17)))
+    points_m = np.stack(np.meshgrid(x, y, z), axis=-1).reshape(-1, 3)
+    told = seen, points_m, np.ones(len(points_m))
+    found = disjoint_bodies(seen, [*fit_bodies(*told), *fit_pair(*told)], 12.0)
+    assert len(found) == len(axes_m)
+    for axis_m in axes_m:
+        away = [body.axis_m - axis_m for body in found]
+        nearest = min(range(len(found)), key=lambda k: np.hypot(*away[k]))
+        assert np.hypot(*away[nearest]) < 0.006
+        assert np.all(np.abs(away[nearest]) < 4 * found[nearest].axis_sigma_m)
+
+
+def test_a_second_body_counts_with_the_rays_that_miss_the_first():
+    """A body around a vessel that is slightly smaller than it explains nothing that the vessel does not."""
+    seen = views(np.random.default_rng(2), np.linspace(0, 6, 9), 0.5)
+    body = fit(seen, np.array([-0.05, -0.08, 0.08]), np.array([0.05, 0.03, 0.2]))
+    assert body is not None
+    # It does not meet the first one, but where they overlap in the images it has no rays of its own.
+    behind = replace(body, axis_m=body.axis_m + np.array([0.0, 0.08]))
+    alone = body_evidence(seen, behind)
+    assert disjoint_bodies(seen, [body, replace(body, radius_m=(0.03, 0.03))], 1.0) == [body]
+    assert disjoint_bodies(seen, [body, replace(behind, evidence=alone)], 1.0) == [body]
+    assert disjoint_bodies(seen, [], 1.0) == []
 
 
 def test_a_piece_of_a_rim_is_no_body_of_its_own(monkeypatch):
@@ -260,6 +284,7 @@ def test_a_piece_of_a_rim_is_no_body_of_its_own(monkeypatch):
         for radius_m, told in (((0.011, 0.018), 30.0), ((0.013, 0.018), 20.0))
     )
     monkeypatch.setattr(evidence, "fit_bodies", lambda *_: [rod, cup])
+    monkeypatch.setattr(evidence, "fit_pair", lambda *_: [])
     detector = EvidenceDetector(SpaceGrid.around((-0.1, -0.1, 0.0), (0.1, 0.1, 0.2), 0.01))
     part = np.ones((10, 10, 10), bool)
     # Half of the edge of the smallest object is 15 mm.

@@ -37,7 +37,8 @@ from ...core.errors import InputError
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
-from .outline_fit import OutlineView, UprightBody, body_evidence, disjoint_bodies, fit_bodies
+from .body_pairs import disjoint_bodies, fit_pair
+from .outline_fit import OutlineView, UprightBody, body_evidence, fit_bodies
 from .ray_readings import (
     FAR,
     LOOK_ALIKE,
@@ -286,8 +287,8 @@ class EvidenceDetector:
 
         labels, _ = ndimage.label(left, np.ones((3, 3, 3)))
         whole: Bool[np.ndarray, "x y z"] = labels == labels.flat[np.where(left, evidence, -np.inf).argmax()]
-        together = disjoint_bodies(self._fit(whole, evidence, box), self.threshold)
-        return whole, next((body for body in together if self._beside(body) >= self.threshold), None)
+        bodies = self._fit(whole, evidence, box)
+        return whole, next((body for body in bodies if self._beside(body) >= self.threshold), None)
 
     def _beside(self, body: UprightBody) -> float:
         """Evidence for a body, given the readings at the surfaces behind it of rays that pass beside it [nat]."""
@@ -304,16 +305,17 @@ class EvidenceDetector:
     def _fit(
         self, part: Bool[np.ndarray, "x y z"], evidence: Float32[np.ndarray, "x y z"], box: tuple[slice, ...]
     ) -> list[UprightBody]:
-        """Bodies fitted to a part in a box of the volume; none if it is too small or has no outline."""
+        """The likeliest one or two bodies of a part in a box of the volume; none if it is too small or has no outline."""
         if np.count_nonzero(part) < self._min_voxels:
             return []
         points_m = self.grid.centres_m(np.argwhere(part) + [s.start for s in box])
         # Windows may look like glass in all views for a common cause without an outline: an edge.
         self._outlines = self._outlines or self._outline_views()
-        bodies = fit_bodies(self._outlines, points_m, evidence[part])
+        told = self._outlines, points_m, evidence[part]
+        bodies = [*fit_bodies(*told), *fit_pair(*told)]
         # A body thinner than the smallest object is a fragment of a rim, whose centre is elsewhere.
-        thick = (body for body in bodies if sum(body.radius_m) >= 2 * self.settings.radius_m)
-        return [body for body in thick if body.evidence >= self.threshold]
+        thick = [body for body in bodies if sum(body.radius_m) >= 2 * self.settings.radius_m]
+        return disjoint_bodies(self._outlines, thick, self.threshold)
 
     def _accept(
         self, part: Bool[np.ndarray, "x y z"], body: UprightBody, box: tuple[slice, ...]

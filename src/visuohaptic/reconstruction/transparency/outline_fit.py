@@ -175,6 +175,11 @@ class UprightBody:
     height_m: tuple[float, float]  #: z of its lower and upper end [m]
     evidence: float  #: log-likelihood ratio against no body [nat]
 
+    @property
+    def shape_m(self) -> Float[np.ndarray, "6"]:
+        """x, y of the axis, lower and upper radius, lower and upper height [m]."""
+        return np.array([*self.axis_m, *self.radius_m, *self.height_m])
+
     def meets(self, other: UprightBody) -> bool:
         """Whether two bodies intersect, with the means of their radii.
 
@@ -233,9 +238,7 @@ def fit_bodies(
         Evidence of each voxel (n) [nat].
     """
     low_m, high_m = points_m.min(axis=0), points_m.max(axis=0)
-    # A part is at least a sixth of a rim: wider bodies would include surrounding objects.
-    widest_m = max(float((high_m - low_m)[:2].max()), 4 * _MIN_RADIUS_M)
-    bounds_m = np.array([_MIN_RADIUS_M, _MIN_HEIGHT_M, widest_m])
+    bounds_m = body_bounds_m(points_m)
     outlines = _Outlines(views, points_m[evidence.argmax()])
     strong_m = points_m[evidence > 0.5 * evidence.max()]
     starts = [(start, opening) for opening in _OPEN for start in _starts(strong_m, opening)]
@@ -252,13 +255,53 @@ def fit_bodies(
         # Restart with a new simplex: the first one may have collapsed before the maximum.
         best = outlines.search(best, opening, bounds_m)
         ends.append((best, opening))
-        covariance = _covariance(outlines, best, opening, views[0].window_px)
-        if (least := outlines.cost(best, opening, bounds_m)) < 0 and covariance is not None:
-            sigma = np.sqrt(np.diag(covariance))
-            x, y, low_r, high_r, low_z, high_z = (float(value) for value in best)
-            place = np.array([x, y]), sigma[:2]
-            bodies.append(UprightBody(*place, (low_r, high_r), float(sigma[2]), (low_z, high_z), -least))
+        bodies += _bodies(outlines, best, opening, bounds_m, views[0].window_px)
     return sorted(bodies, key=lambda body: -body.evidence)
+
+
+def body_bounds_m(points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3"]:
+    """Minimum radius, minimum height and maximum radius of bodies in a part [m].
+
+    Parameters
+    ----------
+    points_m
+        Centres (n, 3) of the voxels of the part [m].
+    """
+    # A part is at least a sixth of a rim: wider bodies would include surrounding objects.
+    widest_m = max(float(np.ptp(points_m, axis=0)[:2].max()), 4 * _MIN_RADIUS_M)
+    return np.array([_MIN_RADIUS_M, _MIN_HEIGHT_M, widest_m])
+
+
+def fit_beside(
+    views: Sequence[OutlineView], start: Float[np.ndarray, "6"], bounds_m: Float[np.ndarray, "3"]
+) -> list[UprightBody]:
+    """The closed body of maximum likelihood near a start; none where the likelihood has no maximum.
+
+    Parameters
+    ----------
+    views
+        Views, without the rays through other bodies.
+    start
+        x, y of the axis, lower and upper radius, lower and upper height [m].
+    bounds_m
+        See :func:`body_bounds_m`.
+    """
+    outlines = _Outlines(views, np.array([*start[:2], 0.5 * (start[4] + start[5])]))
+    best = outlines.search(start, _OPEN[0], bounds_m)
+    return _bodies(outlines, best, _OPEN[0], bounds_m, views[0].window_px)
+
+
+def _bodies(
+    outlines: _Outlines, best: np.ndarray, opening: float, bounds_m: np.ndarray, window_px: float
+) -> list[UprightBody]:
+    """The body at a maximum of the likelihood; none if it has no evidence or no maximum."""
+    covariance = _covariance(outlines, best, opening, window_px)
+    if (least := outlines.cost(best, opening, bounds_m)) >= 0 or covariance is None:
+        return []
+    sigma = np.sqrt(np.diag(covariance))
+    x, y, low_r, high_r, low_z, high_z = (float(value) for value in best)
+    place = np.array([x, y]), sigma[:2]
+    return [UprightBody(*place, (low_r, high_r), float(sigma[2]), (low_z, high_z), -least)]
 
 
 def body_evidence(views: Sequence[OutlineView], body: UprightBody) -> float:
@@ -272,28 +315,7 @@ def body_evidence(views: Sequence[OutlineView], body: UprightBody) -> float:
         The body.
     """
     outlines = _Outlines(views, np.array([*body.axis_m, np.mean(body.height_m)]))
-    shape = np.array([*body.axis_m, *body.radius_m, *body.height_m])
-    return max(float(outlines.log_likelihood(shape, opening).sum()) for opening in _OPEN)
-
-
-def disjoint_bodies(bodies: Sequence[UprightBody], threshold: float) -> list[UprightBody]:
-    """The set of bodies that do not meet with the most evidence, strongest first.
-
-    Parameters
-    ----------
-    bodies
-        Bodies to choose from.
-    threshold
-        Evidence that each further body has to exceed [nat].
-    """
-    sets = []
-    for first in bodies:
-        chosen = [first]
-        for body in bodies:
-            if not any(body.meets(other) for other in chosen):
-                chosen.append(body)
-        sets.append(sorted(chosen, key=lambda body: -body.evidence))
-    return max(sets, key=lambda chosen: sum(body.evidence - threshold for body in chosen), default=[])
+    return max(float(outlines.log_likelihood(body.shape_m, opening).sum()) for opening in _OPEN)
 
 
 def _apart(starts: Sequence[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray, float]]:
