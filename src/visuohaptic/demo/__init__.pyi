@@ -14,6 +14,7 @@ from .chapters import PARTS as PARTS
 from .chapters import Visit as Visit
 from .chapters import run_mission as run_mission
 from .drive_chapters import drive_to_the_table as drive_to_the_table
+from .drive_chapters import route_problem as route_problem
 from .floor_chapters import ROBOT as ROBOT
 from .floor_chapters import find_the_door_blocked as find_the_door_blocked
 from .floor_chapters import map_route as map_route
@@ -47,6 +48,7 @@ from .story import Story as Story
 from .story import done as done
 from .story import failed as failed
 from .story import run_chapters as run_chapters
+from .touch_chapters import choose_objects as choose_objects
 from .touch_chapters import default_tags as default_tags
 from .touch_chapters import explore_obstacles as explore_obstacles
 from .touch_chapters import tag_claims as tag_claims

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -11,7 +12,7 @@ from ..core.geometry import compose_2d, relative_2d
 from ..navigation.mapping.mapper import OccupancyMapper
 from ..navigation.planning.policies import make_plan, without_pushing
 from ..navigation.problem.path_plan import Plan
-from ..navigation.problem.planning_problem import PlanningProblem
+from ..navigation.problem.planning_problem import MovableObject, PlanningProblem
 from ..report.floor_chart import MapObject
 from ..simulation.faults import FaultKind
 from ..simulation.floor.floor_model import FloorObject
@@ -92,6 +93,21 @@ def place_objects(mission: Mission, world: FloorWorld) -> None:
         mission.placed[one.name] = (x, y, mission.yaw_rad[one.name] + turned)
 
 
+def route_problem(mission: Mission, objects: Sequence[MovableObject]) -> PlanningProblem:
+    """The way from the platform to the table among objects, on the map of the tour.
+
+    Parameters
+    ----------
+    mission
+        Mission with map, pose and goal.
+    objects
+        With their footprints.
+    """
+    known = mission.known
+    grid = map_with_footprints(known.map, [item.footprint_m for item in objects])
+    return PlanningProblem(grid, ROBOT, np.array(known.pose[:2]), np.array(known.goal_m), tuple(objects))
+
+
 def drive_to_the_table(mission: Mission) -> ChapterResult:
     """Plan, push, observe, replan; at the end, verify the pose with the laser.
 
@@ -106,8 +122,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
         return failed(
             f"only {100 * fraction:.0f} % of the laser scan matches the map: the platform does not start"
         )
-    grid = map_with_footprints(known.map, [item.footprint_m for item in known.objects])
-    problem = PlanningProblem(grid, ROBOT, np.array(known.pose[:2]), np.array(known.goal_m), known.objects)
+    problem = route_problem(mission, known.objects)
     plan, detour = make_plan(problem), without_pushing(problem)
     if not plan.reachable:
         return failed(f"there is no plan: {plan.reason}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +13,7 @@ import numpy as np
 from ..core.geometry import compose_2d, relative_2d
 from ..core.objects import Estimate, HapticTag
 from ..core.robots import FrameSource
+from ..navigation.planning.policies import make_plan
 from ..navigation.problem.planning_problem import MovableObject
 from ..sensing.push.tag import BOUND_PROBABILITY, fixed_probability
 from ..simulation.faults import FaultyFrames, frame_faults
@@ -21,6 +22,7 @@ from ..simulation.mobile.office import ApproachPath
 from ..tasks.mobile.floor_outline import FloorOutline
 from ..tasks.mobile.footprint_after_push import footprint_after_push
 from ..tasks.mobile.known_objects import recognise
+from .drive_chapters import route_problem
 from .floor_chapters import ROBOT, default_door, nearest_obstacle, outline_m
 from .judge import Claim
 from .memory import MOVED_M
@@ -72,11 +74,10 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
     if not unknown:
         known.objects = tuple(objects)
         return done(f"all {len(objects)} objects are known from an earlier visit", *claims)
-    paths = [_approach(mission, seen) for seen in unknown]
-    order = sorted(sorted(range(len(paths)), key=lambda k: _mass_kg(paths[k]))[: mission.obstacles])
+    order = choose_objects(mission, unknown, objects)
     found = run_demo(
         mission.folder / "touch",
-        (grid, [paths[k] for k in order]),
+        (grid, [_approach(mission, unknown[k]) for k in order]),
         seed=mission.seed,
         on_message=lambda line: mission.log(f"  {line}" if line else ""),
         page=mission.page,
@@ -98,6 +99,38 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
     rest = "" if tagged == len(objects) else f"; {len(objects) - tagged} stay unknown"
     before = f", {len(objects) - len(order)} known from before" if len(objects) > len(order) else ""
     return done(f"{tagged} of {len(objects)} objects were pushed and tagged{rest}{before}", *parts)
+
+
+def choose_objects(
+    mission: Mission, unknown: Sequence[FloorOutline], recalled: Sequence[MovableObject] = ()
+) -> list[int]:
+    """Objects to touch: first those that a plan to the table would explore, then the nearest to the platform.
+
+    Parameters
+    ----------
+    mission
+        Mission with map, pose, goal, and the maximum number of objects to touch.
+    unknown
+        Outlines of objects without a tag.
+    recalled
+        Objects that are known from an earlier visit.
+
+    Returns
+    -------
+    list of int
+        Ascending indices into ``unknown``.
+    """
+    if len(unknown) <= mission.obstacles:
+        return list(range(len(unknown)))
+    names = [f"unknown {k}" for k in range(len(unknown))]
+    untouched = [MovableObject(name, one.corners_m) for name, one in zip(names, unknown, strict=True)]
+    explored = [task.object for task in make_plan(route_problem(mission, (*recalled, *untouched))).tasks]
+    here = mission.known.pose[:2]
+
+    def late_and_far(k: int) -> tuple[bool, float]:
+        return names[k] not in explored, math.dist(here, tuple(unknown[k].centre_m))
+
+    return sorted(sorted(range(len(unknown)), key=late_and_far)[: mission.obstacles])
 
 
 def touch_in_map(
@@ -170,10 +203,6 @@ def _moved(
 ) -> FloorOutline:
     """Transform an outline, observed from one pose, to a frame with another pose."""
     return replace(outline, pose=compose_2d(after, relative_2d(before, outline.pose)))
-
-
-def _mass_kg(path: ApproachPath) -> float:
-    return path.obstacle.mass_kg if path.obstacle.movable else math.inf
 
 
 def _with_faults(mission: Mission, source: FrameSource) -> FrameSource:
