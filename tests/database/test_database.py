@@ -35,6 +35,7 @@ from visuohaptic.database import (
     sync,
     synchronise,
 )
+from visuohaptic.database.search import _LEVELS, _best_step, _rounded
 
 from .servers import certificate, postgres_url
 
@@ -270,6 +271,15 @@ def test_search_is_exact_beyond_the_border_of_a_level(scale: float) -> None:
         for query in scale * rng.random((200, n)):
             (found,) = index.nearest(query)
             assert found.distance == pytest.approx(np.linalg.norm(vectors - query, axis=1).min(), rel=1e-12)
+
+
+def test_values_of_equal_frequency_are_rounded_without_a_border() -> None:
+    """Of all steps, that between equal levels over the whole range has the least error; half a step in each dimension."""
+    offset = np.random.default_rng(0).uniform(-1.0, 1.0, (300, 4))
+    offset[0] = 1.0
+    step = _best_step(offset)
+    assert step == pytest.approx(2.0 / (_LEVELS - 1))
+    assert (_rounded(offset, step)[1] <= 0.5 * step * np.sqrt(4)).all()
 
 
 def test_search_in_a_database(tmp_path: Path) -> None:
