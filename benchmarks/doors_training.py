@@ -26,11 +26,12 @@ from visuohaptic.navigation.mapping import (
     Opening,
     door_candidates,
     door_probability,
-    doors_around,
+    plan_measures,
     room_pairs,
     select_doors,
 )
 from visuohaptic.navigation.mapping.door_openings import MEASURES
+from visuohaptic.navigation.mapping.doors import PLAN_MEASURES
 
 from ._plan_judge import Row
 from ._seeds import seeds_of
@@ -42,7 +43,7 @@ __all__ = ["fit", "main"]
 
 TABLE = Path(mapping.__file__).with_name("door_weights.json")
 #: Sign of each weight; 0 where the measure has an optimum or the sign is open.
-SIGNS = (0, 1, 1, 1, 1, 1, -1, 1)
+SIGNS = (0, 1, 1, 1, 1, 1, -1, 1, 1)
 RIDGE, FOLDS = 1.0, 4
 
 
@@ -58,12 +59,12 @@ class Labelled:
     weight: np.ndarray  #: (n,) 0 where nobody can say
     jambs_m: np.ndarray
     unclear_m: np.ndarray
-    rooms: list[tuple[int, int]]  #: that each opening joins
+    rooms: tuple[list[tuple[int, int]], np.ndarray]  #: that each opening connects, and their areas
 
     def with_rooms(self, weights: np.ndarray) -> np.ndarray:
-        """Measures, and the doors around each opening by the weights of the measures alone."""
+        """Measures, and those in the plan of the rooms by the weights of the measures alone."""
         measures = self.found[2]
-        return np.column_stack([measures, doors_around(self.rooms, door_probability(measures, weights))])
+        return np.column_stack([measures, plan_measures(*self.rooms, door_probability(measures, weights))])
 
 
 def labelled(key: str, fold: str) -> Labelled:
@@ -101,7 +102,7 @@ def fit(measures: np.ndarray, is_door: np.ndarray, weight: np.ndarray) -> np.nda
 
 
 def fit_to(floors: list[Labelled]) -> tuple[np.ndarray, np.ndarray]:
-    """The fit to all openings of some floors, without and with the doors around."""
+    """The fit to all openings of some floors, without and with the plan of the rooms."""
     labels = [np.concatenate([getattr(one, k) for one in floors]) for k in ("is_door", "weight")]
     by_shape = fit(np.concatenate([one.found[2] for one in floors]), *labels)
     return by_shape, fit(np.concatenate([one.with_rooms(by_shape) for one in floors]), *labels)
@@ -135,7 +136,7 @@ def main(arguments: list[str] | None = None) -> None:
     rows = left_out(floors)
     for name, real in (("left out, real", True), ("left out, generated", False)):
         print_rows(table(name, [row for row in rows if (row["kind"] == "real") == real])[:-1])
-    names = ("by_shape", (*MEASURES, "constant")), ("in_plan", (*MEASURES, "around", "constant"))
+    names = ("by_shape", (*MEASURES, "constant")), ("in_plan", (*MEASURES, *PLAN_MEASURES, "constant"))
     weights = {
         name: dict(zip(measures, found.round(3).tolist(), strict=True))
         for (name, measures), found in zip(names, fit_to(floors), strict=True)

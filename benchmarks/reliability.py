@@ -179,6 +179,11 @@ def _hours_each(cases: dict[str, dict[str, Any]]) -> str:
     return ", ".join(f"{name} {hours:.1f} h" for name, hours in spent.items())
 
 
+def _pythons(cases: dict[str, dict[str, Any]]) -> str:
+    """The installed versions."""
+    return ", ".join(dict.fromkeys(key.partition(" ")[0] for key in cases))
+
+
 def _messages(scale: int) -> Iterator[Case]:
     """Addresses with a password in every place that a driver reads it from: none comes back."""
     from visuohaptic.core import VisuohapticError
@@ -251,6 +256,7 @@ ROWS = (
         "bare installations, `demo --quick`: read-only, no home, C locale",
         "12: both commands of the README",
         elsewhere="`python -m benchmarks.bare`",
+        note=_pythons,
     ),
     Row(14, "docs, examples, help", "all run", _passing("tests/docs", "tests/cli/test_help_examples.py")),
     # Archives that unpack to more than they should, links and names that lead out of their folder, devices.

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from benchmarks import doors_evidence, doors_training, nav_doors
 from visuohaptic.core import InputError
 from visuohaptic.io.maps import OccupancyMap
-from visuohaptic.navigation.mapping import DoorSettings, find_doors, free_space, measure
+from visuohaptic.navigation.mapping import DoorSettings, find_doors, free_space, measure, plan_measures
 
 
 def two_rooms(width_m: float, place_m: float, resolution_m: float = 0.05, yaw: float = 0.0) -> OccupancyMap:
@@ -94,6 +94,16 @@ def test_a_row_of_rooms_on_a_corridor() -> None:
     corridor = int(found.rooms[20, 100])
     assert len(found.adjacency) == 5
     assert all(corridor in pair for pair in found.adjacency)
+
+
+def test_rooms_end_at_likelier_doors() -> None:
+    # A cupboard, a room in two parts with two openings between them, and a hall; all but the cupboard in one chain.
+    area_m2 = np.array([0.0, 0.5, 9.0, 4.0, 50.0])
+    rooms, probability = [(1, 2), (2, 3), (3, 2), (3, 4), (0, 4)], np.array([0.9, 0.2, 0.5, 0.8, 0.7])
+    around, room = plan_measures(rooms, area_m2, probability).T
+    assert around.tolist() == [1.0, 1.0, 0.2, 1.0, 1.0]
+    assert np.exp(2.0 * room) == pytest.approx([0.8, 4.0, 13.0, 13.0, 0.8])
+    assert np.exp(plan_measures([(1, 2)], np.array([0.0, 49.0, 50.0]), np.array([0.5]))[0, 1]) == 6.0
 
 
 def test_jambs_are_walls_and_the_way_between_is_free() -> None:

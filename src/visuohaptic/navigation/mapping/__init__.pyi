@@ -9,8 +9,8 @@ from .doors import DoorMap as DoorMap
 from .doors import DoorSettings as DoorSettings
 from .doors import door_candidates as door_candidates
 from .doors import door_probability as door_probability
-from .doors import doors_around as doors_around
 from .doors import find_doors as find_doors
+from .doors import plan_measures as plan_measures
 from .doors import room_pairs as room_pairs
 from .doors import select_doors as select_doors
 from .haptic_map import HapticContact as HapticContact

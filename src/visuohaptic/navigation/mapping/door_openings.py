@@ -31,6 +31,8 @@ SINGLE_WIDTH_M = 0.8
 #: Narrower gaps are closed, like those in a glass wall: they are not passages (m). A door of 0.7 m
 #: between walls that noise has thickened by two to three cells of 5 cm keeps half a metre on the map.
 CLOSED_GAP_M = 0.42
+#: A wall or room that is longer than this is no more likely beside a door (m).
+LONG_M = 6.0
 #: Maximum width of gaps that scans leave in one wall (m).
 _BRIDGED_M = 0.2
 #: An isolated group of obstacles smaller than this is furniture, not a wall (m).
@@ -218,8 +220,8 @@ def measure(space: DoorSpace, place: Int[np.ndarray, "2"]) -> Opening | None:
         min(_widening(free, middle, n, r), 2.5 * half) - half,
         np.log(max(recess, 0.03)),
         np.log(max(end, 0.03)),
-        np.log(np.clip(wall, r, 6.0)),
-        np.log(np.clip(bridged, r, 6.0)),
+        np.log(np.clip(wall, r, LONG_M)),
+        np.log(np.clip(bridged, r, LONG_M)),
         min(abs((turn + np.pi / 4) % (np.pi / 2) - np.pi / 4), 0.5),
     ]
     return Opening(jambs, width_m, np.array(measures, dtype=np.float64))

@@ -2,8 +2,9 @@
 
 The narrow places of the map (:mod:`.door_openings`) are measured, and all are closed at once to find the rooms they
 separate. The log-odds of a door are a weighted sum of the measures. From these, a path around each opening is found
-that minimizes the maximum door probability along it; this probability enters a second sum: furniture in a room can be
-passed on another side, a door cannot. Both sums are logistic regressions on generated and real buildings, whose weights
+that minimizes the maximum door probability along it, and the room on either side, which ends at openings that are more
+likely doors. Both enter a second sum: furniture in a room can be passed on another side, a door cannot; and a bay
+between shelves has the jambs of a door, but not the size of a room. Both sums are logistic regressions on generated and real buildings, whose weights
 ``python -m benchmarks.doors_training`` writes to ``door_weights.json``.
 
 Not visible on a map: a closed door looks like wall, and an opening may or may not have a
@@ -24,8 +25,22 @@ from ...core.errors import InputError
 from ...core.geometry import rotation_2d
 from ...core.ranges import POSITIVE, check_order, check_ranges, within
 from ...io.maps.occupancy_map import OccupancyMap
-from .door_openings import MEASURES, DoorSpace, Opening, free_space, measure, narrow_places, without_gaps
+from .door_openings import (
+    LONG_M,
+    MEASURES,
+    DoorSpace,
+    Opening,
+    free_space,
+    measure,
+    narrow_places,
+    without_gaps,
+)
 
+#: Names of the measures of an opening in the plan of the rooms.
+PLAN_MEASURES = (
+    "around",  #: minimum over all paths around it of the maximum door probability on the path; 1 without a path
+    "room",  #: log of the edge length [m] of a square as large as the smaller side, which ends at likelier doors
+)
 #: Minimum area of a numbered room (m^2).
 _ROOM_M2 = 0.8
 #: Narrower gaps (m) do not connect rooms unless they are doors: scans leave many in a glass wall.
@@ -109,8 +124,8 @@ def find_doors(grid: OccupancyMap, settings: DoorSettings | None = None) -> Door
     settings = settings or DoorSettings()
     space, openings, measures = door_candidates(grid, settings)
     by_shape, in_plan = _weights()
-    around = doors_around(room_pairs(space, openings), door_probability(measures, by_shape))
-    confidence = door_probability(np.column_stack([measures, around]), in_plan)
+    plan = plan_measures(*room_pairs(space, openings), door_probability(measures, by_shape))
+    confidence = door_probability(np.column_stack([measures, plan]), in_plan)
     return select_doors(grid, space, openings, confidence, settings.min_confidence)
 
 
@@ -140,36 +155,46 @@ def door_probability(
     return np.asarray(1.0 / (1.0 + np.exp(-(measures @ weights[:-1] + weights[-1]))))
 
 
-def doors_around(
-    rooms: list[tuple[int, int]], probability: Float[np.ndarray, "openings"]
-) -> Float[np.ndarray, "openings"]:
-    """Minimum over all paths around each opening of the maximum door probability on the path; 1 without a path.
+def plan_measures(
+    rooms: list[tuple[int, int]],
+    area_m2: Float[np.ndarray, "rooms+1"],
+    probability: Float[np.ndarray, "openings"],
+) -> Float[np.ndarray, "openings 2"]:
+    """Measures of each opening in the plan of the rooms (``PLAN_MEASURES``).
 
     Edges of a minimum spanning tree count as openings without a path around: any alternative is at least as likely a door.
 
     Parameters
     ----------
-    rooms
-        Numbers of the two rooms that each opening connects, with all openings closed; 0 if unknown.
+    rooms, area_m2
+        From :func:`room_pairs`.
     probability
         Probability that each opening is a door.
     """
-    found = np.ones(len(rooms))
+    found = np.ones((len(rooms), 2))
     tree: dict[int, list[tuple[int, float]]] = {}
     for k in np.argsort(probability, kind="stable").tolist():
         first, second = rooms[k]
-        likeliest, waiting = {first: 0.0}, [first]
-        while waiting:
-            here = waiting.pop()
-            for there, door in tree.get(here, ()):
-                if there not in likeliest:
-                    likeliest[there] = max(likeliest[here], door)
-                    waiting.append(there)
+        likeliest = _likeliest(tree, first)
+        smaller_m2 = min(float(area_m2[list(side)].sum()) for side in (likeliest, _likeliest(tree, second)))
+        found[k, 1] = np.log(np.clip(np.sqrt(smaller_m2), np.sqrt(_ROOM_M2), LONG_M))
         if second in likeliest and first:
-            found[k] = likeliest[second]
+            found[k, 0] = likeliest[second]
         elif first and second:
             tree.setdefault(first, []).append((second, float(probability[k])))
             tree.setdefault(second, []).append((first, float(probability[k])))
+    return found
+
+
+def _likeliest(tree: dict[int, list[tuple[int, float]]], room: int) -> dict[int, float]:
+    """Rooms connected with a room, and the maximum door probability on the way to each."""
+    found, waiting = {room: 0.0}, [room]
+    while waiting:
+        here = waiting.pop()
+        for there, door in tree.get(here, ()):
+            if there not in found:
+                found[there] = max(found[here], door)
+                waiting.append(there)
     return found
 
 
@@ -236,7 +261,7 @@ def door_candidates(
 def _weights() -> tuple[Float[np.ndarray, "m"], Float[np.ndarray, "n"]]:
     """Weights of the measures and the constant, without and with the surrounding doors."""
     weights = json.loads((resources.files(__package__) / "door_weights.json").read_text(encoding="utf-8"))
-    shape, plan = ([*MEASURES, *more, "constant"] for more in ((), ("around",)))
+    shape, plan = ([*MEASURES, *more, "constant"] for more in ((), PLAN_MEASURES))
     by_shape = np.array([weights["by_shape"][name] for name in shape], dtype=np.float64)
     return by_shape, np.array([weights["in_plan"][name] for name in plan], dtype=np.float64)
 
@@ -259,8 +284,12 @@ def _closed(space: DoorSpace, openings: list[Opening]) -> Bool[np.ndarray, "rows
     return free
 
 
-def room_pairs(space: DoorSpace, openings: list[Opening]) -> list[tuple[int, int]]:
-    """Numbers of the two rooms that each opening connects, with all openings closed; 0 if unknown.
+def room_pairs(
+    space: DoorSpace, openings: list[Opening]
+) -> tuple[list[tuple[int, int]], Float[np.ndarray, "rooms+1"]]:
+    """Numbers of the two rooms that each opening connects, with all openings closed, and the area of each number [m^2].
+
+    Number 0 is unknown, of area 0.
 
     Parameters
     ----------
@@ -271,7 +300,9 @@ def room_pairs(space: DoorSpace, openings: list[Opening]) -> list[tuple[int, int
 
     rooms, _ = ndimage.label(_closed(space, openings))
     first, second = ([_room_at(rooms, o, sign, space.resolution_m) for o in openings] for sign in (-1.0, 1.0))
-    return list(zip(first, second, strict=True))
+    area_m2 = np.bincount(rooms.ravel()) * space.resolution_m**2
+    area_m2[0] = 0.0
+    return list(zip(first, second, strict=True)), area_m2
 
 
 def _room_at(rooms: np.ndarray, opening: Opening, sign: float, resolution_m: float) -> int:
