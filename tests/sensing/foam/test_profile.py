@@ -85,6 +85,25 @@ def test_doubt_is_a_model_error(material):
     assert not read_profile(S, kink, SIGMA, SEEN, material, uncertainty_m=doubt).contacts
 
 
+def test_foam_beyond_kinks_that_may_bear_load_is_part_of_the_error(material):
+    """Two lines show the far edge of a gap, .3 mm beyond the front at rest, the next one the flank: the contact ends before
+    them, and the force that it then lacks is declared. Where the foam is known to be free, nothing is added."""
+    true = 0.004 * np.exp(-np.maximum(np.abs(S - 0.12) - 0.005, 0.0) / 0.006)
+    whole = read_profile(S, true, SIGMA, SEEN, material)
+    kinks = [44, 45]
+    assert np.all(true[kinks] > 1e-4)
+    seen, error = true.copy(), np.zeros(K)
+    seen[kinks], error[kinks] = -3e-4, (6e-4, 8e-4)
+    found = read_profile(S, seen, SIGMA, SEEN, material, uncertainty_m=error)
+    lacking = whole.force_N - found.force_N
+    assert found.contacts[0].last < kinks[0] + 1
+    assert lacking > 5 * whole.budget.image_N
+    assert 0.3 * lacking < found.budget.model_N < 3.0 * lacking
+    far = np.where(np.abs(np.arange(K) - 70) < 2, 8e-4, 0.0)
+    apart = read_profile(S, true, SIGMA, SEEN, material, uncertainty_m=far)
+    assert apart.budget == whole.budget
+
+
 def test_neighbours_that_are_unclean_err_alike(material):
     """Three points whose edges a shadow runs beside: thrice the error of one, and not the root of three of it."""
     delta, error = np.where(np.abs(S - 0.12) < 0.02, 0.006, 0.0), np.zeros(K)

@@ -27,6 +27,8 @@ END_PER_WIDTH = 0.8
 #: A region ends one point beyond the last one whose deflection, averaged over three neighbours, exceeds this.
 EDGE_SIGMAS = 1.0
 OF_THREE = EDGE_SIGMAS / math.sqrt(3.0)
+#: Added to the variance of a deflection, so that exact ones have weights [m^2].
+EXACT_VAR = 1e-18
 
 
 @kernel
@@ -188,15 +190,18 @@ def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, width,
     step = soft_end / (len(soft) - 1)
     gradient, alone = np.zeros(n), np.zeros(n)
     # The mean over three neighbours keeps noise from cutting off the shallow end of a contact.
-    mean = np.zeros(n)
+    mean, known = np.zeros(n), np.zeros(n)
     for i in range(n):
-        total = 0.0
-        number = 0
+        total, number, weighted, weights = 0.0, 0, 0.0, 0.0
         for j in range(max(i - 1, 0), min(i + 2, n)):
             if abs(index[j] - index[i]) <= max_gap + 1:
                 total += delta[j]
                 number += 1
-        mean[i] = total / number
+                inverse = 1.0 / (_total(sigma, uncertainty, 0.0, j) ** 2 + EXACT_VAR)
+                weighted += inverse * delta[j]
+                weights += inverse
+        # The mean that is weighted by the errors, in standard errors.
+        mean[i], known[i] = total / number, weighted / math.sqrt(weights)
     i = 0
     while i < n:
         # A region grows from a seed: one point far above the noise, or two neighbours above it.
@@ -223,6 +228,14 @@ def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, width,
             first += 1
         while last > first and mean[last - 1] <= OF_THREE * _total(sigma, uncertainty, 0.0, last - 1):
             last -= 1
+        # Foam beyond an end may bear load up to where it is known to be free: at kinks, where a gap opens in front of a body.
+        beyond = 0.0
+        for way in (-1, 1):
+            j, k = (first, first - 1) if way < 0 else (last, last + 1)
+            while known[j] > EDGE_SIGMAS and 0 <= k < n and abs(index[k] - index[j]) <= max_gap + 1:
+                j, k = k, k + way
+                ds = 0.5 * (s[min(j + 1, n - 1)] - s[max(j - 1, 0)])
+                beyond += (height * ds * slope[j] / width * uncertainty[j]) ** 2
         cut = 0.0
         # The trapezoid extends to the neighbour outside, where the stress is zero.
         if first > 0:
@@ -301,7 +314,7 @@ def integrate_regions(s, delta, errors, index, history, ends, zero_sigma, width,
             )  # fmt: skip
         image = shared_variance(alone, errors[3], first, last)
         # All points share one hysteresis law, and therefore its error.
-        systematic = branch * branch + _run_variance(alone, errors[4], first, last)
+        systematic = branch * branch + beyond + _run_variance(alone, errors[4], first, last)
         zero = 0.0
         common = 0.0
         for j in range(first, last + 1):
