@@ -16,6 +16,7 @@ from visuohaptic.cli import _compilation
 from visuohaptic.cli import main as command
 from visuohaptic.cli.verbs.planning import map_inspect
 from visuohaptic.cli.verbs.system import demo, warmup
+from visuohaptic.core.kernels import cache
 
 #: Warms up, runs every part, and prints the signatures that the list did not have.
 COVERAGE = """
@@ -158,10 +159,28 @@ def test_one_worker_compiles_in_the_order_of_its_arguments():
     assert next(iter(warmup._by_package(lines))) != parts[0]
 
 
+def every_name():
+    return [line.partition(" ")[0].replace(":", ".") + "-0-0" for line in _compilation.signature_lines()]
+
+
+def refused(*_, **__):
+    raise BlockingIOError(11, "Resource temporarily unavailable")
+
+
 def test_compilation_in_the_background_ends_with_its_block(own_cache, monkeypatch):
     with _compilation.compiling_in_background() as process:
         assert process.poll() is None
     assert process.returncode is not None
+    for name, value in (("cached_names", every_name), ("may_be_cached", lambda: False)):
+        # Shipped entries count; and where nothing is cached, it would compile in vain at each command.
+        with monkeypatch.context() as patch:
+            patch.setattr(cache, name, value)
+            with _compilation.compiling_in_background() as process:
+                assert process is None
+    with monkeypatch.context() as patch:
+        patch.setattr(_compilation.subprocess, "Popen", refused)
+        with _compilation.compiling_in_background() as process:
+            assert process is None
     monkeypatch.setattr(_compilation, "available_cores", lambda: 1)
     with _compilation.compiling_in_background() as process:
         assert process is None

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ..core.errors import InputError
@@ -64,28 +64,32 @@ def _prefixes(package: str) -> tuple[str, ...]:
 def compiling_in_background(packages: Sequence[str] = ()) -> Iterator[subprocess.Popen[bytes] | None]:
     """Compile kernels while the block runs, in another process of the lowest priority that is terminated after it.
 
-    No process is started (None) on a single core, or if the cache has as many entries of each kernel as the list.
+    No process is started (None) on a single core, where nothing can be cached, or if the cache has as many entries of
+    each kernel as the list.
 
     Parameters
     ----------
     packages
         As for the verb, and modules, in the order in which they are compiled; all by default.
     """
-    from ..core.kernels import cache_folder
+    from ..core.kernels.cache import cached_names, may_be_cached
 
-    folder = cache_folder()
-    entries = folder.iterdir() if folder is not None and folder.is_dir() else ()
     missing = Counter(line.partition(" ")[0].replace(":", ".") for line in chosen_lines(packages))
-    missing -= Counter(entry.name.partition("-")[0] for entry in entries)
-    if available_cores() < 2 or not missing:
+    missing -= Counter(name.partition("-")[0] for name in cached_names())
+    if available_cores() < 2 or not missing or not may_be_cached():
         yield None
         return
     command = [sys.executable, "-m", "visuohaptic", "warmup", *packages, "--workers", "1", "--quiet"]
     nobody = subprocess.DEVNULL
-    process = subprocess.Popen(command, stdin=nobody, stdout=nobody, stderr=nobody)
+    try:
+        process = subprocess.Popen(command, stdin=nobody, stdout=nobody, stderr=nobody)
+    except OSError:  # no more processes are permitted: the command compiles by itself
+        yield None
+        return
     try:
         if hasattr(os, "setpriority"):
-            os.setpriority(os.PRIO_PROCESS, process.pid, 19)  # the lowest
+            with suppress(OSError):
+                os.setpriority(os.PRIO_PROCESS, process.pid, 19)  # the lowest
         yield process
     finally:
         process.kill()  # entries of the cache are written whole or not at all

@@ -21,6 +21,7 @@ start with a checksum. They contain object code and are trusted like the install
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import logging
@@ -210,6 +211,22 @@ def cache_folder() -> Path | None:
     processor = cpu_target.target_context.codegen().magic_tuple()
     name = _environment(processor, np.__version__)
     return None if base.parts[:1] == ("~",) else base.absolute() / "visuohaptic" / name
+
+
+def cached_names() -> list[str]:
+    """File names of the entries of this user and of those that are shipped; of folders that can be read."""
+    found: list[str] = []
+    for folder in (cache_folder(), _shipped_folder()):
+        with contextlib.suppress(OSError):
+            found += os.listdir(folder) if folder else ()
+    return found
+
+
+def may_be_cached() -> bool:
+    """Whether there is a folder for new entries, or can be one."""
+    folder = cache_folder()
+    there = next((one for one in (folder, *folder.parents) if one.exists()), None) if folder else None
+    return there is not None and os.access(there, os.W_OK)
 
 
 def shipped_name() -> str:

@@ -319,7 +319,7 @@ class PushHeuristic:
         # Both costs are integers, and diagonal steps are rounded.
         return [k for k in self.active if cheapest[k + 1] <= 1.001 * both.min() + self.units]
 
-    def least_cost(self, start: Int32[np.ndarray, "k"]) -> float:
+    def lower_bound(self, start: Int32[np.ndarray, "k"]) -> float:
         """Lower bound of every plan [units]: each body on the way costs at least its shortest push.
 
         Parameters

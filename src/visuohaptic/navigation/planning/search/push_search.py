@@ -158,7 +158,7 @@ class _Search:
         heuristic = self._heuristic(needed, free)
         if plan.found:
             heuristic.limit = int(plan.cost * heuristic.units / self.domain.block) + 1
-            bound = heuristic.least_cost(self.cells) * self.domain.block / heuristic.units
+            bound = heuristic.lower_bound(self.cells) * self.domain.block / heuristic.units
             plan = replace(plan, bound=min(bound, plan.cost))
             if plan.cost <= (1.0 + self.limits.gap) * plan.bound:
                 return plan
