@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.cli._console import Console, LiveLine, Progress
+from visuohaptic.cli._result_text import result_lines
 from visuohaptic.core import ErrorBudget, Reason
 from visuohaptic.core.files import plain_json
 
@@ -129,3 +130,36 @@ def test_the_newest_state_is_written_over_on_a_terminal_and_a_line_a_second_else
         for now[0] in (1.0, 1.5, 2.5):
             line.show(f"{now[0]:.1f} N")
     assert log.getvalue() == "1.0 N\n2.5 N\n"
+
+
+def test_a_result_has_units_whose_prefixes_fit():
+    result = {
+        "height_m": 0.1713,
+        "volume_m3": 0.0002965,
+        "stiffness_N_per_m": {"min": 972.8, "percentile_95": 5.768e6},
+        "place_m": [0.03, -0.2, 1.5],
+        "mass_kg": 0.061,
+        "length_m": 4000.0,
+        "depth_m": 0.0,
+        "width_m": None,
+        "holds": True,
+        "vertices": 11040,
+        "notes": ["a" * 60, "b" * 60],
+    }
+    assert list(result_lines(result)) == [
+        "height: 171.3 mm",
+        "volume: 296.5 mL",
+        "stiffness",
+        "  min: 972.8 N/m",
+        "  percentile 95: 5.768 MN/m",
+        "place: 0.03, -0.2, 1.5 m",
+        "mass: 61 g",
+        "length: 4000 m",
+        "depth: 0 m",
+        "width: unknown",
+        "holds: yes",
+        "vertices: 11040",
+        "notes",
+        "  " + "a" * 60,
+        "  " + "b" * 60,
+    ]

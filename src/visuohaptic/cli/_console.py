@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterable, Iterator, Sized
 from types import TracebackType
 from typing import Any, Generic, Self, TextIO, TypeVar
 
+from ._result_text import result_lines
+
 Item = TypeVar("Item")
 
 #: Seconds after which a plain progress line is due ...
@@ -98,7 +100,7 @@ class Console:
         if self.json:
             _write(sys.stdout, dumps(value))
         elif not self._reported and not self.quiet:
-            for line in _lines(plain(value)):
+            for line in result_lines(plain(value)):
                 _write(sys.stdout, line)
 
     def error(self, text: str) -> None:
@@ -147,47 +149,6 @@ class _LogLine(logging.Formatter):
         level = "" if record.levelno == logging.INFO else f"{record.levelname.lower()}: "
         text = f"visuohaptic: {level}{record.getMessage()}"
         return f"{text}\n{self.formatException(record.exc_info)}" if record.exc_info else text
-
-
-def _lines(value: Any, indent: str = "") -> Iterator[str]:
-    """A plain result as text: one field per line, nested fields are indented."""
-    pairs = (
-        value.items() if isinstance(value, dict) else ((f"{i + 1}.", item) for i, item in enumerate(value))
-    )
-    for name, item in pairs:
-        label = _label(str(name))
-        if isinstance(item, (dict, list)) and item and not _is_flat(item):
-            yield f"{indent}{label}"
-            yield from _lines(item, indent + "  ")
-        else:
-            yield f"{indent}{label}: {_flat_text(item)}"
-
-
-#: Units that end the names of fields.
-_UNITS = {
-    unit.replace("/", "_per_"): unit
-    for unit in ("m", "s", "N", "Pa", "kg", "rad", "px", "Hz", "N/m", "rad/m", "s/m", "m/s")
-} | {"m2": "m²", "m3": "m³"}
-
-
-def _label(name: str) -> str:
-    """``narrowest_width_m`` as ``narrowest width [m]``."""
-    for end, unit in sorted(_UNITS.items(), key=lambda pair: -len(pair[0])):
-        if name.endswith(f"_{end}"):
-            return f"{name[: -len(end) - 1].replace('_', ' ')} [{unit}]"
-    return name.replace("_", " ")
-
-
-def _is_flat(value: Any) -> bool:
-    return isinstance(value, list) and not any(isinstance(item, (dict, list)) for item in value)
-
-
-def _flat_text(value: Any) -> str:
-    if isinstance(value, (list, dict)):
-        return ", ".join(_flat_text(item) for item in value) if value else "none"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return "unknown" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _write(stream: TextIO, text: str) -> None:

@@ -230,7 +230,7 @@ def _foot_centre(
     notes = []
     if (np.abs(centre - whole) > 0.05 * size).any():
         notes.append(
-            f"the height axis goes through the foot's middle ({centre[0]:.4g}, {centre[1]:.4g}) m, "
+            f"the height axis goes through the foot's middle ({1e3 * centre[0]:.3g}, {1e3 * centre[1]:.3g}) mm, "
             f"{1e3 * np.linalg.norm(centre - whole):.2g} mm from that of the whole"
         )
     return (float(centre[0]), float(centre[1])), notes

@@ -143,7 +143,7 @@ def find_wall(
     if double:
         bottom, low_m = _floor(rays, near, faces, heights, bottom)
         if low_m > heights[0]:
-            notes.append(f"the solid foot up to height {low_m:.4g} m is ignored")
+            notes.append(f"the solid foot up to a height of {1e3 * low_m:.3g} mm is ignored")
     first, (bottom, top) = bottom, _without_folds(rays, bottom, top)
     low_m = low_m if bottom == first else heights[bottom]
     used = slice(bottom, top + 1)

@@ -192,23 +192,23 @@ def _report(args: Any, result: dict[str, Any]) -> None:
         f"{result['name']}, {result['state']}{mass}: {100 * result['feasible_share']:.0f} % of the surface can be grasped"
     )
     for rank, grasp in enumerate(result["grasps"], 1):
-        x, y, z = (1e3 * value for value in grasp["first_m"])
+        x, y, z = (round(1e3 * value) for value in grasp["first_m"])
         line = (
-            f"{rank}. score {grasp['score']:.2f} at ({x:.0f}, {y:.0f}, {z:.0f}) mm, "
+            f"{rank}. score {grasp['score']:.2f} at ({x}, {y}, {z}) mm, "
             + (
                 "by the rim, one finger inside: "
                 if grasp["rim"]
                 else f"{1e3 * grasp['width_m']:.0f} mm wide: "
             )
-            + f"{grasp['force_N']:.1f} N, required {grasp['needed_N']:.1f} N, deformation {1e3 * grasp['deformation_m']:.1f} "
-            f"± {1e3 * grasp['deformation_sigma_m']:.1f} mm"
+            + f"{grasp['force_N']:.1f} N, required {grasp['needed_N']:.1f} N, deformation {1e3 * grasp['deformation_m']:.2g} "
+            f"± {1e3 * grasp['deformation_sigma_m']:.1g} mm"
         )
         if grasp["pose"]:
             line += f", approach {np.degrees(grasp['approach_elevation_rad']):.0f} degrees above horizontal"
         if grasp["success"] is not None:
             line += f", success {100 * grasp['success']:.0f} %"
         if grasp["confirmed"]:
-            line += f", {1e3 * grasp['confirmed']['deformation_m']:.1f} mm in the nonlinear simulation"
+            line += f", {1e3 * grasp['confirmed']['deformation_m']:.2g} mm in the nonlinear simulation"
         args.report(line)
     for grasp in result["rejected"]:
         z = 1e3 * grasp["first_m"][2]
