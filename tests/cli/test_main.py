@@ -133,7 +133,7 @@ def test_a_verb_that_reports_nothing_has_its_result_printed(verbs, capsys):
     assert main(["touch", "box"], registry) == 0
     assert capsys.readouterr().out.splitlines() == [
         "file: a.mcap",
-        "duration [s]: 1.5",
+        "duration: 1.5 s",
         "size: 3, 4",
         "whole: yes",
         "topics",
