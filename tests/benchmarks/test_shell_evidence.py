@@ -164,11 +164,14 @@ def test_a_few_curves_are_learned_and_asked_for(tmp_path):
         assert all(thing.stiffness_N_per_m[height - 1, side] > 0 for height, side in places)
     again = squeezed_objects(0, 2, 3, tmp_path)
     assert again[3][0].stiffness_N_per_m == pytest.approx(squeezed[3][0].stiffness_N_per_m, nan_ok=True)
-    rows = [{"objects": ["a", "b"], "answers": ["a", "a"], "peers": {"kNN": ["a", "b"]}},
-            {"objects": ["a", "b"], "answers": None, "peers": {"kNN": ["a", "a"]}, "reason": "InputError: no"}]  # fmt: skip
-    (figure,) = shell_evidence.summary("few_curves", rows)
-    assert figure["ours"] == pytest.approx(0.25)
-    assert figure["peer"] == pytest.approx(0.75)
+    half = {"answers": ["a", "unknown"], "peers": {"kNN": ["a", "b"]}}
+    failed = {"answers": None, "peers": {"kNN": ["a", "a"]}, "reason": "InputError: no"}
+    rows = [{"objects": ["a", "b"], "machine": part, "by hand": half} for part in (half, failed)]
+    machine, by_hand = shell_evidence.summary("few_curves", rows)
+    assert machine["ours"] == pytest.approx(0.25)
+    assert machine["peer"] == pytest.approx(0.75)
+    assert by_hand["ours"] == pytest.approx(0.5)
+    assert "called unknown 0.50" in by_hand["note"]
 
 
 def test_a_mesh_is_read_mapped_and_asked():

@@ -210,3 +210,32 @@ def test_sensors_that_read_what_they_like_at_each_place_are_learned_as_they_are(
         mean = model.mean[int(np.flatnonzero(model.answer_of == model.answers.index(f"class {k}"))[0])]
         # 0.03 of three readings; the resolution of a touch takes off what is seen of 3 kN/m, 1.5 %; some shrinkage is left.
         assert np.abs(mean[sides] - truth[k].ravel()).max() < 0.1
+
+
+def _by_hand(rng: np.random.Generator, law: tuple[float, float, float], count: int) -> list[TouchReading]:
+    """Squeezes at any heights that differ by a tenth from one to the next, on a profile of two terms."""
+    level, slope, bulge = law
+    height = rng.uniform(0.1, 0.9, count)
+    log = level + slope * (height - 0.5) + bulge * np.cos(2 * np.pi * height) + rng.normal(0, 0.1, count)
+    return [
+        TouchReading.of_stiffness(int(16 * at) + 1, "x", [float(np.exp(value)), np.nan], 0.03)
+        for at, value in zip(height, log, strict=True)
+    ]
+
+
+def test_squeezes_that_differ_by_a_tenth_are_no_unknown_objects() -> None:
+    """The difference of repeated squeezes is learned: with that of a machine, every eighth known object is called unknown."""
+    right, unknown, log_probability = 0, 0, []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        laws = {f"{k}": (rng.uniform(5.8, 11), rng.normal(0, 0.8), rng.normal(0, 0.5)) for k in range(6)}
+        curves = [one for law in laws.values() for one in _by_hand(rng, law, 5)]
+        classifier = HapticClassifier().fit(curves, np.repeat(list(laws), 5).tolist())
+        for name, law in laws.items():
+            for _ in range(4):
+                found = classifier.predict(_by_hand(rng, law, 3))
+                right, unknown = right + (found.answer == name), unknown + (found.answer == UNKNOWN)
+                log_probability.append(np.log(max(found.probabilities[name], 1e-9)))
+    assert right >= 0.85 * len(log_probability)
+    assert unknown <= 0.04 * len(log_probability)
+    assert np.mean(log_probability) > -0.6

@@ -189,7 +189,7 @@ def _expected_noise(model: HapticModel, mean: Float[np.ndarray, "*n k"]) -> Floa
     # A reading at the resolution limit has no upper bound of the stiffness: the denominator is limited to one half.
     seen = np.exp(mean[..., :2])
     stiffness = seen / np.maximum(1 - model.protocol.resolution_m_per_N * seen, 0.5)
-    out[..., :2] = model.protocol.seen_variance(stiffness)
+    out[..., :2] = model.protocol.seen_variance(stiffness) + model.settings.repeat**2
     return out
 
 

@@ -10,6 +10,7 @@ of a class differ by their scale: the tail probability of the readings is the av
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -94,7 +95,8 @@ def evidence(
             seen, factor = model.protocol.seen_stiffness(np.array(side.i_N_per_m))
             value.append(float(seen))
             # Beyond this, the error of a logarithm is no longer Gaussian.
-            noise.append(min(float(factor) * side.i_relative_sigma, 1.0) ** 2)
+            relative = math.hypot(side.i_relative_sigma, model.settings.repeat)
+            noise.append(min(float(factor) * relative, 1.0) ** 2)
         if model.settings.use_width and np.isfinite(reading.width_m) and reading.width_m > 0:
             place.append(FIRST_WIDTH + 2 * (reading.height - 1) + column // 2)
             value.append(np.log(reading.width_m))

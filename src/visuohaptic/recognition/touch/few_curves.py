@@ -52,6 +52,8 @@ EXPLORATION_FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
 #: Candidate standard deviations between classes, independent at each place: zero in stiffness and width for containers, whose
 #: opposite sides are alike; large if the readings of the fingers of a hand are unrelated.
 PLACES = (0.0, 0.03, 0.1, 0.3, 1.0)
+#: Candidate relative differences of repeated touches of one place: none by a machine, a tenth and more by hand.
+REPEATS = (0.0, 0.03, 0.1, 0.3)
 #: Standard deviations of the error of a simulated class: wall thickness and modulus are known to 10 % (k is proportional to
 #: E t^2), lengths to 3 %.
 SIMULATION_SIGMAS = (0.22, 0.1, 0.03, 0.02, 0.03)
@@ -90,15 +92,15 @@ def learn_from_curves(
         raise InputError("curves", f"found {len({*learned, *labels})} classes, expected at least 2")
     # Any model maps readings to feature indices.
     reader = assemble({"any": _anything(settings, protocol)}, {}, settings, protocol)
-    read = {one.name: evidence(reader, one.readings) for one in squeezed}
-    if empty := [name for name, (place, _, _) in read.items() if not len(place)]:
+    read = [evidence(reader, one.readings) for one in squeezed]
+    if empty := [one.name for one, (place, _, _) in zip(squeezed, read, strict=True) if not len(place)]:
         raise InputError(
             "curves", f"found no stiffness of {empty[0]!r}, expected at least one curve that rises"
         )
-    mean, between = _population(list(read.values()), list((simulated or {}).values()))
-    touched = {label: [read[one.name] for one in squeezed if one.label == label] for label in labels}
-    if simulated is None:
-        between = _by_place(mean, between, list(touched.values()))
+    mean, between = _population(read, list((simulated or {}).values()))
+    tried = {one: _touched(reader, squeezed, one) for one in REPEATS}
+    repeat, between = _scatter(mean, between, tried, PLACES if simulated is None else PLACES[:1])
+    settings, touched = replace(settings, repeat=repeat), _touched(reader, squeezed, repeat)
     usual = _usual_within(mean, between, [objects for objects in touched.values() if len(objects) > 1])
     for label, objects in touched.items():
         if prior := learned.get(label):
@@ -199,18 +201,38 @@ def _container_within(stiff: float = 1.0, uneven: float = 1.0, wide: float = 1.0
     return smooth + PLACE_SIGMA**2 * np.eye(len(smooth))
 
 
-def _by_place(
+def _touched(
+    reader: HapticModel, squeezed: Sequence[SqueezedObject], repeat: float
+) -> dict[str, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
+    """Readings of the objects of each class if repeated touches of a place differ by this."""
+    reader = replace(reader, settings=replace(reader.settings, repeat=repeat))
+    out: dict[str, list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}
+    for one in squeezed:
+        out.setdefault(one.label, []).append(evidence(reader, one.readings))
+    return out
+
+
+def _scatter(
     mean: Float[np.ndarray, "p"],
     spread: Float[np.ndarray, "p p"],
-    classes: Sequence[Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]],
-) -> Float[np.ndarray, "p p"]:
-    """Covariance between classes with the independent part of each place that maximises the likelihood of all readings."""
+    touched: Mapping[float, Mapping[str, Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]]],
+    places: Sequence[float],
+) -> tuple[float, Float[np.ndarray, "p p"]]:
+    """Difference of repeated touches, and covariance between classes with the independent part of each place.
+
+    Each is the root mean square over the posterior, given the readings with each candidate difference: places that were
+    touched once do not distinguish the two.
+    """
     wide = np.arange(len(mean)) >= FIRST_WIDTH
-    tried = [
-        spread + np.diag(np.where(wide, across, along) ** 2) for along, across in product(PLACES, PLACES)
-    ]
-    read = [_class_readings(mean, _container_within(), objects) for objects in classes]
-    return max(tried, key=lambda covariance: sum(one.log_likelihood(covariance) for one in read))
+    score = {}
+    for repeat, classes in touched.items():
+        read = [_class_readings(mean, _container_within(), objects) for objects in classes.values()]
+        for along, across in product(places, places):
+            covariance = spread + np.diag(np.where(wide, across, along) ** 2)
+            score[repeat, along, across] = sum(one.log_likelihood(covariance) for one in read)
+    weight = np.exp(np.array(list(score.values())) - max(score.values()))
+    repeat, along, across = np.sqrt(weight @ np.array(list(score)) ** 2 / weight.sum())
+    return float(repeat), spread + np.diag(np.where(wide, across, along) ** 2)
 
 
 def _usual_within(

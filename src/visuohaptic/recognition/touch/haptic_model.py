@@ -67,6 +67,7 @@ class ModelSettings:
     gain: float = 0.09  #: common to all stiffnesses: force gain 5 %, modulus within 12 % (std 7 % if uniform)
     zero_N: float = 0.05  #: error of the force's zero, common to all touches
     zero_m: float = 5e-5  #: error of the deformation's zero (contact), common to all touches
+    repeat: float = 0.0  #: relative difference of repeated touches of a place, learned from curves
     #: of log stiffness at the highest place, if the mouth may be open or closed unlike in training
     mouth: float = 0.0
     unknown_prior: float = 0.1  #: probability that an object is of no trained class
