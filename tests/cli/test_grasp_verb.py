@@ -71,7 +71,12 @@ def test_a_modulus_without_a_density_names_the_flags(capsys: pytest.CaptureFixtu
         (["cup", "--force", "-1"], "force_N: found -1.0, expected more than 0"),
         (["cup", "--fill", "2"], "fill: found 2.0, expected 0 to 1"),
         (["cup", "--plot", "grasps.txt"], "found suffix '.txt'"),
-        (["cup", "--force", "5", "--several", "9"], "--several: found 9, expected 2 to"),
+        (["cup", "--force", "5", "--several", "9"], "--several: found 9, expected 2 to 5, the --count"),
+        (["cup", "--force", "5", "--several", "0"], "--several: found 0, expected 2 to 5, the --count"),
+        (
+            ["cup", "--force", "59", "--state", "closed", "--no-confirm", "--several", "2"],
+            "--several: found 2, expected at most 0, the number of grasps",
+        ),
         (["nothing.xyz"], "found suffix '.xyz'"),
         (["cup", "--friction", "0"], "friction: found 0.0, expected more than 0"),
         (["cup", "--count", "0"], "count: found 0"),

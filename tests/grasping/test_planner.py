@@ -205,7 +205,7 @@ def test_symmetric_places_press_out_the_same():
 
 def test_a_grasp_that_holds_is_refused_where_it_spills_or_slips():
     """The same pinch of a cone without limits, with less free volume than it displaces, and with fingers that slide."""
-    shell = load_object("cup-rim", around=32)
+    shell = load_object("cup-rim", around=16)
     z = shell.mesh.vertices_m[:, 2]
     vertex = int(np.argmin(np.abs(z - 0.05)))
     held = confirm_grasp(shell, vertex, 4.0)

@@ -58,6 +58,8 @@ def add_arguments(add: Any) -> None:
 def run(args: Any) -> dict[str, Any]:
     """Plan and report; returns the mapping that ``--json`` prints."""
     maps.check_suffix(None, args.plot)
+    if args.several is not None and not 2 <= args.several <= args.count:
+        raise core.InputError("--several", f"found {args.several}, expected 2 to {args.count}, the --count")
     begin = time.perf_counter()
     container = None
     if Path(args.object).suffix.lower() == ".npz":
@@ -168,9 +170,10 @@ def _several(args: Any, container: Any, plan: grasping.GraspPlan) -> dict[str, A
 
     # A rim grasp pinches the wall and does not squeeze the container.
     sides = [grasp for grasp in plan.grasps if not grasp.rim]
-    if not 2 <= args.several <= len(sides):
+    if args.several > len(sides):
         raise core.InputError(
-            "--several", f"found {args.several}, expected 2 to {len(sides)}, the number of grasps"
+            "--several",
+            f"found {args.several}, expected at most {len(sides)}, the number of grasps from the sides",
         )
     chosen = sides[: args.several]
     coupling = grasping.multi_contact(
