@@ -217,7 +217,7 @@ def _scene(request: dict[str, Any]) -> dict[str, Any]:
 
 
 def _route(request: dict[str, Any]) -> dict[str, Any]:
-    """Chords of the exported route graph [m]: x, y, x, y; and those at nodes of objects where there are some."""
+    """Chords of the exported route graph [m]: x, y, x, y; and those that the objects add to it."""
     from visuohaptic.navigation.files import save_joint_route_graph, save_route_graph
     from visuohaptic.navigation.graph import assign_regions, build_graph
     from visuohaptic.navigation.grid import SpeedLimits, grid_layers
@@ -230,29 +230,24 @@ def _route(request: dict[str, Any]) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "route.geojson"
         _, spent = _timed(lambda: save_route_graph(path, graph, layers))
-        chords, _ = _chords(path)
+        chords = _chords(path)
         joined: list[list[float]] = []
         if problem.objects:
             nodes = [ManipulationNode(obj) for obj in problem.objects]
             joint = extend_graph(graph, assign_regions(layers, graph), problem.robot, nodes)
             save_joint_route_graph(path, joint)
-            _, joined = _chords(path)
+            without = {tuple(chord) for chord in chords}
+            joined = [chord for chord in _chords(path) if tuple(chord) not in without]
     return {**spent, "chords": chords, "joined": joined}
 
 
-def _chords(path: Path) -> tuple[list[list[float]], list[list[float]]]:
-    """Chords between places, and those that begin or end at the node of an object."""
+def _chords(path: Path) -> list[list[float]]:
+    """Straight lines between the places of a route graph [m]."""
     features = json.loads(path.read_text())["features"]
-    points = [feature for feature in features if feature["geometry"]["type"] == "Point"]
-    at = {point["properties"]["id"]: point["geometry"]["coordinates"] for point in points}
-    objects = {p["properties"]["id"] for p in points if "object" in p["properties"].get("metadata", {})}
-    ends = [
-        (f["properties"]["startid"], f["properties"]["endid"])
-        for f in features
-        if f["geometry"]["type"] != "Point"
-    ]
-    free = [[*at[a], *at[b]] for a, b in ends if not objects & {a, b}]
-    return free, [[*at[a], *at[b]] for a, b in ends if objects & {a, b}]
+    places = [feature for feature in features if feature["geometry"]["type"] == "Point"]
+    at = {place["properties"]["id"]: place["geometry"]["coordinates"] for place in places}
+    edges = [f["properties"] for f in features if f["geometry"]["type"] == "MultiLineString"]
+    return [[*at[edge["startid"]], *at[edge["endid"]]] for edge in edges]
 
 
 def _drives(request: dict[str, Any]) -> dict[str, Any]:

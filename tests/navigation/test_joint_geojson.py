@@ -6,9 +6,13 @@ import json
 from pathlib import Path
 from typing import Any
 
+import networkx
 import numpy as np
 import pytest
+import shapely
+from benchmarks._plan_child import described, problem_of
 
+from tests.worlds.floor_scenes import random_rooms
 from visuohaptic.navigation.files import save_joint_route_graph, save_route_graph
 from visuohaptic.navigation.graph import assign_regions, build_graph
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
@@ -114,6 +118,41 @@ def test_the_joint_graph_is_what_the_route_server_loads(joint, tmp_path):
 def test_the_visual_graph_is_what_the_route_server_loads(joint, tmp_path):
     save_route_graph(tmp_path / "visual.geojson", joint.visual, joint.regions.layers)
     assert faults(tmp_path / "visual.geojson") == []
+
+
+@pytest.mark.parametrize("seed", [4, 63])
+def test_every_drive_to_an_object_keeps_clear_of_the_walls(tmp_path, seed):
+    """In room 63 the straight line between an object's node and a neighbour crosses a wall."""
+    world, path = random_rooms(seed), tmp_path / "joint.geojson"
+    problem = problem_of(described(world, 0.05))
+    layers = grid_layers(problem.map, SpeedLimits(problem.robot.radius_m))
+    graph = build_graph(layers)
+    kinds = [ManipulationNode(item) for item in problem.objects]
+    joint = extend_graph(graph, assign_regions(layers, graph), problem.robot, kinds)
+    save_joint_route_graph(path, joint)
+    features = json.loads(path.read_text())["features"]
+    at = {
+        f["properties"]["id"]: f["geometry"]["coordinates"]
+        for f in features
+        if "startid" not in f["properties"]
+    }
+    edges = [f["properties"] for f in features if "startid" in f["properties"]]
+    lines = [shapely.LineString([at[edge["startid"]], at[edge["endid"]]]) for edge in edges]
+    walls = shapely.union_all(world.walls)
+    assert min(walls.distance(line) for line in lines) > world.robot.radius_m - 1e-6
+    # Every drive is whole; its pieces cut corners of the path, and pass walls more closely and slowly.
+    drives = networkx.DiGraph()
+    drives.add_weighted_edges_from((edge["startid"], edge["endid"], edge["cost"]) for edge in edges)
+    for node in joint.added:
+        for near, cost_s in zip(node.neighbours.tolist(), node.edge_s.tolist(), strict=True):
+            if np.isfinite(cost_s):
+                there_s, back_s = (
+                    networkx.dijkstra_path_length(drives, *ends)
+                    for ends in ((near, node.number), (node.number, near))
+                )
+                assert there_s == pytest.approx(back_s)
+                away_m = float(np.hypot(*np.subtract(at[near], at[node.number])))
+                assert away_m / problem.robot.v_max_m_s + 0.5 * node.task_s - 1e-9 < there_s < 1.5 * cost_s
 
 
 @pytest.mark.data

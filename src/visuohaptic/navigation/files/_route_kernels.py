@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ...core.kernels import kernel
-from ..graph.tracing._path_kernels import cost
+from ..graph.tracing._path_kernels import cost, longer_rows
 from ..pushing._outline_kernels import segment_distance, square_gap
 
 
@@ -93,6 +93,37 @@ def split_path(distance: np.ndarray, path: np.ndarray, radius: float, outside_bl
         stack[waiting + 1, 0], stack[waiting + 1, 1] = middle, end
         waiting += 2
     return cut
+
+
+@kernel(error_model="numpy")
+def onward(potential: np.ndarray, seed: np.ndarray, row: int, column: int) -> np.ndarray:
+    """Cells (row, column) from a cell to the node of its region, (k, 2): steepest descent of the potential inside the region.
+
+    Parameters
+    ----------
+    potential, seed
+        Cost from the node and flat cell of the node, (rows, columns).
+    row, column
+        First cell, in a region.
+    """
+    path = np.empty((64, 2), np.int64)
+    count = 0
+    while True:
+        if count == len(path):
+            path = longer_rows(path)
+        path[count, 0], path[count, 1] = row, column
+        count += 1
+        here, own = potential[row, column], seed[row, column]
+        steepest, to_row, to_column = 0.0, row, column
+        for r in range(max(row - 1, 0), min(row + 2, potential.shape[0])):
+            for c in range(max(column - 1, 0), min(column + 2, potential.shape[1])):
+                if seed[r, c] == own and potential[r, c] < here:
+                    slope = float(here - potential[r, c]) / math.hypot(r - row, c - column)
+                    if slope > steepest:
+                        steepest, to_row, to_column = slope, r, c
+        if steepest <= 0.0:
+            return path[:count]
+        row, column = to_row, to_column
 
 
 @kernel(error_model="numpy")

@@ -9,15 +9,15 @@ import numpy as np
 
 from ..planning.joint_graph import JointGraph
 from .geojson import edge_properties, feature, write_features
-from .route_edges import route_pieces
+from .route_edges import route_pieces, task_pieces
 
 
 def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = "map") -> None:
     """Write the joint graph for the Nav2 route server: visual and added nodes, edges in both directions.
 
-    Visual edges are split until their straight lines keep the robot's radius, as in
-    :func:`~visuohaptic.navigation.files.geojson.save_route_graph`. Edges of added nodes lead to a task whose
-    local planner drives them: their lines are drawn from node to node and may cross obstacles.
+    Edges are split until their straight lines keep the robot's radius, as in
+    :func:`~visuohaptic.navigation.files.geojson.save_route_graph`; those of an added node with its own object taken
+    away, because its task clears them. Half of the task's time is on each piece at the node.
     An edge into an added node contains the operation of its local planner,
     triggered on entering; edges that cannot be driven are omitted.
 
@@ -41,7 +41,10 @@ def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = 
         )
         places.append(centre)
     route = route_pieces(joint.visual, joint.regions.layers)
-    points = np.concatenate([*places, grid.world_from_cell(route.cells)])
+    # Numbers of added nodes come before those of the cells where edges are split.
+    pieces = np.where(route.ends < joint.visual.nodes, route.ends, route.ends + len(joint.added))
+    tasks = task_pieces(joint, joint.visual.nodes + len(joint.added) + len(route.cells))
+    points = np.concatenate([*places, *(grid.world_from_cell(part.cells) for part in (route, tasks))])
     by_number = {node.number: node for node in joint.added}
     for number, (x, y) in enumerate(points):
         properties: dict[str, Any] = {"id": number, "frame": frame}
@@ -50,12 +53,11 @@ def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = 
             properties["metadata"] = {"object": kind.id, "planner": kind.planner}
         features.append(feature("Point", [float(x), float(y)], properties))
     number = len(points)
-    ends, costs = joint.edges()
-    visual = len(joint.visual.edges)
-    # Numbers of added nodes come before those of the cells where visual edges are split.
-    pieces = np.where(route.ends < joint.visual.nodes, route.ends, route.ends + len(joint.added))
-    driven = np.where(np.isfinite(costs[route.edge]), route.measures[:, 0], np.inf)
-    ends, costs = np.concatenate([pieces, ends[visual:]]), np.concatenate([driven, costs[visual:]])
+    driven = np.where(np.isfinite(joint.edges()[1][route.edge]), route.measures[:, 0], np.inf)
+    own_s = np.array([node.task_s for node in joint.added])[tasks.edge]
+    at_node = (tasks.ends >= joint.visual.nodes) & (tasks.ends < joint.visual.nodes + len(joint.added))
+    half_s = tasks.measures[:, 0] + 0.5 * own_s * at_node.any(axis=1)
+    ends, costs = np.concatenate([pieces, tasks.ends]), np.concatenate([driven, half_s])
     for (a, b), cost in zip(ends.tolist(), costs.tolist(), strict=True):
         if not np.isfinite(cost):
             continue

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Float32, Int
 
 from ..graph.navigation_graph import NavigationGraph
 from ..grid.cost_grid import GridLayers
-from ._route_kernels import chord_measures, split_path
+from ..planning.joint_graph import JointGraph
+from ._route_kernels import chord_measures, onward, split_path
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,8 +38,61 @@ def route_pieces(graph: NavigationGraph, layers: GridLayers) -> RoutePieces:
         The graph and the layers that it was built from.
     """
 
+    paths = (
+        (edge, first, second, graph.edge_path(edge))
+        for edge, (first, second) in enumerate(graph.edges.tolist())
+        if first != second
+    )
+    return _split(paths, graph.nodes, layers, _clearance(layers))
+
+
+def task_pieces(joint: JointGraph, nodes: int) -> RoutePieces:
+    """The same for the drives to and from the added nodes of a joint graph, each with its own object taken away.
+
+    Every drive leads from the added node through its region and on to the node of the neighbouring region; ``edge``
+    is the index of the added node.
+
+    Parameters
+    ----------
+    joint
+        The graph.
+    nodes
+        Number of nodes so far: cells where drives are split are numbered from there.
+    """
+    regions, clearance = joint.regions, _clearance(joint.regions.layers)
+    found = [_split((), nodes, regions.layers, clearance)]
+    for index, node in enumerate(joint.added):
+        if not math.isfinite(node.task_s):
+            continue
+        paths = (
+            (index, node.number, int(near), np.vstack([way[:-1], onward(regions.potential, regions.seed, *way[-1])]))
+            for near, way in zip(node.neighbours, node.ways, strict=True)
+        )  # fmt: skip
+        (row, column), (rows, columns) = node.corner, node.clearance.shape
+        around = clearance[row : row + rows, column : column + columns]
+        mapped = around.copy()
+        around[:] = node.clearance
+        found.append(_split(paths, nodes, regions.layers, clearance))
+        around[:] = mapped
+        nodes += len(found[-1].cells)
+    return RoutePieces(
+        *(np.concatenate([getattr(part, name) for part in found]) for name in RoutePieces.__slots__)
+    )
+
+
+def _clearance(layers: GridLayers) -> Float32[np.ndarray, "rows columns"]:
+    """Clearance of each cell [cells], writable."""
+    return layers.distance_m / np.float32(layers.map.resolution_m)
+
+
+def _split(
+    paths: Iterable[tuple[int, int, int, Int[np.ndarray, "n 2"]]],
+    number: int,
+    layers: GridLayers,
+    distance: Float32[np.ndarray, "rows columns"],
+) -> RoutePieces:
+    """Split paths (edge, first node, last node, cells); cells of the cuts are numbered from ``number``."""
     resolution_m = layers.map.resolution_m
-    distance = layers.distance_m / np.float32(resolution_m)
     outside = not layers.unknown_is_free
     # Tolerance for the single precision of the distances where the robot just fits.
     radius = layers.radius_m / resolution_m * (1.0 - 1e-6)
@@ -46,15 +102,12 @@ def route_pieces(graph: NavigationGraph, layers: GridLayers) -> RoutePieces:
     ends: list[tuple[int, int]] = []
     edges: list[int] = []
     measures: list[np.ndarray] = []
-    number = graph.nodes
-    for edge, (first, second) in enumerate(graph.edges.tolist()):
-        if first == second:
-            continue
-        path = np.ascontiguousarray(graph.edge_path(edge))
+    for edge, first, last, cells in paths:
+        path = np.ascontiguousarray(cells)
         cuts = np.flatnonzero(split_path(distance, path, radius, outside))
         inner = list(range(number, number + len(cuts) - 2))
         number += len(inner)
-        nodes = [first, *inner, second]
+        nodes = [first, *inner, last]
         added.append(path[cuts[1:-1]])
         ends += pairwise(nodes)
         edges += [edge] * (len(nodes) - 1)

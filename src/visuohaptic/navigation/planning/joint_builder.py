@@ -16,6 +16,7 @@ from ..pushing._outline_kernels import distance_patch
 from ._joint_kernels import free_object
 from .joint_graph import JointGraph, JointNode, NodeType, costs_between
 from .search import _travel_kernels
+from .search._push_search_kernels import descend
 from .search._travel_kernels import FAR, UNITS
 from .search.search_domain import grid_from_world
 
@@ -98,9 +99,12 @@ class _Builder:
         mine = parts == parts[tuple(start)]
         rows, columns = np.nonzero(mine)
         region = ((rows + corner[0]) * self.map.shape[1] + columns + corner[1]).astype(np.int32)
-        neighbours, drive_s = self._neighbours(narrow, clearance, mine, start)
+        neighbours, drive_s, ways = self._neighbours(narrow, clearance, mine, start)
         row, column = (start + corner).tolist()
-        return JointNode(kind, number, (row, column), neighbours, drive_s, task_s, region, none)
+        return JointNode(
+            kind, number, (row, column), neighbours, drive_s, task_s, region, none,
+            ways, clearance, (narrow[0].start, narrow[1].start),
+        )  # fmt: skip
 
     def _neighbours(
         self,
@@ -108,8 +112,8 @@ class _Builder:
         clearance: Float32[np.ndarray, "r c"],
         mine: Bool[np.ndarray, "r c"],
         start: Int[np.ndarray, "2"],
-    ) -> tuple[Int32[np.ndarray, "k"], Float[np.ndarray, "k"]]:
-        """Steps 5 to 7: nodes of adjacent regions to which an edge is worthwhile, and the drives to them [s]."""
+    ) -> tuple[Int32[np.ndarray, "k"], Float[np.ndarray, "k"], tuple[Int[np.ndarray, "n 2"], ...]]:
+        """Steps 5 to 7: nodes of adjacent regions to which an edge is worthwhile, the drives [s], the cells up to there."""
         import cv2
 
         # The path to a neighbour leads through the node's own region and across its border, not along it.
@@ -121,10 +125,12 @@ class _Builder:
             np.zeros((0, 0), np.int16), none, none, 0, none,
         ).reshape(mine.shape)  # fmt: skip
         beside = reach & (clearance >= self.radius) & (seeds >= 0) & (cost < FAR)
-        names, which = np.unique(seeds[beside], return_inverse=True)
-        drive_s = np.full(len(names), np.inf)
+        across = np.flatnonzero(beside)
         through_s = cost[beside] * self.unit_s + self.regions.potential[window][beside] * self.regions.unit_s
-        np.minimum.at(drive_s, which, through_s)
+        # The cheapest way into each region.
+        order = np.lexsort((through_s, seeds[beside]))
+        names, first = np.unique(seeds[beside][order], return_index=True)
+        drive_s, entered = through_s[order][first], across[order][first]
         neighbours = np.searchsorted(self.seeds, names).astype(np.int32)
         # 7: drives only. The search accounts for the cost of the task, and the dissertation's figure
         # shows nodes whose edges no plan would use.
@@ -135,7 +141,12 @@ class _Builder:
         shorter = drive_s[:, None] + drive_s < (1.0 - SIGNIFICANT) * around_s
         np.fill_diagonal(shorter, False)
         kept = shorter.any(axis=1)
-        return neighbours[kept], drive_s[kept]
+        corner = np.array([window[0].start, window[1].start])
+        ways = tuple(
+            descend(cost.ravel(), clearance, begin, int(cell))[:, ::-1].astype(int) + corner
+            for cell in entered[kept]
+        )
+        return neighbours[kept], drive_s[kept], ways
 
     def _safety(self, kind: NodeType, number: int) -> JointNode:
         """A node over free cells: its safety region replaces regions, edges through it are closed (Sec. 4.3.3)."""

@@ -6,11 +6,11 @@ class: see :class:`NodeType`, and ``node_types.py`` for the existing kinds.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Float, Int, Int32
+from jaxtyping import Float, Float32, Int, Int32
 
 from ...core.errors import InputError
 from ..graph.navigation_graph import NavigationGraph
@@ -68,6 +68,11 @@ class JointNode:
     task_s: float  #: ``t_mani``; half of it is on each edge
     region: Int32[np.ndarray, "c"]  #: cells (row * columns + column) assigned to the node
     blocked_edges: Int32[np.ndarray, "b"]  #: edges of the visual graph through a safety region
+    #: cells (row, column) from the node into the region of each neighbour
+    ways: tuple[Int[np.ndarray, "n 2"], ...] = ()
+    #: clearance without the object [cells] in a window around it, and the window's first row and column
+    clearance: Float32[np.ndarray, "r c"] = field(default_factory=lambda: np.zeros((0, 0), np.float32))
+    corner: tuple[int, int] = (0, 0)
 
     @property
     def edge_s(self) -> Float[np.ndarray, "k"]:
