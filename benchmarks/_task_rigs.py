@@ -416,14 +416,16 @@ class Table(Rig):
         force_N = self.k * np.ones((3, 1)) * depths_m
         thing = DeformableContainer("bottle", heights_m, np.full(3, 0.035), depths_m, force_N, mass_kg=0.2)
         self.table = KitchenTable(thing, self.rng)
-        self._before: tuple[float, ...] = ()
+        self._before = np.zeros(0)
 
     def now_s(self) -> float:
         return self.table.arm.t_s
 
     def tick(self) -> tuple[float, bool]:
-        now = (self.table.state().opening_m, *self.table.arm.pose()[1].translation_m)
-        moved = bool(self._before) and float(np.abs(np.subtract(now, self._before)).max()) > 1e-6
+        now = np.array((self.table.state().opening_m, *self.table.arm.pose()[1].translation_m))
+        step = now - (self._before if len(self._before) else now)
+        step[0] = min(step[0], 0.0)  # fingers may always open
+        moved = float(np.abs(step).max()) > 1e-6
         self._before = now
         return self.table.force_N, moved
 

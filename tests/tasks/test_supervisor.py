@@ -156,6 +156,63 @@ def test_at_the_limit_only_a_retreat_passes(name, force_N):
         assert base.velocity.tolist() == list(command)
 
 
+def test_a_retreat_from_the_limit_needs_no_sensor_but_its_odometry():
+    base = Rolling()
+    with Supervisor(SafetyLimits(max_force_N=20.0), clock=lambda: base.now) as guard:
+        watched = guard.watched = guard.base(base)
+        watched.state()
+        watched.drive(0.2, 0.0)
+        guard.note_force(0.0, 25.0)
+        # Nothing is felt any more: back it goes on, and forwards it does not.
+        assert driven(base, guard, 0.6, speed=-0.2) == pytest.approx(0.6)
+        watched.drive(0.2, 0.0)
+        assert not base.velocity.any()
+        watched.drive(-0.2, 0.0)
+        moved = 0.0
+        for _ in range(30):
+            base.wait(PERIOD_S)
+            guard.check()
+            moved += PERIOD_S * base.velocity.any()
+    assert moved < STOPPED_S
+
+
+def test_fingers_always_open():
+    """A force and a state that are not updated, a limit that is reached, and a clock that jumps hold a closing only."""
+    fingers = right.Fingers(0.06)
+    now = [0.0]
+
+    def wait(duration_s):
+        for _ in range(round(duration_s / PERIOD_S)):
+            now[0] += PERIOD_S
+            fingers.wait(PERIOD_S)
+            guard.check()
+
+    with Supervisor(SafetyLimits(max_force_N=8.0, max_hold_s=60.0), clock=lambda: now[0]) as guard:
+        watched = guard.gripper(fingers)
+        watched.state()
+        guard.note_force(0.0, 7.0)
+        guard.note_force(0.1, 8.5)
+        watched.move(0.0, 0.01)  # they stood when the limit was reached
+        wait(0.1)
+        assert fingers.opening_m == 0.06
+        watched.move(0.062, 0.01)
+        wait(0.4)  # neither the force nor the state is read meanwhile
+        assert fingers.opening_m == pytest.approx(0.062)
+        watched.move(0.061, 0.01)  # not known to be wider than the fingers are
+        assert fingers.target_m == fingers.opening_m
+        with pytest.raises(DeviceError, match="the clock of the force jumped"):
+            guard.note_force(30.0, 1.0)
+        with pytest.raises(DeviceError, match="the clock of the force jumped"):
+            watched.move(0.0, 0.01)
+        watched.move(0.08, 0.01)
+        wait(2.0)
+        assert fingers.opening_m == pytest.approx(0.08)
+        watched.move(0.09, 0.01)
+        watched.stop()
+        wait(0.2)
+    assert fingers.opening_m == pytest.approx(0.08)
+
+
 def test_a_force_that_rises_stops_it_before_the_limit():
     """2 N in every period of 20 ms: at 16 N, 1.1 periods and half the braking time of 0.1 s bring 7 N more."""
     base = Rolling()

@@ -219,10 +219,14 @@ class _SupervisedBase(MobileBase):
         return self._velocities
 
     def retreats(self, pressing: object) -> bool:
-        assert isinstance(pressing, tuple)
+        if not isinstance(pressing, tuple):
+            return True
         (speed, turn), (pressed, turned) = self._velocities, pressing
         # Turning on the spot, a disc is freed by turning back, and by driving backwards.
         return speed * pressed < 0.0 if pressed else speed < 0.0 or turn * turned < 0.0
+
+    def only_opens(self) -> bool:
+        return False
 
 
 def _pose(state: BaseState) -> tuple[float, float, float]:
@@ -322,7 +326,11 @@ class _SupervisedArm(ProbeArm):
         return self._target.translation_m - self._tip_m
 
     def retreats(self, pressing: object) -> bool:
-        return float((self._target.translation_m - self._tip_m) @ np.asarray(pressing)) < 0.0
+        moves_m = self._target.translation_m - self._tip_m
+        return pressing is None or float(moves_m @ np.asarray(pressing)) < 0.0
+
+    def only_opens(self) -> bool:
+        return False
 
 
 class _SupervisedGripper(Gripper):
@@ -332,6 +340,7 @@ class _SupervisedGripper(Gripper):
         self._guard, self._device = guard, device
         self._target_m = self._speed_m_s = 0.0
         self._opening_m, self._frozen = math.nan, False
+        self._widest_m = math.nan  #: widest opening that it may have reached since the last fresh reading
         guard.register(self)
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
@@ -350,11 +359,15 @@ class _SupervisedGripper(Gripper):
         state = self._device.state()
         to_move = self._guard.is_executing(self) and abs(self._target_m - state.opening_m) > STANDING_M
         self._frozen = state.opening_m == self._opening_m and (self._frozen or to_move)
+        if not self._frozen:
+            self._widest_m = state.opening_m
         self._opening_m = state.opening_m
         self._guard.note(self.name, state.t_s, frozen=self._frozen)
         return state
 
     def execute(self) -> None:
+        if self._target_m > self._widest_m:
+            self._widest_m = self._target_m
         self._device.move(self._target_m, self._speed_m_s)
 
     def halt(self) -> None:
@@ -364,5 +377,8 @@ class _SupervisedGripper(Gripper):
         return self._target_m - self._opening_m
 
     def retreats(self, pressing: object) -> bool:
-        assert isinstance(pressing, float)
-        return (self._target_m - self._opening_m) * pressing < 0.0
+        # Closing presses also if the fingers stood when the force reached the limit.
+        return self.only_opens()
+
+    def only_opens(self) -> bool:
+        return self._target_m >= self._widest_m

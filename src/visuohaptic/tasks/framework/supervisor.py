@@ -6,9 +6,10 @@ The supervisor is independent of the tasks. It wraps the parts of a robot and it
 
 - Speeds are reduced to the limits, both velocities of a base by the same factor; targets out of reach are refused.
 - A force at the limit, or predicted to reach it before the robot has stopped, stops moving parts within the same reading.
-  Then only a retreat is permitted, until the force is below the limit again.
+  Then only a retreat is permitted, until the force is below the limit again; it needs no fresh sensors.
 - A reading is *fresh* if its own time is newer than before and its content is not a frozen copy. While a part
   moves, its own state and every sensor in use must be fresh; otherwise the part is held, and resumes when they are.
+- Fingers may always open and every part may always stop, whatever is read, so that nothing stays clamped.
 - A clock that jumps, or a hold that lasts too long, is permanent: every later reading or command raises
   :class:`~visuohaptic.core.errors.DeviceError`, which ends a task with its text as the reason.
 
@@ -89,8 +90,11 @@ class SupervisedPart(Protocol):
         Parameters
         ----------
         pressing
-            Value returned by :meth:`pressing`.
+            Value returned by :meth:`pressing`; ``None``: it did not move when the force reached the limit.
         """
+
+    def only_opens(self) -> bool:
+        """Whether the requested motion can only open fingers."""
 
 
 class _Stream:
@@ -250,7 +254,8 @@ class SupervisorCore(Closing):
         """
         with self._lock:
             now_s, motion = self._clock(), self._motions[part.name]
-            self._raise()
+            if not part.only_opens():
+                self._raise()
             if not motion.moving:
                 motion.moving, motion.since_s = True, now_s
             reason = self._stale(motion, now_s) or self._pressed(motion)
@@ -327,16 +332,17 @@ class SupervisorCore(Closing):
 
     def _pressed(self, motion: _Motion) -> str:
         """Why the force holds a motion; empty if it may continue."""
-        if not self._overload or motion.pressing is None or motion.part.retreats(motion.pressing):
-            return ""
-        return self._overload
+        return "" if motion.part.retreats(motion.pressing) else self._overload
 
     def _stale(self, motion: _Motion, now_s: float) -> str:
         """Name of a stale reading on which a motion depends; empty if there is none."""
+        if motion.part.only_opens():
+            return ""
         max_age_s = self.limits.max_age_s
+        frees = self._overload and motion.pressing is not None and motion.part.retreats(motion.pressing)
         for stream in self._streams.values():
             own, in_use = stream.name == motion.part.name, stream.read_s >= motion.since_s - max_age_s
-            if not own and (not in_use or stream.name in self._motions):
+            if not own and (frees or not in_use or stream.name in self._motions):
                 continue
             # A stream that was not read yet may be read soon; one that was read and is not fresh has failed.
             from_s = (
@@ -370,7 +376,7 @@ class SupervisorCore(Closing):
     def _fail(self, reason: str) -> None:
         self.fault = self.fault or reason
         for motion in self._motions.values():
-            if motion.moving:
+            if motion.moving and not motion.part.only_opens():
                 self._hold(motion, self._clock(), reason)
 
     def _raise(self) -> None:
