@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 pytest.importorskip("sqlalchemy")
 pytest.importorskip("pyarrow")
 
 from visuohaptic.core import Estimate, Evidence, HapticTag, Provenance, VisuoHapticObject, cards
-from visuohaptic.database import ObjectDatabase, add_evidence, open_database, synchronise
+from visuohaptic.database import ObjectDatabase, Synchronised, add_evidence, open_database, synchronise
 
 ROBOTS, IDS = st.sampled_from(["one", "two"]), st.sampled_from(["cup", "jar"])
 
@@ -114,6 +114,24 @@ class Robots(RuleBasedStateMachine):
         self.open[name].close()
         self.open[name] = open_database(self.folder / name)
 
+    @rule()
+    def back_up(self) -> None:
+        self.open["shared"].close()
+        shutil.rmtree(self.folder / "backup", ignore_errors=True)
+        shutil.copytree(self.folder / "shared", self.folder / "backup")
+        self.open["shared"] = open_database(self.folder / "shared")
+
+    @precondition(lambda self: (self.folder / "backup").exists())
+    @rule()
+    def restore(self) -> None:
+        """What the robots hold comes back with them."""
+        self.open["shared"].close()
+        shutil.rmtree(self.folder / "shared")
+        shutil.copytree(self.folder / "backup", self.folder / "shared")
+        self.open["shared"] = open_database(self.folder / "shared")
+        for heard in self.heard.values():
+            heard.discard("shared")  # it may be that it still has
+
     @invariant()
     def what_was_acknowledged_is_there(self) -> None:
         for (robot, object_id), keys in self.here.items():
@@ -143,6 +161,29 @@ def test_what_is_added_after_a_deletion_stays_when_robots_meet(tmp_path: Path) -
         synchronise(one, shared)
         assert "cup" not in one
         assert "cup" not in shared
+
+
+def test_a_shared_database_restored_from_a_backup_gets_everything_again(tmp_path: Path) -> None:
+    """Its numbers of changes are given a second time: what was sent is not there, and what is new has numbers that are known."""
+    with open_database(tmp_path / "one") as one, open_database(tmp_path / "two") as two:
+        with open_database(tmp_path / "shared") as shared:
+            for robot, name in ((one, "cup"), (two, "jar")):
+                robot.add(VisuoHapticObject(name))
+                synchronise(robot, shared)
+        shutil.copytree(tmp_path / "shared", tmp_path / "backup")
+        with open_database(tmp_path / "shared") as shared:
+            one.add(VisuoHapticObject("lost"))
+            synchronise(one, shared)
+        shutil.rmtree(tmp_path / "shared")
+        with open_database(tmp_path / "backup") as shared:
+            for name in ("bowl", "pan"):  # as many changes as were lost, and one more
+                two.add(VisuoHapticObject(name))
+                synchronise(two, shared)
+            for robot in (one, two):
+                synchronise(robot, shared)
+            names = {"cup", "jar", "lost", "bowl", "pan"}
+            assert [{found.id for found in db.summaries()} for db in (one, two, shared)] == [names] * 3
+            assert synchronise(one, shared) == Synchronised(0, 0)
 
 
 def test_an_object_felt_by_a_fast_clock_can_be_deleted(tmp_path: Path) -> None:
