@@ -6,15 +6,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from ...core.files import atomic_path
 from ...core.geometry import rotation_2d
-from ..problem.path_plan import Plan
+from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import PlanningProblem
+
+#: Margin around the plan: at least this [m], or this fraction of its greater extent.
+_MARGIN_m, _MARGIN = 1.0, 0.1
 
 
 def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> None:
-    """Draw map, objects, path (green) and pushes (red) into a PNG.
+    """Draw map, objects, path (green) and pushes (red) into a PNG, zoomed to the plan.
 
     Parameters
     ----------
@@ -44,7 +48,9 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
     from matplotlib.transforms import Affine2D
 
     grid = problem.map
-    figure = Figure(figsize=(8, 8 * max(0.4, min(2.5, grid.shape[0] / grid.shape[1]))), layout="constrained")
+    low_m, high_m = _view(problem, plan)
+    wide_m, tall_m = high_m - low_m
+    figure = Figure(figsize=(8, 8 * max(0.4, min(2.5, tall_m / wide_m))), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot(aspect="equal")
     shade = np.where(grid.cells < 0, 0.8, 1.0 - np.clip(grid.cells, 0, 100) / 100.0)
@@ -67,25 +73,45 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
             dashes = "-." if task.kind == "sideward" else "-"
             axes.plot(xs, ys, dashes, color=colours.get(task.kind, "tab:green"), lw=2, label=label)
         if task in plan.pushes and task.goal_m is not None:
-            item = next(item for item in problem.objects if item.id == task.object)
-            end_m = (item.footprint_m - item.centre_m) @ rotation_2d(task.turn_rad).T + task.goal_m
-            axes.add_patch(Polygon(end_m, facecolor="none", edgecolor="tab:red", ls="--", lw=1))
+            label = None if "end" in shown else "after the push"
+            shown.add("end")
+            end_m = _end(problem, task)
+            axes.add_patch(Polygon(end_m, facecolor="none", edgecolor="tab:red", ls="--", lw=1, label=label))
     axes.plot(*problem.start_m, "o", color="tab:blue", label="start")
     axes.plot(*problem.goal_m, "*", color="tab:blue", ms=11, label="goal")
-    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]])
-    corners = corners @ rotation_2d(yaw).T + (x, y)
-    axes.set_xlim(corners[:, 0].min(), corners[:, 0].max())
-    axes.set_ylim(corners[:, 1].min(), corners[:, 1].max())
+    axes.set_xlim(low_m[0], high_m[0])
+    axes.set_ylim(low_m[1], high_m[1])
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
-    if plan.reachable:
-        pushes = f"{len(plan.pushes)} push{'' if len(plan.pushes) == 1 else 'es'}"
-        axes.set_title(f"{plan.cost_s:.1f} s, {plan.length_m:.2f} m, {pushes}", fontsize=10)
-    else:
-        axes.set_title(plan.reason, fontsize=10)
-    axes.legend(loc="upper right", fontsize=8)
+    axes.set_title(plan.summary, fontsize=10, wrap=True)
+    figure.legend(loc="outside lower center", ncols=4, fontsize=8)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, format="png", dpi=120)
+
+
+def _end(problem: PlanningProblem, task: Task) -> Float[np.ndarray, "k 2"]:
+    """Footprint of an object after a push [m]."""
+    assert task.goal_m is not None
+    item = next(item for item in problem.objects if item.id == task.object)
+    return (item.footprint_m - item.centre_m) @ rotation_2d(task.turn_rad).T + task.goal_m
+
+
+def _view(problem: PlanningProblem, plan: Plan) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Lower left and upper right corner [m] of start, goal and plan with a margin; of all objects too where there is no plan."""
+    moved = {task.object for task in plan.pushes} if plan.reachable else {item.id for item in problem.objects}
+    seen = [np.array([problem.start_m, problem.goal_m])]
+    seen += [np.array(task.path_m) for task in plan.tasks if task.path_m]
+    seen += [item.footprint_m for item in problem.objects if item.id in moved]
+    seen += [_end(problem, task) for task in plan.pushes if task.goal_m is not None]
+    points = np.concatenate(seen)
+    margin_m = max(_MARGIN_m, _MARGIN * np.ptp(points, axis=0).max())
+    x, y, yaw = problem.map.origin
+    width, height = problem.map.size_m
+    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]]) @ rotation_2d(yaw).T + (x, y)
+    return (
+        np.maximum(points.min(axis=0) - margin_m, corners.min(axis=0)),
+        np.minimum(points.max(axis=0) + margin_m, corners.max(axis=0)),
+    )
 
 
 def _draw_objects(axes: Any, problem: PlanningProblem, plan: Plan) -> None:
@@ -93,9 +119,15 @@ def _draw_objects(axes: Any, problem: PlanningProblem, plan: Plan) -> None:
     from matplotlib.patches import Polygon
 
     moved = {task.object for task in plan.pushes}
+    shown: set[str] = set()
     for item in problem.objects:
-        colour = "tab:orange" if item.id in moved else "tab:gray" if item.known_immovable else "tan"
-        axes.add_patch(Polygon(item.footprint_m, facecolor=colour, edgecolor="black", lw=0.6, alpha=0.9))
+        kind = "pushed" if item.id in moved else "fixed" if item.known_immovable else "not pushed"
+        colour = {"pushed": "tab:orange", "fixed": "tab:gray", "not pushed": "tan"}[kind]
+        label = None if kind in shown else f"object, {kind}"
+        shown.add(kind)
+        axes.add_patch(
+            Polygon(item.footprint_m, facecolor=colour, edgecolor="black", lw=0.6, alpha=0.9, label=label)
+        )
         axes.annotate(
             item.id,
             (item.centre_m[0], item.footprint_m[:, 1].max()),
@@ -104,6 +136,8 @@ def _draw_objects(axes: Any, problem: PlanningProblem, plan: Plan) -> None:
             ha="center",
             va="bottom",
             fontsize=7,
+            clip_on=True,
+            annotation_clip=True,
             bbox={"facecolor": "white", "lw": 0, "alpha": 0.75, "pad": 0.8},
             zorder=5,
         )
@@ -117,7 +151,7 @@ def _draw_passages(axes: Any, problem: PlanningProblem, plan: Plan) -> None:
     for passage in problem.passages:
         axes.add_patch(Polygon(passage.footprint_m, facecolor="tab:cyan", edgecolor="black", lw=0.6))
         x, y = passage.footprint_m.mean(axis=0)
-        axes.annotate(passage.id, (x, y), ha="center", va="center", fontsize=7)
+        axes.annotate(passage.id, (x, y), ha="center", va="center", fontsize=7, annotation_clip=True)
         if task := steps.get(passage.id):
             does = "wait at" if task.kind == "wait" else "push open"
             label = f"{does} {passage.id}: {task.cost_s:.0f} s, sigma {task.sigma_s:.0f} s"

@@ -80,6 +80,17 @@ class Plan:
         return "optimal" if self.gap < OPTIMAL_GAP else f"within {np.ceil(100 * self.gap):.0f} %"
 
     @property
+    def summary(self) -> str:
+        """Answer, cost, length, pushes and risk in one line; without a plan, the answer and its reason."""
+        if not self.reachable:
+            return f"{self.answer}: {self.reason}"
+        return (
+            f"{self.answer}{' of the optimum' * self.answer.startswith('within')}: {self.cost_s:.1f} s, {self.length_m:.2f} m, "
+            f"{len(self.pushes)} push{'' if len(self.pushes) == 1 else 'es'}, "
+            f"failure probability {self.failure_probability:.2f}"
+        )
+
+    @property
     def cost_s(self) -> float:
         """Sum over the tasks; infinite without a plan."""
         # Sum of the rounded values that are written, so that a reader computes the same sum.

@@ -91,25 +91,15 @@ def run(args: Any) -> dict[str, Any]:
         result["compare"] = {name: plan.to_json() for name, plan in plans.items() if name != "cheapest"}
         args.report()
         for name, plan in plans.items():
-            args.report(f"{name:<18}{_line(plan)}")
+            args.report(f"{name:<18}{plan.summary}")
     if args.plot:
         plots.plot_path_plan(problem, found, args.plot)
         args.report(f"written to {args.plot}")
     return result
 
 
-def _line(plan: Plan) -> str:
-    if not plan.reachable:
-        return f"{plan.answer}: {plan.reason}"
-    return (
-        f"{plan.answer}{' of the optimum' * plan.answer.startswith('within')}: {plan.cost_s:.1f} s, {plan.length_m:.2f} m, "
-        f"{len(plan.pushes)} push{'' if len(plan.pushes) == 1 else 'es'}, "
-        f"failure probability {plan.failure_probability:.2f}"
-    )
-
-
 def _report(args: Any, plan: Plan) -> None:
-    args.report(_line(plan))
+    args.report(plan.summary)
     for task in plan.tasks:
         what = f" {task.object}" if task.object else ""
         risk = f", failure probability {task.failure_probability:.2f}" if task.kind != "navigate" else ""
