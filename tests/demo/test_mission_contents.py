@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from visuohaptic.demo import TableBottle, filled_container, table_bottle
 from visuohaptic.recognition.touch import FORCES_N, ContentsModel, SqueezeSamples
+from visuohaptic.simulation.tabletop import KitchenTable
+from visuohaptic.tasks.manipulation import Hand, contents_task, identify_contents
 
 
 def model_of(bottle: TableBottle) -> ContentsModel:
@@ -70,3 +75,26 @@ def test_the_model_feels_like_the_bottle_on_the_table() -> None:
     force = model.force_N(z, np.array([0.003]), closed=True, fill=fill)[0]
     assert force == pytest.approx(true.force_at(z, 0.003), rel=0.01)
     assert model.mass_kg(fill)[0] == pytest.approx(true.mass_kg, rel=0.01)
+
+
+def test_what_slips_at_the_first_place_is_weighed_at_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fingers slip in the first lift only; without a load sensor it is squeezed once and nothing is claimed."""
+    bottle = table_bottle(np.random.default_rng(20))
+    model, lift, lifts = model_of(bottle), contents_task.weigh, []
+
+    def weigh(*given: Any) -> tuple[float, float] | None:
+        mass = lift(*given)
+        lifts.append(mass)
+        return mass if len(lifts) > 1 else None
+
+    monkeypatch.setattr(contents_task, "weigh", weigh)
+    table = KitchenTable(bottle.container, np.random.default_rng(0))
+    hand = Hand(table.arm, table, table, table.feel, table.weigh)
+    found = identify_contents(hand, model, (*table.place_m, 0.0))
+    assert found.mass_kg is not None
+    assert abs(found.mass_kg[0] - bottle.container.mass_kg) < 4.0 * found.mass_kg[1]
+    assert len(lifts) == 2
+    assert len({curve.place for curve in found.curves}) == len(found.curves) >= 2
+    blind = identify_contents(replace(hand, weigh=None), model, (*table.place_m, 0.0))
+    assert blind.mass_kg is None
+    assert len(blind.curves) == 1

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
 from visuohaptic.core import InputError
@@ -168,6 +169,34 @@ def test_without_evidence_nothing_is_told():
     assert nothing.belief()["open"] == pytest.approx(1 / 3)
 
 
+def slope_density(off: float, rim: float) -> float:
+    """Of the logarithm of a slope by that of a held rim; a lid holds it by any fraction, all of them equally probable."""
+    sigma = math.hypot(0.4, 0.05)
+    return float(quad(lambda held: norm.pdf(off + (1.0 - held) * rim, 0.0, sigma), 0.0, 1.0)[0])
+
+
+def test_near_the_rim_a_stiff_wall_tells_that_it_is_closed():
+    """A held rim; one that a lid holds by half is half as sure in logarithms; and a soft wall is not proof of the open one."""
+    model = ContentsModel(OUTLINE_M, WALL_M, {EMPTY: 1.0})
+    z = 0.84 * HEIGHT_M
+    assert max(model.heights_m()) > 0.8 * HEIGHT_M
+    open_N, held_N = (
+        model.force_N(z, np.array([1e-3]), closed=closed, filling=EMPTY)[0] for closed in (False, True)
+    )
+    ratio = math.log(held_N / open_N)
+    assert ratio > 0.5
+    # A millimetre, where the air is not felt.
+    d = np.linspace(1e-4, 1e-3, 5)
+    odds = []
+    for held in (0.0, 0.5, 1.0):
+        force = 1e3 * open_N * math.exp(held * ratio) * d
+        told = model.posterior([SqueezeSamples(z, d, force)]).belief()
+        odds.append(math.log(told["closed"] / told["open"]))
+        expected = slope_density((held - 1.0) * ratio, ratio) / slope_density(held * ratio, 0.0)
+        assert odds[-1] == pytest.approx(math.log(expected), abs=0.1)
+    assert odds[0] < 0.0 < odds[2]
+
+
 def test_open_and_closed_are_as_probable_as_their_densities():
     """Two hypotheses, by another library's densities: of the curve about its own slope, of that slope, and of the mass."""
     model = ContentsModel(OUTLINE_M, WALL_M, {EMPTY: 1.0})
@@ -181,7 +210,7 @@ def test_open_and_closed_are_as_probable_as_their_densities():
         spread = contents._covariance(d, k * d, air)
         log_density.append(
             multivariate_normal.logpdf(curve.force_N, k * d + air, spread)
-            + norm.logpdf(math.log(k * d[-1] / wall[-1]), 0.0, math.hypot(0.4, 0.05))
+            + math.log(slope_density(math.log(k * d[-1] / wall[-1]), model._rim(0.1) if closed else 0.0))
         )
     open_, closed_ = told.probability
     assert 0.01 < closed_ < 0.99

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.core import InputError
+from visuohaptic.core import InputError, Reason
 from visuohaptic.core.camera import Pose
 from visuohaptic.rigs.squeeze_rig import BOTTLE
 from visuohaptic.rigs.virtual_gripper import GripperSensor
-from visuohaptic.tasks.framework import assert_robot
+from visuohaptic.tasks.framework import assert_robot, force_of
 from visuohaptic.tasks.manipulation import FoamFinger, Hand, Place, SqueezeSettings, squeeze
+from visuohaptic.tasks.manipulation.foam_finger import _touch
 
 OBJECT_M = (0.5, 0.0, 0.0)
 
@@ -68,5 +69,9 @@ def test_without_touch_there_is_no_surface(rig) -> None:
     assert touch.valid
     assert np.isnan(touch.surface_m)
     assert abs(touch.force_N) < 0.5
+    # Beyond the range of the foam, a hand has to open: the force is not known, but not small.
+    full = _touch(sensor.blank(1.0, Reason.SATURATED), False, np.full(len(sensor.setup.geometry.s_m), 0.03))
+    assert not full.valid
+    assert full.force_N == force_of(full) == np.inf
     with pytest.raises(InputError, match="middle_m: found nan"):
         FoamFinger(sensor, middle_m=float("nan"))

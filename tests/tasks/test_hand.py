@@ -16,8 +16,8 @@ import pytest
 from visuohaptic.core import FrameSource, Gripper, InputError
 from visuohaptic.core.camera import Frame
 from visuohaptic.deformation.shells import RevolutionShell
-from visuohaptic.simulation.tabletop import DeformableContainer, KitchenTable
-from visuohaptic.tasks.framework import Trace, replay
+from visuohaptic.simulation.tabletop import DeformableContainer, FingerObservation, KitchenTable
+from visuohaptic.tasks.framework import Supervisor, Trace, replay
 from visuohaptic.tasks.manipulation import (
     ClassifyOutcome,
     ClassifySettings,
@@ -123,6 +123,24 @@ def test_nothing_there_and_a_blind_sensor() -> None:
     assert kitchen.state().opening_m == before
     with pytest.raises(InputError, match="expected at least one"):
         squeeze(hand, [])
+
+
+def test_a_squeeze_ends_at_the_range_of_the_finger() -> None:
+    """A finger that is full at 5 N reads four of five levels, and the hand opens and goes on under its supervisor."""
+    kitchen, _ = table()
+
+    def feel(frame: Frame) -> FingerObservation:
+        reading = kitchen.feel(frame)
+        return reading if reading.force_N < 5.0 else replace(reading, valid=False, force_N=math.inf)
+
+    with Supervisor(clock=lambda: kitchen.arm.t_s) as guard:
+        hand = Hand(guard.arm(kitchen.arm), guard.gripper(kitchen), guard.frames(kitchen), guard.force(feel))
+        found = squeeze(hand, [Place(0.02), Place(0.17)], SqueezeSettings(forces_N=(0.5, 1.0, 2.0, 4.0, 8.0)))
+    assert found.ending.outcome == SqueezeOutcome.SQUEEZED
+    assert [(len(curve.force_N), curve.why) for curve in found.curves] == [
+        (4, "the end of the finger's range")
+    ] * 2
+    assert all(hold.part == "the gripper" for hold in guard.holds)
 
 
 class TwoClasses:

@@ -224,7 +224,7 @@ class FingerTouch(Protocol):
 
     @property
     def force_N(self) -> float:
-        """Force of the finger on the touched object [N]."""
+        """Force of the finger on the touched object [N]; infinite and not valid: beyond the sensor's range."""
 
     @property
     def surface_m(self) -> float:

@@ -21,7 +21,7 @@ MIN_AIR = 0.01
 #: Number of iterations for the wall thickness; the stiffness is proportional to this power of it.
 WALL_ROUNDS, WALL_POWER = 5, 2.3
 #: Correlation length of the error of an outline, the distance of its contacts [m]; number of sampled outlines.
-ALONG_M, OUTLINES = 0.02, 8
+ALONG_M, OUTLINES = 0.02, 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +61,20 @@ class RoundBody:
         """
         return float(np.interp(fill * self.below_m3[-1], self.below_m3, self.z_m))
 
+    def wall_N_per_m(self, height_m: float, closed: bool) -> float:
+        """Stiffness of the empty container between two fingers [N/m].
+
+        Parameters
+        ----------
+        height_m
+            Height of the fingers above the foot [m].
+        closed
+            Whether the rim is held.
+        """
+        stiffness = self.stiffness_N_per_m[closed]
+        given = np.isfinite(stiffness)
+        return float(np.interp(height_m, self.z_m[given], stiffness[given]))
+
     def force_N(
         self, hypothesis: tuple[bool, str, float], height_m: float, deformation_m: Float[np.ndarray, "n"]
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
@@ -76,9 +90,7 @@ class RoundBody:
             Of one side of the wall (n) [m].
         """
         closed, filling, fill = hypothesis
-        stiffness = self.stiffness_N_per_m[closed]
-        given = np.isfinite(stiffness)
-        k = float(np.interp(height_m, self.z_m[given], stiffness[given]))
+        k = self.wall_N_per_m(height_m, closed)
         r = float(np.interp(height_m, self.z_m, self.radius_m))
         d = np.maximum(deformation_m, 0.0)
         solid = FILLINGS[filling].solid if filling != EMPTY else 0.0
@@ -130,8 +142,8 @@ def wall_from_stiffness(
 
 def stiffness_scatter(
     outline_m: Float[np.ndarray, "k 2"], wall_m: float, sigma_m: float
-) -> Float[np.ndarray, "q"]:
-    """Standard deviation of the logarithm of stiffness by height, among outlines with the error of the measured one.
+) -> Float[np.ndarray, "s q"]:
+    """Deviations of the logarithm of stiffness from its mean by height, of outlines with the error of the measured one.
 
     Parameters
     ----------
@@ -142,7 +154,7 @@ def stiffness_scatter(
     """
     z, r = _meridian(outline_m)
     if sigma_m <= 0.0:
-        return np.zeros(len(z))
+        return np.zeros((OUTLINES, len(z)))
     rng = np.random.default_rng(0)
     near = np.exp(-0.5 * ((z[:, None] - z) / ALONG_M) ** 2) + 1e-9 * np.eye(len(z))
     off_m = sigma_m * rng.standard_normal((OUTLINES, len(z))) @ np.linalg.cholesky(near).T
@@ -150,8 +162,7 @@ def stiffness_scatter(
     for one in off_m:
         stiffness = _stiffness(z, np.maximum(r + one, 0.2 * r), wall_m, closed=False)
         logs.append(np.log(np.where(np.isfinite(stiffness), stiffness, 1.0)))
-    found: np.ndarray = np.std(logs, axis=0)
-    return found
+    return np.asarray(logs - np.mean(logs, axis=0))
 
 
 def round_body(outline_m: Float[np.ndarray, "k 2"], wall_m: float) -> RoundBody:

@@ -13,9 +13,11 @@ of ``FILL_STEP``. With ``G`` the force of the enclosed air, the linear part ``L 
 slope k that fits best, and the curve is Gaussian with mean ``F = L + G`` and covariance
 ``diag(sigma^2) + L L^T + (b L d/D)(...)^T + (q G)(q G)^T + (z F')(z F')^T``; the vectors in brackets are the
 uncertain quantities. The deviation of the slopes from those of the measured outline and wall is a separate piece of evidence:
-``log(k / k_h)`` is Gaussian with the uncertainty of wall and modulus (``SCALE``) and the scatter of the stiffness among
-outlines with the error of the measured one; both are correlated over ``ALONG_M``, so that adjacent heights count once. If
-the error of the slope were part of the hypothesis's own stiffness, a stiffer hypothesis would be penalised for noise that is
+``log(k / k_h)`` is Gaussian with the uncertainty of wall and modulus (``SCALE``), correlated over ``ALONG_M`` so that adjacent
+heights count once, and the covariance of the stiffness among outlines with the error of the measured one. A lid
+has play, or gives way: anything between a free rim and a held one is equally probable of a closed container, so that near
+the rim, where a held one doubles the stiffness and more, a soft wall says little, and a stiff one that it is closed. If the
+error of the slope were part of the hypothesis's own stiffness, a stiffer hypothesis would be penalised for noise that is
 not in its data. The mass is Gaussian about that of the hypothesis. The likelihoods of curves and mass multiply; contents that
 fit no hypothesis are unknown, see :mod:`.unknown_state`. Symbols: n levels of a curve, k points of an outline, h hypotheses.
 """
@@ -34,6 +36,7 @@ from ._round_body import (
     ALONG_M,
     EMPTY,
     FILLINGS,
+    NECK,
     Filling,
     round_body,
     stiffness_scatter,
@@ -65,10 +68,11 @@ FORCE_N, SURFACE_M = 0.05, 3e-5
 #: Relative standard deviation of the wall's mass: the thickness is estimated from a stiffness that is proportional to about
 #: its square (SCALE / 2). Mass of a cap, which is not part of the outline [kg].
 WALL_MASS, CAP_KG = 0.2, 0.003
-#: Number of heights, minimum distance of two places, and margin at both ends, where the stiffness depends most on the height.
-HEIGHTS, APART, ENDS = 16, 2, 4
-#: Heights above this fraction of the object's height are near the lid, whose constraint on the wall is unknown.
-LID = 0.7
+#: Number of heights, minimum distance of two places, and margin at the foot, where the stiffness depends most on the height.
+HEIGHTS, APART, FOOT = 16, 2, 4
+#: Gauss-Legendre nodes and weights for how far a lid holds the rim, from not at all to fully.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+HELD, HELD_WEIGHTS = 0.5 + 0.5 * _NODES, 0.5 * _WEIGHTS
 #: Step of the fill levels that are compared, as a fraction of the volume.
 FILL_STEP = 0.025
 #: Prior of any container: about as likely empty as not; bottles usually contain liquids.
@@ -210,7 +214,7 @@ class ContentsModel:
 
     def heights_m(self) -> list[float]:
         """Heights at which a lid changes the firmest squeeze most, best first and at a minimum distance [m]."""
-        levels = [k for k in range(ENDS, HEIGHTS - ENDS + 1) if (k - 0.5) / HEIGHTS < LID]
+        levels = [k for k in range(FOOT, HEIGHTS + 1) if k / HEIGHTS < NECK]
         heights = {k: (k - 0.5) / HEIGHTS * self.height_m for k in levels}
         gain = {k: self._distance(z) for k, z in heights.items()}
         found: list[int] = []
@@ -220,14 +224,20 @@ class ContentsModel:
         return [heights[k] for k in found]
 
     def _distance(self, height_m: float) -> float:
-        """Squared Mahalanobis distance between enclosed air and none, up to the deformation that an open container reaches."""
+        """Squared Mahalanobis distance between closed and open: that of enclosed air, up to the deformation that an open
+        container reaches, and the mean of that of the slope."""
+        rim = self._rim(height_m) ** 2 / 3.0 / float(self._slopes_covariance([height_m])[0, 0])
         d = np.linspace(0.0, MAX_DEFORMATION_M, 200)[1:]
         reached = d[self.force_N(height_m, d, closed=False, filling=EMPTY) <= FORCES_N[-1]]
         if len(reached) < 4:
-            return 0.0
+            return rim
         at = np.linspace(0.0, reached[-1], len(FORCES_N) + 1)[1:]
         wall, air = self._body.force_N((True, EMPTY, 0.0), height_m, at)
-        return float(air @ np.linalg.solve(_covariance(at, wall, air), air))
+        return rim + float(air @ np.linalg.solve(_covariance(at, wall, air), air))
+
+    def _rim(self, height_m: float) -> float:
+        """Logarithm of the stiffness with a held rim by that with a free one."""
+        return math.log(self._body.wall_N_per_m(height_m, True) / self._body.wall_N_per_m(height_m, False))
 
     def _explained(
         self, hypothesis: tuple[bool, str, float], one: SqueezeSamples
@@ -243,12 +253,13 @@ class ContentsModel:
         chi2 = float(residual @ np.linalg.solve(covariance, residual))
         return chi2, float(np.linalg.slogdet(covariance)[1]), math.log(slope * d[-1] / wall[-1])
 
-    def _slopes_covariance(self, squeezes: Sequence[SqueezeSamples]) -> Float[np.ndarray, "m m"]:
-        """Covariance of log(k / k_h) at the heights of the squeezes."""
-        z = np.array([one.height_m for one in squeezes])
-        sigma = np.hypot(SCALE, np.interp(z, self._body.z_m, self._scatter))
+    def _slopes_covariance(self, heights_m: Sequence[float]) -> Float[np.ndarray, "m m"]:
+        """Covariance of log(k / k_h) at the heights of squeezes."""
+        z = np.array(heights_m)
         near = np.exp(-0.5 * ((z[:, None] - z) / ALONG_M) ** 2)
-        return np.outer(sigma, sigma) * near + 0.05**2 * np.eye(len(z))
+        scatter = np.array([np.interp(z, self._body.z_m, one) for one in self._scatter])
+        of_outline = scatter.T @ scatter / (len(scatter) - 1)
+        return SCALE**2 * near + of_outline + 0.05**2 * np.eye(len(z))
 
     def posterior(
         self, squeezes: Sequence[SqueezeSamples], mass_kg: tuple[float, float] | None = None
@@ -268,13 +279,17 @@ class ContentsModel:
         probability, unknown = np.exp(self._log_prior) * 2.0 / 3.0, 1.0 / 3.0
         if squeezes or weighed:
             chi2, log_det = np.zeros((many, len(squeezes) + bool(squeezes) + weighed)), np.zeros(many)
-            slopes = self._slopes_covariance(squeezes)
+            heights_m = [one.height_m for one in squeezes]
+            slopes, rim = self._slopes_covariance(heights_m), np.array([self._rim(z) for z in heights_m])
             for h, hypothesis in enumerate(self._hypotheses):
                 if squeezes:
                     parts = np.array([self._explained(hypothesis, one) for one in squeezes])
-                    off = parts[:, 2]
-                    chi2[h, : len(parts)], log_det[h] = parts[:, 0], parts[:, 1].sum()
-                    chi2[h, len(parts)] = off @ np.linalg.solve(slopes, off)
+                    # With a free rim, and with one that is held in part.
+                    off = parts[:, 2:] + rim[:, None] * (1.0 - HELD) * hypothesis[0]
+                    each = (off * np.linalg.solve(slopes, off)).sum(axis=0)
+                    chi2[h, : len(parts)], chi2[h, len(parts)] = parts[:, 0], each.min()
+                    mean = float(np.exp(-0.5 * (each - each.min())) @ HELD_WEIGHTS)
+                    log_det[h] = parts[:, 1].sum() - 2.0 * math.log(mean)
                 if mass_kg is not None:
                     expected, sigma = self.mass_kg(hypothesis[2], hypothesis[1])
                     variance = sigma**2 + mass_kg[1] ** 2

@@ -17,7 +17,7 @@ from .supervisor import SupervisorCore
 
 
 def force_of(reading: Any) -> float:
-    """Magnitude of the force in a reading [N]; NaN if invalid, infinite if the foam is saturated without a force.
+    """Magnitude of the force in a reading [N]; NaN if invalid, infinite if the sensor is beyond its range.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def force_of(reading: Any) -> float:
     """
     force = float(np.linalg.norm(np.atleast_1d(np.asarray(reading.force_N, dtype=float))))
     reason = str(getattr(reading, "reason", ""))
-    if reason == "saturated" and math.isnan(force):
+    if math.isinf(force) or (reason == "saturated" and math.isnan(force)):
         return math.inf
     return force if getattr(reading, "valid", True) or reason in ("saturated", "unloading") else math.nan
 

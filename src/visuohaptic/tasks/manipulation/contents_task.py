@@ -117,7 +117,7 @@ def identify_contents(
             mass = found.mass_kg or weigh(hand, model, curves[-1], object_m, open_m)
             samples = [SqueezeSamples(c.place.height_m, c.deformation_m, c.force_N) for c in curves]
             found = ContentsFinding(model.posterior(samples, mass), curves, mass)
-            if found.confident or mass is None:
+            if found.confident or hand.weigh is None:
                 break
     if not curves:
         raise InputError("squeeze", f"{why}; no curve of large deformation")

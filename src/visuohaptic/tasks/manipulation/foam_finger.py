@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ...core.camera.frame import Frame
 from ...core.errors import InputError
-from ...core.measurement import ForceProfile
+from ...core.measurement import ForceProfile, Reason
 from ...core.robots import Gripper
 from ...sensing.foam.finger import FingerReading, FingerSensor
 from ...sensing.foam.sensor import FoamSensor
@@ -21,7 +21,7 @@ class FoamTouch:
     """A :class:`~visuohaptic.core.robots.FingerTouch` of one frame."""
 
     valid: bool
-    force_N: float
+    force_N: float  #: infinite if the foam is saturated
     force_sigma_N: float
     surface_m: (
         float  #: position of the touched surface from the centre between the fingers; NaN without contact
@@ -124,4 +124,5 @@ def _touch(profile: ForceProfile, valid: bool, surface_m: Float[np.ndarray, "K"]
         inside = (profile.s_m >= contact.s_start_m) & (profile.s_m <= contact.s_end_m)
         if np.isfinite(surface_m[inside]).any():
             furthest_m = float(np.nanmax(surface_m[inside]))
-    return FoamTouch(bool(valid), float(profile.force_N), float(profile.force_sigma_N), furthest_m)
+    force_N = math.inf if profile.reason is Reason.SATURATED else float(profile.force_N)
+    return FoamTouch(bool(valid), force_N, float(profile.force_sigma_N), furthest_m)

@@ -52,6 +52,11 @@ class HandObservation:
     surface_m: float
     load_N: float = math.nan  #: downward load on the fingers, up to a constant
 
+    @property
+    def saturated(self) -> bool:
+        """Whether the finger presses beyond the range of its sensor."""
+        return not self.felt and math.isinf(self.force_N)
+
 
 @dataclass(frozen=True, slots=True)
 class HandCommand:

@@ -128,6 +128,8 @@ class SqueezeTask(HandTask[SqueezeState]):
     def decide(self, seen: HandObservation) -> HandCommand:
         """Command of arm and gripper after one frame."""
         s = self.settings
+        if seen.saturated and self.state in (SqueezeState.CLOSE, SqueezeState.HOLD):
+            return self._next("the end of the finger's range")
         if self.unread(seen.felt, SqueezeOutcome.SENSOR_FAILED, s.max_invalid_frames):
             return self.halt()
         if self.state is SqueezeState.OPEN:
