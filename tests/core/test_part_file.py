@@ -73,6 +73,34 @@ def test_a_place_where_no_file_can_be_is_refused(tmp_path: Path, use) -> None:
     with pytest.raises(InputError, match="is a folder"):
         use(tmp_path)
 
+    for name in ("a\0b", "a" * 300):
+        with pytest.raises(InputError, match="cannot be the name of a file"):
+            use(tmp_path / name)
+
+
+@pytest.mark.parametrize("end", [PartFile.finish, PartFile.discard])
+def test_no_other_run_takes_what_is_just_being_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end
+) -> None:
+    """It would find the part without a lock, keep it as that of a killed run, and its name would be gone."""
+    first, refused = PartFile(tmp_path / "run.csv"), []
+    for step, done in (("replace", Path.replace), ("unlink", Path.unlink)):
+
+        def at_the_same_time(*words, done=done) -> None:
+            with pytest.raises(InputError, match="another process is writing"):
+                PartFile(tmp_path / "run.csv")
+            refused.append(done(*words))
+
+        monkeypatch.setattr(Path, step, at_the_same_time)
+    end(first)
+    assert len(refused) == 1
+    assert first.closed
+
+
+def test_texts_with_other_separators_of_lines_are_whole(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(csv_line([1, "a\u2028b"]) + csv_line([2, "c\x85"]))
+    assert whole_lines(tmp_path / "a") == ["1,a\u2028b", "2,c\x85"]
+
 
 class FullDisk:
     """A stream that takes so many bytes."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -64,9 +65,11 @@ def test_columns_by_independent_readers(tmp_path: Path) -> None:
 def test_wrenches_go_round(tmp_path: Path, suffix: str) -> None:
     covariance = np.diag(np.arange(1.0, 7.0) ** 2)
     sent = Wrench(1.25, False, Reason.STALE, np.array([0.1, 2, 3]), np.array([4.0, 5, 6]), covariance)
-    with TableWriter(tmp_path / f"w.{suffix}") as table:
+    # Linux also allows names that are not UTF-8.
+    path = tmp_path / f"{os.fsdecode(b'w' + bytes([255]) * (sys.platform == 'linux'))}.{suffix}"
+    with TableWriter(path) as table:
         table.write(sent)
-    (back,) = read_wrench_table(tmp_path / f"w.{suffix}")
+    (back,) = read_wrench_table(path)
     assert (back.valid, back.reason) == (False, Reason.STALE)
     assert back.t_s == pytest.approx(1.25)
     np.testing.assert_array_equal(back.force_N, sent.force_N)

@@ -15,6 +15,7 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError
 
 from ..core.errors import DatabaseError, InputError, MissingExtraError
+from ..core.files import check_name
 
 #: How long a writer waits while no other writer commits [s].
 _WAIT_S = 60.0
@@ -55,7 +56,7 @@ def connect(location: Path | str, *, create: bool) -> tuple[Engine, str, Path | 
     """
     if "://" in str(location):
         return connect_server(str(location)), shown_url(str(location)), None
-    folder = Path(location)
+    folder = check_name(location)
     if not create and not (folder / "objects.sqlite").is_file():
         raise InputError(folder, "is not a database of objects", remedy="add or import an object first")
     try:

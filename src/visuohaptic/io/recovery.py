@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from ..core.errors import InputError, needs
-from ..core.files import atomic_path, check_unlocked, read_head, whole_lines, write_text
+from ..core.files import atomic_path, check_name, check_unlocked, read_head, whole_lines, write_text
 from .depth.depth_sequence_out import recover_sequence
 from .ros.mcap_records import MCAP_MAGIC
 from .ros.sqlite_bag import is_bag, open_bag, write_bag
@@ -46,7 +46,7 @@ def recover(path: Path | str, out: Path | str | None = None) -> Recovered:
     InputError
         There is nothing to recover, another process is still writing it, or ``out`` exists.
     """
-    path = Path(path)
+    path = check_name(path)
     bag = is_bag(path)
     if path.is_dir() and not bag:
         return Recovered(path, "depth sequence", recover_sequence(path))
@@ -54,7 +54,7 @@ def recover(path: Path | str, out: Path | str | None = None) -> Recovered:
         check_unlocked(path)
     if out is None and path.suffix != ".part":
         raise InputError(path, "does not end with .part", remedy="name the new file with --out")
-    target = path.with_suffix("") if out is None else Path(out)
+    target = path.with_suffix("") if out is None else check_name(out)
     if target.exists():
         raise InputError(target, "exists", remedy="name a new file with --out")
     head = MCAP_MAGIC if bag else read_head(path, len(MCAP_MAGIC))

@@ -24,6 +24,7 @@ from .part_file import lock as lock
 from .part_file import whole_lines as whole_lines
 from .problems import field_problems as field_problems
 from .regular import MAX_TEXT_BYTES as MAX_TEXT_BYTES
+from .regular import check_name as check_name
 from .regular import file_size as file_size
 from .regular import read_bytes as read_bytes
 from .regular import read_head as read_head

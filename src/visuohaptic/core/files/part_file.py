@@ -6,7 +6,7 @@ import csv
 import io
 import logging
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -95,15 +95,20 @@ class PartFile:
         """
         try:
             os.fsync(self._stream.fileno())
-            self._stream.close()
-            self.part.replace(self.path)
+            self._end(lambda: self.part.replace(self.path))
         except OSError as error:
             raise self._stopped(error) from error
 
     def discard(self) -> None:
         """Remove ``NAME.part``: its contents have been written to the file with the final name."""
+        self._end(self.part.unlink)
+
+    def _end(self, step: Callable[[], object]) -> None:
+        """Close after the last step, so that no other run takes what is left of this one; Windows keeps the names of open files."""
+        if os.name == "nt":
+            self._stream.close()
+        step()
         self._stream.close()
-        self.part.unlink()
 
     def _stopped(self, error: OSError) -> InputError:
         self._stream.close()
@@ -189,7 +194,7 @@ def whole_lines(path: Path) -> list[str]:
     check_unlocked(path)
     data = read_bytes(path, file_size(path))
     try:
-        return data[: data.rfind(b"\n") + 1].decode().splitlines()
+        return data[: data.rfind(b"\n") + 1].decode().split("\n")[:-1]  # texts may hold other separators
     except UnicodeDecodeError as error:
         raise InputError(path, f"is not UTF-8 text (byte {error.start})") from error
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import stat
 from difflib import get_close_matches
 from itertools import islice
@@ -62,13 +63,40 @@ def check_target(path: Path | str) -> None:
     Raises
     ------
     InputError
-        The folder does not exist, or ``path`` is a folder, pipe, device or socket.
+        The folder does not exist, or ``path`` is a folder, pipe, device or socket, or cannot be a name.
     """
-    path = Path(path)
+    path = check_name(path)
     if not path.parent.is_dir():
         raise InputError(path, "its folder does not exist", remedy=f"create {path.parent}")
     if path.exists() and not path.is_file():
         raise InputError(path, f"is {_kind(path.stat().st_mode)}, expected the name of a file to write")
+
+
+def check_name(path: Path | str) -> Path:
+    """Reject a name that no file can have: too long, or with a zero byte.
+
+    Parameters
+    ----------
+    path
+        File or folder; it need not exist.
+
+    Returns
+    -------
+    Path
+        The same.
+
+    Raises
+    ------
+    InputError
+        It cannot be a name.
+    """
+    try:
+        Path(path).lstat()
+    except (OSError, ValueError) as problem:
+        if isinstance(problem, ValueError) or problem.errno == errno.ENAMETOOLONG:
+            reason = problem.strerror if isinstance(problem, OSError) else problem
+            raise InputError(path, f"cannot be the name of a file ({reason})") from problem
+    return Path(path)
 
 
 def _kind(mode: int) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 from ...core.camera.model import Camera
 from ...core.errors import InputError
-from ...core.files import read_head
+from ...core.files import check_name, read_head
 from ...core.robots import FrameSource
 from ..image_folder import ImageFolderSource
 from ..ros.sqlite_bag import is_bag
@@ -77,7 +77,7 @@ def open_source(
             raise InputError(text, "is live: start and stop are for recordings only")
         return open_camera(live[0], uvc_only=live[1], camera=camera, rate_Hz=rate_Hz, grey=grey)
     topic = _TOPIC.match(text)
-    path = Path(topic[1] if topic else text)
+    path = check_name(topic[1] if topic else text)
     part: dict[str, Any] = {"camera": camera, "start_s": start_s, "stop_s": stop_s, "grey": grey}
     if is_bag(path):
         return McapSource(path, topic[2] if topic else None, **part)

@@ -186,7 +186,8 @@ def _read_parquet(path: Path, expected: Sequence[str]) -> dict[str, list[Any]]:
     file_size(path)
     pa, pq = arrow()
     try:
-        table = pq.read_table(str(path))
+        with path.open("rb") as stream:
+            table = pq.read_table(stream)
     except (OSError, pa.ArrowException) as error:
         raise InputError(path, f"is not a readable Parquet file ({error})") from error
     check_columns(path, table.column_names, expected)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -165,13 +166,14 @@ def pack_rows(part: Path, target: Path) -> int:
     count = 0
     try:
         # Memory-mapped: a damaged header may declare more than the file contains.
-        rows = pa.ipc.open_stream(pa.memory_map(str(part)))
+        rows = pa.ipc.open_stream(pa.memory_map(os.fsencode(part)))
     except (OSError, pa.ArrowException) as error:
         raise InputError(part, f"is not an unfinished table ({error})") from error
     try:
         with (
             atomic_path(target) as temporary,
-            pq.ParquetWriter(str(temporary), rows.schema, compression="zstd") as packed,
+            temporary.open("wb") as stream,
+            pq.ParquetWriter(stream, rows.schema, compression="zstd") as packed,
         ):
             while group := _next_rows(pa, rows):
                 packed.write_table(pa.Table.from_batches(group).combine_chunks())
