@@ -21,7 +21,7 @@ def test_a_plan_on_a_large_map_is_zoomed_and_explained(tmp_path, monkeypatch):
     cells[196:204, 100] = False  # a door of 0.4 m, x 5.0 to 5.05 m
     box = np.array([[5.0, 9.8], [5.3, 9.8], [5.3, 10.2], [5.0, 10.2]])
     chair = MovableObject("chair", box, LIGHT)
-    far = MovableObject("far", box + [20.0, 0.0], LIGHT)
+    far = MovableObject("far", box + np.array([20.0, 0.0]), LIGHT)
     problem = PlanningProblem(
         OccupancyMap(cells, 0.05),
         RobotModel(0.15),
