@@ -100,10 +100,10 @@ def strip(rng, front, texture, *, shade=1.0, beyond="body", noise=2.0, blur=1.0)
 
 
 def texture_odds(rest, now, front, texture_part=1.0, variance=4.5) -> np.ndarray:
-    result, ones = np.empty((30, 7)), np.ones(30)
+    result, ones = np.empty((30, 8)), np.ones(30)
     lines = np.tile([0.0, 0.0, 0.0, 1.0, 1.0, 1.0], (30, 1))  # samples are pixels
     places = front * ones, 84.5 * ones, 0 * ones
-    shadow_odds(now, rest, lines, *places, 1.0, texture_part, variance, ones > 0, result)
+    shadow_odds(now, rest, lines, *places, 1.0, 0.0 * ones, texture_part, variance, ones > 0, result)
     return result[:, 0] / np.median(result[:, 6])
 
 
@@ -157,10 +157,10 @@ def test_the_surface_of_a_body_close_to_the_front_at_rest_is_no_second_edge(beyo
     scenes = np.where(j < 85.0, foam, floor), np.where(j < 81.0, foam, other)
     rest, now = (gaussian_filter1d(one, 1.0, axis=2) for one in scenes)
     now = (now + 1.4 * rng.standard_normal(now.shape)).astype(np.float32)
-    found, against = np.empty((30, 7)), np.zeros((30, 6))
+    found, against = np.empty((30, 8)), np.zeros((30, 6))
     lines = np.tile([0.0, 0.0, 0.0, 1.0, 1.0, 1.0], (30, 1))
     places = 80.5 * ones, 84.5 * ones, 0 * ones, 1.0
-    shadow_odds(now, np.rint(rest).astype(np.uint8), lines, *places, 1.0, 2.0, ones > 0, found)
+    shadow_odds(now, np.rint(rest).astype(np.uint8), lines, *places, 0 * ones, 1.0, 2.0, ones > 0, found)
     level_odds(found, ones, ones, 0 * ones, 175.0 * ones, 2.0, against)
     if beyond == "body":
         assert against[:, 1].max() < 0.0
@@ -174,13 +174,14 @@ def test_the_fit_of_light_equals_plain_least_squares(shaded) -> None:
     now, template = rng.uniform(20, 200, (5, 40)).astype(np.float32), rng.uniform(100, 180, (5, 40))
     over, out = rng.uniform(0, 1, (5, 40)), rng.uniform(0, 1, (5, 40))
     normal, solution, tau = np.empty((5, 5)), np.empty(5), (np.arange(40.0) - first) / 20.0
-    squares = _fit(now, template, over, out, first, last, 140.0, 0.8, shaded, normal, solution)
+    surface = rng.uniform(50, 100, (5, 40))
+    squares = _fit(now, template, over, out, surface, first, last, 140.0, 0.8, shaded, normal, solution)
     foam = 140.0 + 0.8 * (template - 140.0)
     if shaded:
-        a, b, d = foam * (1 - over) * (1 - out), foam * over * (1 - out), 100.0 * out
+        a, b, d = foam * (1 - over) * (1 - out), foam * over * (1 - out), surface
         terms = [a, b, b * tau, d, d * tau]
     else:
-        terms = [foam * (1 - over), 100.0 * over, 100.0 * over * tau, foam * (1 - over) * tau]
+        terms = [foam * (1 - over), surface, surface * tau, foam * (1 - over) * tau]
     part = slice(first, last + 1)
     design, y = np.stack([one[:, part].ravel() for one in terms], axis=1), now[:, part].ravel()
     found, left = np.linalg.lstsq(design, y, rcond=None)[:2]
@@ -204,10 +205,10 @@ def test_a_sharp_edge_between_the_pixels_is_not_two_edges(phase) -> None:
         return found
 
     rest = np.rint(sampled(88.0, 80.0)).astype(np.uint8)
-    now, result = sampled(87.0, 30.0), np.empty((30, 7))
+    now, result = sampled(87.0, 30.0), np.empty((30, 8))
     lines = np.column_stack([base, down, ones, ones])
     front = (84.0 - phase) * ones, (85.0 - phase) * ones, 0.0 * ones
-    shadow_odds(now, rest, lines, *front, blur, 1.0, 1.0, ones > 0, result)
+    shadow_odds(now, rest, lines, *front, blur, 0.0 * ones, 1.0, 1.0, ones > 0, result)
     assert np.quantile(result[:, 1], 0.9) < 0.0, "log-odds of a second edge, where there is one"
 
 

@@ -17,6 +17,12 @@ LAGS = 10
 EDGE = 2.0
 #: The edge of a shadow is as sharp as the lens, or softer by this factor or its square.
 SOFTNESS, SOFT = 3.0, 3
+#: Fraction of the floor from which a sample shows its texture.
+UNCOVERED = 0.3
+#: Places of a sharp shadow before the front that are tried, at intervals of 1.5 blurs.
+NEAR = 5
+#: The place of such an edge is halved in this many times, from half its width to an eighth.
+REFINED = 3
 
 
 @kernel(nogil=True)
@@ -41,12 +47,14 @@ def _solve(normal, right):
 
 
 @kernel(nogil=True)
-def _fit(now, template, over, out, first, last, mean, transfer, shaded, normal, solution):
+def _fit(now, template, over, out, surface, first, last, mean, transfer, shaded, normal, solution):
     """Least-squares fit of the illumination of the template and of the surface beyond; returns the sum of squared residuals.
 
     With ``shaded``: the template in one light up to the edge, in another, linearly varying light from there to the front
-    at rest, then a floor that varies linearly. Else the template up to the edge, then a surface, both varying linearly.
+    at rest, then the surface, which varies linearly; or, if ``shaded`` is 2, each in uniform light. Else the template up to
+    the edge, then the surface, both varying linearly.
     """
+    tilt = 0.0 if shaded == 2 else 0.05
     n00, n10, n11, n20, n21, n22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     n30, n31, n32, n33, n40, n41, n42, n43, n44 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     r0, r1, r2, r3, r4, square = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -54,7 +62,7 @@ def _fit(now, template, over, out, first, last, mean, transfer, shaded, normal, 
         for j in range(first, last + 1):
             value = float(now[lane, j])
             foam = mean + transfer * (template[lane, j] - mean)
-            p1, p0, tau = over[lane, j], out[lane, j], (j - first) / 20.0
+            p1, p0, tau = over[lane, j], out[lane, j], tilt * (j - first)
             if shaded:
                 square += value * value
                 # Far from both edges only one of the terms is not zero.
@@ -68,10 +76,10 @@ def _fit(now, template, over, out, first, last, mean, transfer, shaded, normal, 
                     r1, r2 = r1 + b * value, r2 + c * value
                     continue
                 inside = foam * (1.0 - p0)
-                a, b, d = inside * (1.0 - p1), inside * p1, 100.0 * p0
+                a, b, d = inside * (1.0 - p1), inside * p1, surface[lane, j]
                 c, e = b * tau, d * tau
             else:
-                a, b = foam * (1.0 - p1), 100.0 * p1
+                a, b = foam * (1.0 - p1), surface[lane, j]
                 c, d, e = b * tau, a * tau, 0.0
                 square += value * value
             n00 += a * a
@@ -109,7 +117,7 @@ def _fit(now, template, over, out, first, last, mean, transfer, shaded, normal, 
 
 
 @kernel(nogil=True)
-def _residuals(now, template, over, out, first, last, mean, transfer, solution, residual, texture):
+def _residuals(now, template, over, out, surface, first, last, mean, transfer, solution, residual, texture):
     """Sum of squared residuals of a shaded :func:`_fit` beyond the edge.
 
     Fills the residuals and the fitted texture of the template, zero elsewhere.
@@ -122,8 +130,8 @@ def _residuals(now, template, over, out, first, last, mean, transfer, solution, 
             if p1 > 0.5:
                 foam = mean + transfer * (template[lane, j] - mean)
                 light = solution[0] * (1.0 - p1) + (solution[1] + solution[2] * tau) * p1
-                floor = 100.0 * (solution[3] + solution[4] * tau) * p0
-                value = float(now[lane, j]) - light * foam * (1.0 - p0) - floor
+                beyond = surface[lane, j] * (solution[3] + solution[4] * tau)
+                value = float(now[lane, j]) - light * foam * (1.0 - p0) - beyond
                 squares += value * value
                 residual[lane, j] = value
                 texture[lane, j] = light * (foam - mean) * (1.0 - p0)
@@ -180,6 +188,23 @@ def _ramp(over, at, slope, width, taps, apart, first, last):
 
 
 @kernel(nogil=True)
+def _behind(beyond, over, rest_shape, known, x0, front, slope, blur, result, first, last):
+    """Fill the surface behind a front: beyond a blurred step, or, if ``known``, beyond a step with the shape of that at rest."""
+    lanes = over.shape[0]
+    for lane in range(lanes):
+        here = front + (lane - 0.5 * (lanes - 1)) * slope
+        for j in range(first, last + 1):
+            at = j + x0 - here
+            if known and 0.0 <= at < last and j < here + EDGE * blur:
+                m = int(at)
+                result[lane, j] = rest_shape[lane, m] + (at - m) * (
+                    rest_shape[lane, m + 1] - rest_shape[lane, m]
+                )
+            else:
+                result[lane, j] = beyond[lane, j] * over[lane, j]
+
+
+@kernel(nogil=True)
 def _dependence(residual, texture, first, last):
     """Factor by which correlation raises the variance of the sum of residual times texture over that of white noise.
 
@@ -212,7 +237,7 @@ def _dependence(residual, texture, first, last):
 
 
 @kernel(nogil=True)
-def shadow_odds(now, rest, lines, front, resting, slope, blur, transfer, variance, tested, result):
+def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, variance, tested, result):
     """Test whether the zero image continues beyond each edge, in another light.
 
     Parameters
@@ -221,6 +246,8 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, transfer, varianc
         See :func:`~visuohaptic.sensing.foam._texture_kernels.foam_bands`.
     lines
         Origin (x, y) [px] and unit direction of each line, spacing of its samples and of its parallels [px], (K, 6).
+    smear
+        Largest standard deviation by which its own motion blurs the front of the foam [samples], (K,).
     transfer
         Fraction of the texture of the zero image that is visible in this image.
     variance
@@ -228,19 +255,23 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, transfer, varianc
     tested
         Points to test, (K,).
     result
-        Filled, (K, 7): log-likelihood ratio of the texture of the zero image beyond the edge against none, for
+        Filled, (K, 8): log-likelihood ratio of the texture of the zero image beyond the edge against none, for
         independent pixels; log-likelihood ratio of a second edge at the front at rest against a single edge, where
         both are too close to be resolved; grey level between edge and front at rest, beyond it, and beyond it at rest;
-        mean squared residual relative to the variance; number of pixels equivalent to one independent pixel.
+        largest distance of a second edge from the front at rest that the residuals permit [samples]; number of pixels
+        equivalent to one independent pixel; log-likelihood ratio of an edge that is softer than lens and motion make
+        it, for independent pixels.
     """
     parallels, samples = now.shape[1], now.shape[2]
     over = np.zeros((parallels, samples))
     out, taps = np.zeros((parallels, samples)), np.zeros((3, parallels, samples))
-    template = np.zeros((parallels, samples))
+    template, floors = np.zeros((parallels, samples)), np.zeros((2, parallels, samples))
+    bodies = np.full((2, parallels, samples), 100.0)
     solution, normal = np.zeros(5), np.zeros((5, 5))
     left, texture = np.zeros((parallels, samples)), np.zeros((parallels, samples))
+    body = np.zeros((parallels, samples))
     for k in range(len(front)):
-        for i in range(7):
+        for i in range(8):
             result[k, i] = np.nan
         x0 = resting[k]
         first = max(int(min(front[k], x0) - EDGE * SOFTNESS * blur - 2.0), 0)
@@ -255,27 +286,51 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, transfer, varianc
                 mean += rest[k, lane, j]
             beyond += rest[k, lane, last] + rest[k, lane, last - 1] + rest[k, lane, last - 2]
         mean /= parallels * (edge + 1 - begin)
+        beyond /= 3.0 * parallels
         apart = _sampling(lines[k], taps, first, last)
         _ramp(out, x0, 0.0, blur, taps, apart, first, last)
+        # The surface beyond is uniform, or the floor of the zero image, which goes on where the foam has uncovered it.
+        scale = 100.0 / max(beyond, 1.0)
         for lane in range(parallels):
-            for j in range(first, last + 1):
-                template[lane, j] = rest[k, lane, j] if j <= edge else mean
+            for j in range(last, first - 1, -1):
+                foam = rest[k, lane, j] if j <= edge else mean
+                template[lane, j], p0 = foam, out[lane, j]
+                floors[0, lane, j] = 100.0 * p0
+                floors[1, lane, j] = scale * (rest[k, lane, j] - foam * (1.0 - p0)) if p0 > 0.0 else 0.0
+                bodies[1, lane, j] = floors[1, lane, j] / p0 if p0 > UNCOVERED else bodies[1, lane, j + 1]
         _ramp(over, front[k], slope[k], blur, taps, apart, first, last)
         count = parallels * (last + 1 - first)
-        result[k, 4] = beyond / (3.0 * parallels)
+        result[k, 4] = beyond
         if x0 - front[k] > 2.0 * EDGE * blur:
-            best, width = 1e300, blur
-            for i in range(SOFT - 1, -1, -1):
+            width, sharp, best, floor = blur, math.hypot(blur, smear[k]), 1e300, floors[0]
+            for i in range(2):
+                fit = _fit(
+                    now[k], template, over, out, floors[i], first, last, mean, transfer, 1, normal, solution
+                )
+                if fit < best:
+                    best, floor = fit, floors[i]
+            least = best
+            for i in range(1, SOFT):
                 _ramp(over, front[k], slope[k], SOFTNESS**i * blur, taps, apart, first, last)
-                fit = _fit(now[k], template, over, out, first, last, mean, transfer, True, normal, solution)
-                if fit <= best:
-                    best, width = fit, SOFTNESS**i * blur
-            given = template, over, out, first, last, mean
-            if width > blur:
-                _ramp(over, front[k], slope[k], width, taps, apart, first, last)
-            _fit(now[k], *given, 0.0, True, normal, solution)
+                fit = _fit(
+                    now[k], template, over, out, floor, first, last, mean, transfer, 1, normal, solution
+                )
+                if fit < least:
+                    least, width = fit, SOFTNESS**i * blur
+            result[k, 7] = 0.0
+            if width > sharp:
+                if smear[k] > 0.5 * blur:
+                    _ramp(over, front[k], slope[k], sharp, taps, apart, first, last)
+                    best = _fit(
+                        now[k], template, over, out, floor, first, last, mean, transfer, 1, normal, solution
+                    )
+                noise = variance * count
+                result[k, 7] = 0.5 * count * math.log(max(best, noise) / max(least, noise))
+            given = template, over, out, floor, first, last, mean
+            _ramp(over, front[k], slope[k], width, taps, apart, first, last)
+            _fit(now[k], *given, 0.0, 1, normal, solution)
             without = _residuals(now[k], *given, 0.0, solution, left, texture)
-            _fit(now[k], *given, transfer, True, normal, solution)
+            _fit(now[k], *given, transfer, 1, normal, solution)
             with_texture = _residuals(now[k], *given, transfer, solution, left, texture)
             count = 0
             for lane in range(parallels):
@@ -287,22 +342,54 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, transfer, varianc
             middle = 0.5 * (front[k] + x0)
             result[k, 2] = mean * (solution[1] + solution[2] * (middle - first) / 20.0)
             result[k, 3] = 100.0 * (solution[3] + solution[4] * (x0 - first) / 20.0)
-            result[k, 5] = with_texture / (max(count, 1) * variance)
+            # An edge at this distance would leave these residuals.
+            step = parallels * (result[k, 3] - result[k, 2]) ** 2
+            result[k, 5] = max(with_texture - noise, 0.0) / max(step, 1.0)
         else:
-            single = _fit(now[k], template, over, out, first, last, mean, transfer, False, normal, solution)
-            best = 1e300
-            for i in range(SOFT):
-                width = SOFTNESS**i * blur
-                for m in range(3):
-                    # A sharp edge is resolved only where it lies before the front, a soft one anywhere.
-                    away = 1.5 + 1.5 * m if i == 0 else 1.5 * (m - 1)
-                    _ramp(over, x0 - away * width, 0.0, width, taps, apart, first, last)
-                    fit = _fit(
-                        now[k], template, over, out, first, last, mean, transfer, True, normal, solution
-                    )
-                    best = min(best, fit)
+            given = first, last, mean, transfer
+            # Foam that has moved: beyond it a body or the floor, with the shape of a blurred step or that of the front at rest;
+            # and the better of them with the blur of its own motion.
+            single, nearest = 1e300, 0
+            for i in range(3 if smear[k] < 0.5 * blur else 4):
+                if i == 3:
+                    _ramp(over, front[k], slope[k], math.hypot(blur, smear[k]), taps, apart, first, last)
+                behind = bodies[min(nearest if i == 3 else i, 1)]
+                _behind(behind, over, floors[1], i == 2, x0, front[k], slope[k], blur, body, first, last)
+                fit = _fit(now[k], template, over, out, body, *given, 0, normal, solution)
+                if fit < single:
+                    single, nearest = fit, i
+            # A sharp edge is resolved only where it lies before the front, a soft one anywhere. Nearer than two widths of the
+            # step, they cannot be told from foam that has moved over a floor that is known.
+            best, place, width, latest = 1e300, x0, blur, x0
+            for i in range(2):
+                soft = SOFTNESS**i * blur
+                for m in range(3 if i else NEAR):
+                    at = x0 - 1.5 * soft * (m - 1 if i else m + 1)
+                    _ramp(over, at, slope[k], soft, taps, apart, first, last)
+                    for known in range(2 if i == 0 and m > 0 else 1):
+                        surface = floors[known]
+                        fit = _fit(now[k], template, over, out, surface, *given, 2, normal, solution)
+                        if fit < best:
+                            best, place, width, floor = fit, at, soft, surface
+                            latest = x0 - 1.5 * blur * (1 + known) if i == 0 else x0 + 2.0 * soft
+            span = 0.5 * width
+            for _halving in range(REFINED):
+                for m in range(2):
+                    at = min(place + (span if m else -span), latest)
+                    _ramp(over, at, slope[k], width, taps, apart, first, last)
+                    fit = _fit(now[k], template, over, out, floor, *given, 2, normal, solution)
+                    if fit < best:
+                        best, place = fit, at
+                span *= 0.5
             # Foam in a shadow leaves the foam's variance, the surface of a body any larger one: it fits two edges better than
             # one by its own texture. Where neither fits, there is no evidence.
             own = single / (count * variance)
             own = 1.0 + math.log(own) if own > 1.0 else own
-            result[k, 1] = 0.5 * count * max(own - best / (count * variance), 0.0) - math.log(count)
+            better = 0.5 * count * max(own - best / (count * variance), 0.0)
+            if better > 0.0:
+                # The blotches of a surface are a few independent pixels.
+                _ramp(over, place, slope[k], width, taps, apart, first, last)
+                _fit(now[k], template, over, out, floor, *given, 2, normal, solution)
+                _residuals(now[k], template, over, out, floor, *given, solution, left, texture)
+                better /= _dependence(left, left, first, last)
+            result[k, 1] = better - math.log(count)

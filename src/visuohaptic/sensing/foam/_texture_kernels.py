@@ -26,8 +26,6 @@ _LIGHT_EDGE = 0.05
 _INDEPENDENT = 0.5
 #: Probability that an edge of a body lies within a pixel of a given position: two edges on some forty pixels.
 _BY_CHANCE = 0.05
-#: Largest mean squared residual of the zero image in another light, relative to the variance of the foam.
-_MISFIT = 3.0
 #: Largest log-odds of one point from its pixels, so that a single speck cannot decide.
 MAX_ODDS = 12.0
 #: Relative difference within which two surfaces have the same grey level.
@@ -185,7 +183,7 @@ def level_odds(found, dependence, gain, change, foam, variance, against):
     found
         From :func:`~visuohaptic.sensing.foam._posterior_kernels.shadow_odds`.
     dependence
-        Median of its last column over each point and its neighbours, because a point whose texture agrees by chance
+        Median of its seventh column over each point and its neighbours, because a point whose texture agrees by chance
         leaves residuals that seem independent, (K,).
     gain
         Illumination behind each edge relative to that at rest, NaN where unknown, (K,).
@@ -220,15 +218,14 @@ def level_odds(found, dependence, gain, change, foam, variance, against):
                 ALIKE * min(max(0.5 * (change[k] / SAME_GREY) ** 2 - 3.0, -3.0), 3.0) + _INDEPENDENT * near
             )
         if math.isfinite(texture):
-            # A misfit cannot support the hypothesis that the texture continues. Without a misfit, an edge of a body
-            # would have to coincide with the front at rest by chance.
-            clean = found[k, 5] < _MISFIT
-            texture /= dependence[k]
-            odds += texture if clean else min(texture, 0.0)
+            # A front of foam is as sharp as lens and motion make it; neighbours share the softness of a shadow.
+            odds += (texture + ALIKE * found[k, 7]) / dependence[k]
             sigma = math.hypot(SAME_GREY * light * foam[k], math.sqrt(variance))
             shaded = 0.4 * _density(beyond - light * floor, sigma) + 0.2 / 255
             shaded += 0.4 * _density(beyond - between / foam[k] * floor, sigma)
-            body = 0.6 * _density(beyond - between, sigma) + 0.4 / 255 * (_BY_CHANCE if clean else 1.0)
+            # An edge of a body would have to coincide with the front at rest by chance.
+            chance = min(_BY_CHANCE * max(found[k, 5], 1.0), 1.0)
+            body = 0.6 * _density(beyond - between, sigma) + 0.4 / 255 * chance
             levels = ALIKE * math.log(shaded / body)
             odds += levels if math.isfinite(levels) else 0.0
         against[k, 1] = min(max(odds, -MAX_ODDS), MAX_ODDS)

@@ -23,6 +23,7 @@ def image_evidence(
     rest_px: Float[np.ndarray, "K"],
     seen: Bool[np.ndarray, "K"],
     deflected: Bool[np.ndarray, "K"],
+    moved_px: Float[np.ndarray, "K"],
     unary: Float[np.ndarray, "K 4"],
     against: Float[np.ndarray, "K 6"],
 ) -> None:
@@ -36,6 +37,8 @@ def image_evidence(
         Position of the front at rest along each line [px].
     seen, deflected
         Points with an edge, and those of them whose edge has moved.
+    moved_px
+        Distance of each edge from the last position of the foam [px].
     unary
         Log-likelihood of foam, shadow, occluder and nothing; filled.
     against
@@ -51,11 +54,12 @@ def image_evidence(
     transfer, variance = texture_odds(bands, unary, against, gain)
     if variance == 0.0:
         return
-    found = np.empty((len(seen), 7))
+    found = np.empty((len(seen), 8))
     lines = np.column_stack(
         [strip.reference_points_px, strip.front.lines.direction_px, strip.step_px, strip.across_px]
     )
-    places = front, resting, slope, blur
+    # A shutter that is open from frame to frame, at the most, sees the edge move by a box.
+    places = front, resting, slope, blur, moved_px / step / math.sqrt(12.0)
     shadow_odds(strip.image, zero.image, lines, *places, transfer, variance, deflected & seen, found)
     stop = int(0.9 * resting.min())
     foam = np.empty((len(seen), 1))

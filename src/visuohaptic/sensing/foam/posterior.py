@@ -5,7 +5,7 @@ rest), O (occluder) and N (no edge). With the image I along its line, the zero i
 now and x0 at rest, the likelihoods of a frame, each relative to that of O, are
 
     foam      p(I before x | F) = 0.6 p(I | g Z(t x0/x)) + 0.3 p(I | g Z(t)) + 0.1 p(I | any)
-    shadow    p(I | S) : I = light(t) Z(t) up to x0, then a floor;   p(I | F) : g Z up to x, then another surface
+    shadow    p(I | S) : I = light(t) Z(t), or light(t) Z(t) up to x0, then another floor; p(I | F) : g Z up to x, then a surface
     position  p(x | F) : at rest, or within reach of the last position at max_contact_speed;  p(x | O) : anywhere
     blur      p(b | F, pressed) : that of the lens and of its own motion;  p(b | O) : any, the edge of a shadow may be soft
     steepness p(x_k, x_k+1 | F, F) : free foam decays over DECAY_PER_WIDTH w or more (a free end has no slope)
@@ -13,6 +13,7 @@ now and x0 at rest, the likelihoods of a frame, each relative to that of O, are
     surface   p(grey beyond x | F, pressed before) : that of the body that pressed there, or another one;  p(... | O) : any
     edge      p(no edge | F) = 0
 
+The shadow's edge is where it fits best: two merged edges, or that of the shadow apart from a front that is still seen.
 The variance about g Z and the visible fraction of the texture of Z (blur, JPEG) are measured on the foam behind the
 edges of the same frame; pixels beyond the edge are weighted by the correlation of their own residuals. Steepness and
 crossing couple the states along the strip, and states persist in time for ``PERSISTENCE_S``. An occluder that covers one
@@ -163,7 +164,8 @@ class EdgePosterior:
         if strip.stripe:
             against[:, 1] = -MAX_ODDS
         else:
-            image_evidence(strip, zero, rest_px, seen, deflected, unary, against)
+            moved_px = self.moved_m(delta) / strip.pixel_m
+            image_evidence(strip, zero, rest_px, seen, deflected, moved_px, unary, against)
         unary[:, SHADOW] = np.where(deflected, unary[:, SHADOW], -MAX_ODDS)
         own, near = unary[:, FOAM] - unary[:, SHADOW:NOTHING].max(axis=1), np.empty(len(seen))
         apart_s = strip.t_s - self._last[0] if self._last is not None else math.inf
