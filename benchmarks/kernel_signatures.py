@@ -181,9 +181,8 @@ def run_reconstruction() -> None:
     for frame in frames:
         detector.add(frame)
     depth_m = frames[0].depth_m
-    outline = OutlineView.of_view(
-        frames[0], [np.zeros_like(depth_m)], depth_m, next(iter(SENSOR_NOISE.values())), 1.0
-    )
+    told = np.zeros(depth_m.shape, np.uint8), [np.zeros_like(depth_m)], depth_m
+    outline = OutlineView.of_view(frames[0], *told, next(iter(SENSOR_NOISE.values())), 1.0)
     fit_bodies([outline], np.array([[-0.1, -0.1, 0.0], [0.1, 0.1, 0.2]]), np.ones(2))
     corners_m = np.array([[x, y, z] for x in (0.0, 0.1) for y in (0.0, 0.1) for z in (0.0, 0.1)])
     surface = RbfSurface(corners_m, np.zeros(8))

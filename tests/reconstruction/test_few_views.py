@@ -10,7 +10,7 @@ import pytest
 from visuohaptic.core.camera import Camera
 from visuohaptic.reconstruction import reconstruct
 from visuohaptic.reconstruction.fusion import SENSOR_NOISE, SpaceGrid
-from visuohaptic.reconstruction.transparency.view_selection import thinned
+from visuohaptic.reconstruction.transparency.view_geometry import thinned
 
 from .glass_caster import Table, cast, inside, random_table, ring
 

@@ -1,7 +1,7 @@
-"""Competing profiles of an upright vessel: each a Gaussian process about its own mean, weighted by its likelihood of the contacts.
+"""Competing profiles of an upright vessel: each a Gaussian process about its own mean, weighted by its likelihood of contacts and outlines.
 
 The means are the cone fitted to the outlines, with a large deviation, and profiles drawn from classes of shapes, with smaller ones and a
-scale of their own, which the cone gives roughly (Rasmussen and Williams 2006, Eqs. 2.23 and 2.30). Their parameters are sampled from
+scale of their own (Rasmussen and Williams 2006, Eqs. 2.23 and 2.30). Their parameters are sampled from
 rough to smooth profiles by sequential Monte Carlo (Del Moral, Doucet and Jasra 2006), with the scale integrated in closed form.
 """
 
@@ -25,9 +25,6 @@ _OVER_HEIGHT, _OVER_ANGLE_RAD = 0.3, 0.7
 _PRIOR = {_PROFILE: 0.05, 0.06: 0.15, 0.01: 0.8}
 #: Correlation length of the deviation from a drawn profile, in heights of the body.
 _RESIDUAL_HEIGHT = 0.15
-#: Deviations of the widest, the lowest visible and the mean upper radius of a vessel from those of its cone, in radii: rms of 16 vessels
-#: of open scenes of the ray tracer. The outlines are up to a matching window too wide, and the cone does not follow a neck.
-_WIDEST, _VISIBLE = 0.11, np.array([0.14, 0.17])
 #: Numbers of profiles that are drawn first and kept; steps of their parameters, in standard deviations among them.
 _DRAWS, _PARTICLES, _STEPS = 8000, 800, (1.0, 0.5, 0.25, 0.1) * 3
 
@@ -66,7 +63,7 @@ class ProfileMixture:
     way: Float[np.ndarray, "n 2"]  #: direction of each contact from the axis; zero if it is unknown
     z_m: Float[np.ndarray, "n"]  #: heights of the contacts [m]
     rho_m: Float[np.ndarray, "n"]  #: their distances from the axis [m]
-    sigma_m: Float[np.ndarray, "n"]  #: standard deviations of these distances [m]
+    noise_m2: Float[np.ndarray, "n n"]  #: covariance of the errors of these distances [m2]
     models: tuple[ProfileModel, ...] = field(init=False)  #: by their deviation about a profile
 
     def __post_init__(self) -> None:
@@ -75,16 +72,13 @@ class ProfileMixture:
         gaps = self.rho_m - free.at(self.z_m)[0]
         models, evidence = [free], [-0.5 * float(gaps @ free.inverse @ gaps)]
         kind, parameters, profiles = drawn_vessels(_DRAWS)
-        logs, total = self._likelihoods(profiles, None)[0], 0.0
+        logs, total = np.zeros(len(profiles)), 0.0
         heights_m = np.linspace(self.foot_z_m, self.top_m, profiles.shape[1])
         for about in [about for about in _PRIOR if about != _PROFILE]:
             inverse = self._inverse(about)
             gain = self._likelihoods(profiles, inverse)[0] - logs
-            base = (
-                logs - np.logaddexp.reduce(logs) if not models[1:] else np.full(len(logs), -np.log(len(logs)))
-            )
-            weights = np.exp(base + gain - np.logaddexp.reduce(base + gain))
-            total += float(np.logaddexp.reduce(base + gain))
+            weights = np.exp(gain - np.logaddexp.reduce(gain))
+            total += float(np.logaddexp.reduce(gain)) - np.log(len(gain))
             places = (np.arange(_PARTICLES) + rng.random()) / _PARTICLES
             chosen = np.minimum(np.searchsorted(np.cumsum(weights), places), len(weights) - 1)
             kind, parameters = kind[chosen], parameters[chosen]
@@ -102,7 +96,7 @@ class ProfileMixture:
     def _inverse(self, about: float) -> np.ndarray:
         """Inverse covariance of the contacts about a profile [1/m2]."""
         covariance = self.covariance_m2((self.way, self.z_m), (self.way, self.z_m), about)
-        return np.linalg.inv(covariance + np.diag(self.sigma_m**2))
+        return np.linalg.inv(covariance + self.noise_m2)
 
     def _moved(
         self, kind: np.ndarray, parameters: np.ndarray, inverse: np.ndarray, rng: np.random.Generator
@@ -125,32 +119,17 @@ class ProfileMixture:
         return profiles, logs, (widest_m * (1 + change + sigma * rng.standard_normal(len(logs))))[:, None]
 
     def _likelihoods(
-        self, profiles: np.ndarray, inverse: np.ndarray | None
+        self, profiles: np.ndarray, inverse: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Log-likelihoods of cone and contacts over all scales; mean and deviation of the scale, relative to that of the cone [m].
-
-        Of the cone count its widest, lowest and mean upper radius. Without ``inverse``, the contacts do not count.
-        """
-        low_m, high_m = self.body.radius_m
+        """Log-likelihoods over all scales; mean and deviation of the scale, relative to that of the cone [m]."""
         t, height_m = np.linspace(0.0, 1.0, profiles.shape[1]), self.top_m - self.foot_z_m
         ends = (np.array(self.body.height_m) - self.foot_z_m) / height_m
-        seen = np.flatnonzero((t >= min(ends[0], 0.9)) & (t <= ends[1] + 1e-9))
-        upper = seen[t[seen] >= 0.5 * ends.sum()]
-        widest_m = max(low_m, high_m) / profiles[:, seen].max(axis=1)
-        sigma_m = float(np.mean(self.body.radius_m)) * _VISIBLE
-        at = np.column_stack([profiles[:, seen[0]], profiles[:, upper].mean(axis=1)]) / sigma_m
-        data, precise = (
-            np.array([low_m, np.interp(t[upper], ends, self.body.radius_m).mean()]) / sigma_m,
-            np.eye(2),
-        )
-        if inverse is not None:
-            place = np.clip((self.z_m - self.foot_z_m) / height_m, 0.0, 1.0) * (len(t) - 1)
-            low = np.minimum(place.astype(int), len(t) - 2)
-            contacts = profiles[:, low] + (place - low) * (profiles[:, low + 1] - profiles[:, low])
-            at, data = np.hstack([at, contacts]), np.append(data, self.rho_m)
-            precise = np.eye(len(data))
-            precise[2:, 2:] = inverse
-        return *_over_scales(at * widest_m[:, None], data, precise), widest_m
+        seen = (t >= min(ends[0], 0.9)) & (t <= ends[1] + 1e-9)
+        widest_m = max(self.body.radius_m) / profiles[:, seen].max(axis=1)
+        place = np.clip((self.z_m - self.foot_z_m) / height_m, 0.0, 1.0) * (len(t) - 1)
+        low = np.minimum(place.astype(int), len(t) - 2)
+        at = profiles[:, low] + (place - low) * (profiles[:, low + 1] - profiles[:, low])
+        return *_over_scales(at * widest_m[:, None], self.rho_m, inverse), widest_m
 
     def profile_m2(
         self, z_m: Float[np.ndarray, "n"], z2_m: Float[np.ndarray, "m"], about: float
@@ -233,7 +212,7 @@ def _over_scales(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Log-likelihood of data over all scales of each profile (rows of ``at``); mean and deviation of the change of the scale."""
     gaps, weighed = data - at, at @ precise
-    precision, pull = _WIDEST**-2 + (weighed * at).sum(axis=1), (weighed * gaps).sum(axis=1)
+    precision, pull = _PROFILE**-2 + (weighed * at).sum(axis=1), (weighed * gaps).sum(axis=1)
     square = ((gaps @ precise) * gaps).sum(axis=1)
-    logs = -0.5 * (square - pull**2 / precision + np.log(_WIDEST**2 * precision))
+    logs = -0.5 * (square - pull**2 / precision + np.log(_PROFILE**2 * precision))
     return logs, pull / precision, 1 / np.sqrt(precision)

@@ -20,7 +20,7 @@ from pydantic import (
 
 from ...core.errors import InputError
 from ...core.files import field_problems, load_json
-from ..transparency.outline_fit import UprightBody
+from ..transparency.outline_fit import OutlineRings, UprightBody
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,13 +181,18 @@ class _Cluster(BaseModel):
     radius_sigma: NonNegativeFloat | None = None
     height: _Pair | None = None
     evidence: FiniteFloat = 0.0
+    rings: list[tuple[FiniteFloat, PositiveFloat, PositiveFloat]] = Field(default=[], max_length=1000)
+    rings_sigma: NonNegativeFloat = 0.0
 
     def body(self) -> UprightBody | None:
         """The upright body; ``None`` if the file lacks any of its entries."""
         axis, sigma, radius, height = self.axis, self.axis_sigma, self.radius, self.height
         if axis is None or sigma is None or radius is None or self.radius_sigma is None or height is None:
             return None
-        return UprightBody(np.array(axis), np.array(sigma), radius, self.radius_sigma, height, self.evidence)
+        z_m, radius_m, sigma_m = np.array(self.rings).reshape(-1, 3).T
+        rings = OutlineRings(z_m, radius_m, sigma_m, self.rings_sigma)
+        place = np.array(axis), np.array(sigma), radius, self.radius_sigma, height
+        return UprightBody(*place, self.evidence, rings)
 
 
 class _RegionsFile(BaseModel):

@@ -14,8 +14,8 @@ from .regions import save_regions as save_regions
 from .search_report import Cause as Cause
 from .search_report import SearchReport as SearchReport
 from .search_report import chance_of_finding as chance_of_finding
+from .view_geometry import ViewGraph as ViewGraph
 from .view_geometry import ideal_depth as ideal_depth
 from .view_geometry import intrinsics as intrinsics
 from .view_geometry import motions as motions
-from .view_selection import ViewGraph as ViewGraph
-from .view_selection import view_graph as view_graph
+from .view_geometry import view_graph as view_graph

@@ -51,7 +51,7 @@ def fit_pair(
     for _ in range(_TURNS):
         found = []
         for k in (0, 1):
-            body = fit_beside(_without(views, shapes[1 - k]), shapes[k], bounds_m)
+            body = fit_beside(without_body(views, shapes[1 - k]), shapes[k], bounds_m)
             if not body:
                 return []
             shapes[k] = body[0].shape_m
@@ -78,7 +78,7 @@ def disjoint_bodies(
     for first in bodies:
         # Two have at most the sum of their evidence, so that one of them has more than half of what they are to exceed.
         beside = [body for body in bodies if not body.meets(first)] if 2 * first.evidence > most else []
-        rest = _without(views, first.shape_m) if beside else views
+        rest = without_body(views, first.shape_m) if beside else views
         for second in beside:
             both = first.evidence + body_evidence(rest, second) - threshold
             if both > most:
@@ -86,8 +86,16 @@ def disjoint_bodies(
     return sorted(best, key=lambda body: -body.evidence)
 
 
-def _without(views: Sequence[OutlineView], shape_m: Float[np.ndarray, "6"]) -> list[OutlineView]:
-    """The views without the rays of both eyes through a body."""
+def without_body(views: Sequence[OutlineView], shape_m: Float[np.ndarray, "6"]) -> list[OutlineView]:
+    """The views without the rays of both eyes through a body.
+
+    Parameters
+    ----------
+    views
+        Views.
+    shape_m
+        x, y of the axis, lower and upper radius, lower and upper height of the body [m].
+    """
     import cv2
 
     angle = 2 * np.pi * np.arange(_CORNERS) / _CORNERS

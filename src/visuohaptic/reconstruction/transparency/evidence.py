@@ -19,8 +19,8 @@ The sum over views is a log-likelihood ratio. The probability that it exceeds lo
 at most a (Markov's inequality, Bonferroni), for any number of views: a is the false-alarm rate that the user specifies.
 
 A part has to exceed the threshold also with the rates that the surface behind it has of its own (:mod:`.surface_rates`). Its
-position follows from the outlines (:mod:`.outline_fit`). The extent of a part is the same sum with e = 0.85: this many rays
-still pass a round glass at 1.03 of its radius, 2/pi asin(1/1.03). Parts, by falling evidence, explain their rays.
+position and radii follow from the outlines (:mod:`.outline_fit`, :mod:`.outline_rings`). The extent of a part is the same sum with
+e = 0.85: this many rays still pass a round glass at 1.03 of its radius, 2/pi asin(1/1.03). Parts, by falling evidence, explain their rays.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
 from .body_pairs import disjoint_bodies, fit_pair
 from .outline_fit import OutlineView, UprightBody, body_evidence, fit_bodies
+from .outline_rings import with_rings
 from .ray_readings import (
     FAR,
     LOOK_ALIKE,
@@ -54,7 +55,7 @@ from .ray_readings import (
 from .regions import TransparentRegion, region_of
 from .search_report import SearchReport, next_eye
 from .surface_rates import surface_ratios
-from .view_selection import ray_stride, thinned, view_graph
+from .view_geometry import ray_stride, thinned, view_graph
 
 #: Stride of the pixels whose windows are used to estimate e [px].
 _STRIDE = 5
@@ -75,11 +76,8 @@ class EvidenceSettings:
 
     def __post_init__(self) -> None:
         if not 0 < self.false_alarm_rate < 1:
-            raise InputError(
-                "EvidenceSettings",
-                f"found {self.false_alarm_rate}, expected between 0 and 1 exclusive",
-                field="false_alarm_rate",
-            )
+            said = f"found {self.false_alarm_rate}, expected between 0 and 1 exclusive"
+            raise InputError("EvidenceSettings", said, field="false_alarm_rate")
 
 
 @dataclass(slots=True)
@@ -157,6 +155,9 @@ class EvidenceDetector:
                 self._sum(frames, weights, limit_m, (limit_m > 0) & ~passed)
             self._take()
         self.evidence = whole
+        if self._found:
+            limit_m[:] = [image.limit_m for image in self._images]
+            self._found = with_rings(self._found, self._outline_views(), self.grid.low_m[2], self.threshold)
 
     def _sum(
         self,
@@ -189,20 +190,19 @@ class EvidenceDetector:
         """Outlines of all views with the current rates, and what is added to the log-likelihood ratios of each view."""
         views = []
         for k, (frame, image) in enumerate(zip(self._rays.frames, self._images, strict=True)):
-            readings = [np.take(table, image.code) + (added[k] if added else 0) for table in self._tables]
-            limit_m, weight = self._rays.limit_m[k], float(self._rays.weights[k])
-            views.append(OutlineView.of_view(frame, readings, limit_m, self.noise, weight, self._stride))
+            ratios = [np.take(table, image.code) + (added[k] if added else 0) for table in self._tables]
+            told = image.reading, ratios, self._rays.limit_m[k], self.noise, float(self._rays.weights[k])
+            views.append(OutlineView.of_view(frame, *told, self._stride))
         return views
 
     def _read(self, frames: Sequence[DepthFrame]) -> tuple[list[DepthFrame], Float32[np.ndarray, "n"]]:
         """Views that have enough others for a comparison, and their weights; stores their readings."""
         graph, settings = view_graph(frames), self.settings
-        focal_px = frames[0].camera.focal_px
-        away_m = float(np.median([self._away_m(frame) for frame in frames]))
+        focal_px, away_m = frames[0].camera.focal_px, float(np.median([*map(self._away_m, frames)]))
         self._stride = ray_stride(focal_px, self.grid.voxel_m, away_m, self.noise.window_px(focal_px))
         frames = [thinned(frame, self._stride) for frame in frames]
-        apart_rad = settings.independent_rad, settings.min_angle_rad
-        near = [graph.neighbours(i, settings.neighbours, *apart_rad) for i in range(len(frames))]
+        told = settings.neighbours, settings.independent_rad, settings.min_angle_rad
+        near = [graph.neighbours(i, *told) for i in range(len(frames))]
         nearest = [graph.neighbours(i, 1, settings.min_angle_rad) for i in range(len(frames))]
         noise = self.measured = TrackedNoise.measured(frames, nearest, self.noise)
         views = [ViewDepth.of_frame(frame, noise) for frame in frames]

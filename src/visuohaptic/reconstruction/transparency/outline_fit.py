@@ -18,11 +18,12 @@ estimated jointly with the axis if the likelihood has a maximum in it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from itertools import combinations, product
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float, Float32, Int8, UInt8
 
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import DepthNoise
@@ -49,19 +50,21 @@ _MIN_RADIUS_M, _MIN_HEIGHT_M = 0.01, 0.02
 class OutlineView:
     """Log-likelihood ratios of each pixel of a view for each kind of glass, thinned to independent readings."""
 
-    #: log-likelihood ratio of each pixel, by the kind of glass [nat]
-    evidence: Float32[np.ndarray, "kinds h w"]
+    evidence: Float32[np.ndarray, "h w"]  #: log-likelihood ratio of the window around each pixel [nat]
+    changed: Int8[np.ndarray, "h w"]  #: 1: not the surface that other views see, -1: this one, 0: unknown
     limit_m: Float32[np.ndarray, "h w"]  #: depth up to which each ray is evidence [m]
     T_camera_world: Float[np.ndarray, "3 4"]
     matrix: tuple[float, float, float, float]  #: fx, fy, cx, cy of the thinned image [px]
     baseline_m: float  #: baseline of the second eye along the rows [m]
     window_px: float  #: matching window in the thinned image [px]
+    edge_px: float  #: margin around edges in which depths are mixed, in the thinned image [px]
     weight: float  #: weight of the view, in independent views
 
     @classmethod
     def of_view(
         cls,
         frame: DepthFrame,
+        reading: UInt8[np.ndarray, "h w"],
         log_ratios: Sequence[Float32[np.ndarray, "h w"]],
         limit_m: Float32[np.ndarray, "h w"],
         noise: DepthNoise,
@@ -74,6 +77,8 @@ class OutlineView:
         ----------
         frame
             View.
+        reading
+            See :attr:`~.ray_readings.RayImage.reading`.
         log_ratios
             Log-likelihood ratio of every reading (h, w), for each kind of glass [nat].
         limit_m
@@ -94,12 +99,11 @@ class OutlineView:
         )
         evidence = np.log((1 - _HIDDEN) * ratio + _HIDDEN) * (step / window_px) ** 2
         fx, fy, cx, cy = (float(value) / step for value in intrinsics(frame.camera))
-        motion = frame.T_world_camera.inverse().matrix[:3]
-        thinned = evidence.astype(np.float32)
-        matrix = (fx, fy, cx, cy)
-        return cls(
-            thinned, limit_m[::step, ::step], motion, matrix, noise.baseline_m, window_px / step, weight
-        )
+        changed = np.array([0, -1, 1, 1, 1], np.int8)[reading[::step, ::step]]
+        told = evidence.astype(np.float32), changed, limit_m[::step, ::step]
+        edge_px = noise.edge_px(stride * frame.camera.focal_px) / (stride * step)
+        sizes = noise.baseline_m, window_px / step, edge_px
+        return cls(*told, frame.T_world_camera.inverse().matrix[:3], (fx, fy, cx, cy), *sizes, weight)
 
 
 class _Outlines:
@@ -165,6 +169,16 @@ class _Outlines:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class OutlineRings:
+    """Circles around the axis of an upright body, on its outline (:mod:`.outline_rings`)."""
+
+    z_m: Float[np.ndarray, "n"] = field(default_factory=partial(np.zeros, 0))  #: heights [m]
+    radius_m: Float[np.ndarray, "n"] = field(default_factory=partial(np.zeros, 0))  #: radii [m]
+    sigma_m: Float[np.ndarray, "n"] = field(default_factory=partial(np.zeros, 0))  #: of the radii [m]
+    common_m: float = 0.0  #: standard deviation of an error that all radii have in common [m]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class UprightBody:
     """An upright truncated cone, with the standard deviations of its axis and radius."""
 
@@ -174,6 +188,7 @@ class UprightBody:
     radius_sigma_m: float  #: standard deviation of a common change of both radii [m]
     height_m: tuple[float, float]  #: z of its lower and upper end [m]
     evidence: float  #: log-likelihood ratio against no body [nat]
+    rings: OutlineRings = field(default_factory=OutlineRings)  #: its radius at single heights
 
     @property
     def shape_m(self) -> Float[np.ndarray, "6"]:

@@ -1,7 +1,7 @@
 """Joint point-to-plane refinement of the poses of all views of a depth sequence.
 
 Small tracking errors contradict the background model at every slanted surface, which the detector would take for glass.
-Points of every view are matched to the planes that its neighbours see (:mod:`.view_selection`), with robust weights, and
+Points of every view are matched to the planes that its neighbours see (:mod:`.view_geometry`), with robust weights, and
 the reported poses are priors with the standard deviations of the tracker. All poses are solved for together (Gauss-Newton), so
 eight views around a table work as well as eighty along a path.
 """
@@ -21,8 +21,7 @@ from ...core.geometry import hat, so3_exp, so3_log
 from ...core.resources import one_blas_thread
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
-from .view_geometry import ideal_depth, intrinsics
-from .view_selection import view_graph
+from .view_geometry import ideal_depth, intrinsics, view_graph
 
 #: Number of neighbours that each view is compared with.
 _NEIGHBOURS = 6

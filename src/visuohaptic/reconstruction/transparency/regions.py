@@ -199,6 +199,7 @@ def mask_refracted_rays(
 
 
 def _body_entries(body: UprightBody) -> dict[str, Any]:
+    rings = body.rings
     return {
         "axis": np.round(body.axis_m, 5).tolist(),
         "axis_sigma": np.round(body.axis_sigma_m, 5).tolist(),
@@ -206,6 +207,8 @@ def _body_entries(body: UprightBody) -> dict[str, Any]:
         "radius_sigma": round(body.radius_sigma_m, 5),
         "height": np.round(body.height_m, 5).tolist(),
         "evidence": round(body.evidence, 2),
+        "rings": np.round(np.column_stack([rings.z_m, rings.radius_m, rings.sigma_m]), 5).tolist(),
+        "rings_sigma": round(rings.common_m, 5),
     }
 
 

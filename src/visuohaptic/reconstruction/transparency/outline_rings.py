@@ -1,0 +1,210 @@
+"""Radius of an upright body at several heights, from the edges of its outlines.
+
+A wall of glass changes nearly all readings just inside of its outline, whatever its middle does, so the edge is that between two
+rates of changed readings, which are estimated from the sequence (expectation and maximisation over the edges). For a circle around the
+axis, the tangents from each camera give the two image columns of its wall, and the likelihood of a radius is summed over the views.
+
+An image shows at each height the widest of all circles, of which a camera above sees ellipses: w(z) is the maximum of
+sqrt(r(z')^2 - (z - z')^2 cot(e)^2) over z' at an elevation e. The visual hull (Laurentini 1994) is the largest r with these widths, and
+only circles on the outline tell of the body. The second eye fails where its window meets the body, by up to half a window beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from .body_pairs import without_body
+from .outline_fit import OutlineRings, OutlineView, UprightBody
+from .regions import TransparentRegion
+
+#: Rates of changed readings outside and inside of an edge before they are estimated, in how many rounds, and their margin from 0 and 1.
+_RATES, _ROUNDS, _RARE = (0.05, 0.9), 3, 0.02
+#: Step of the radius in matching windows, and largest radius in those of the body.
+_RADIUS_STEP, _WIDER = 1 / 16, 2.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Walls:
+    """Readings between the middle of a body and walls at heights and radii, summed over both sides, of each view."""
+
+    changed: Float[np.ndarray, "views z r"]  #: number of changed readings, in matching windows
+    known: Float[np.ndarray, "views z r"]  #: number of readings, likewise
+    radii_m: Float[np.ndarray, "r"]  #: [m]
+
+    def ratios(self, rates: tuple[float, float]) -> Float[np.ndarray, "views z r"]:
+        """Log-likelihood ratio of a wall against none, with rates of changed readings outside and inside [nat]."""
+        outside, inside = rates
+        same = np.log((1 - inside) / (1 - outside))
+        return np.asarray(self.known * same + self.changed * (np.log(inside / outside) - same))
+
+    def share(self, low_m: Float[np.ndarray, "z"], high_m: Float[np.ndarray, "z"]) -> float:
+        """Share of changed readings between radii at each height."""
+        ends = [
+            self._at(sums.sum(axis=0), high_m) - self._at(sums.sum(axis=0), low_m)
+            for sums in (self.changed, self.known)
+        ]
+        return float(np.clip(ends[0].sum() / max(ends[1].sum(), 1e-9), _RARE, 1 - _RARE))
+
+    def _at(self, sums: np.ndarray, radius_m: np.ndarray) -> np.ndarray:
+        return np.array([np.interp(r, self.radii_m, row) for r, row in zip(radius_m, sums, strict=True)])
+
+    def mean_m(self, ratios: Float[np.ndarray, "*n z r"]) -> Float[np.ndarray, "*n z"]:
+        """Mean radius at each height [m]."""
+        chances = np.exp(ratios - ratios.max(axis=-1, keepdims=True))
+        return np.asarray(chances @ self.radii_m / chances.sum(axis=-1))
+
+
+def with_rings(
+    regions: Sequence[TransparentRegion], views: Sequence[OutlineView], foot_z_m: float, threshold: float
+) -> tuple[TransparentRegion, ...]:
+    """Give each body the radii of its outlines, by the rays that miss all others.
+
+    Parameters
+    ----------
+    regions
+        Transparent parts.
+    views
+        All views.
+    foot_z_m, threshold
+        As for :func:`outline_rings`.
+    """
+    found, bodies = [], [region.body for region in regions if region.body is not None]
+    for region in regions:
+        if (body := region.body) is not None:
+            left = views
+            for other in bodies:
+                left = left if other is body else without_body(left, other.shape_m)
+            rings = outline_rings(left, body, foot_z_m, threshold)
+            region = replace(region, body=replace(body, rings=rings))
+        found.append(region)
+    return tuple(found)
+
+
+def outline_rings(
+    views: Sequence[OutlineView], body: UprightBody, foot_z_m: float, threshold: float
+) -> OutlineRings:
+    """Radii of a body at heights from its foot to its top.
+
+    Parameters
+    ----------
+    views
+        Views, without the rays through other bodies.
+    body
+        The body.
+    foot_z_m
+        Lowest height [m].
+    threshold
+        Minimum log-likelihood ratio of a ring against none [nat].
+    """
+    top_m, axis_m = body.height_m[1], body.axis_m
+    middle_m = np.array([*axis_m, np.mean(body.height_m), 1.0])
+    pixel_m = float(np.median([view.T_camera_world[2] @ middle_m / view.matrix[0] for view in views]))
+    window_m = pixel_m * views[0].window_px
+    z_m = np.arange(top_m, foot_z_m, -0.5 * window_m)[::-1]
+    if len(z_m) < 2:
+        return OutlineRings()
+    step_m = _RADIUS_STEP * window_m
+    walls = _walls(views, middle_m, z_m, np.arange(step_m, _WIDER * max(body.radius_m) + window_m, step_m))
+    rates = _RATES
+    for _ in range(_ROUNDS):
+        ratios = walls.ratios(rates)
+        told = ratios.sum(axis=0).max(axis=1) > threshold
+        if not told.any():
+            return OutlineRings()
+        wide_m = walls.mean_m(ratios.sum(axis=0))
+        # Without the pixels at the edge itself, of which a part is glass.
+        outside, inside = (
+            walls.share(*(np.where(told, wide_m + end * window_m, 0.0) for end in ends))
+            for ends in ((0.15, 0.65), (-0.65, -0.15))
+        )
+        if outside >= inside:
+            return OutlineRings()
+        rates = outside, inside
+    total, count = ratios.sum(axis=0), len(views)
+    # Jackknife over the views (Efron 1982, Eq. 3.12), and the likelihood's own deviation: a few views may agree by chance.
+    apart_m = walls.mean_m(total - ratios)
+    square_m2 = (count - 1) * apart_m.var(axis=0) + _variance_m2(walls, total)
+    # The edge of the second eye is uniform within half of its window, and a radius is half of the width.
+    edge_m = pixel_m * views[0].edge_px if views[0].baseline_m else 0.0
+    z_m, wide_m, square_m2 = z_m[told], wide_m[told] - 0.25 * edge_m, square_m2[told]
+    # Of a row (first index) and a circle (second).
+    apart_m2 = (_cotangents(views, axis_m, z_m) * (z_m[:, None] - z_m)) ** 2
+    radius_m = np.sqrt((wide_m[:, None] ** 2 + apart_m2).min(axis=0))
+    shown = np.unique((radius_m**2 - apart_m2).argmax(axis=1))
+    return OutlineRings(z_m[shown], radius_m[shown], np.sqrt(square_m2[shown]), edge_m / np.sqrt(48))
+
+
+def _variance_m2(walls: _Walls, ratios: np.ndarray) -> np.ndarray:
+    """Variance of the radius at each height by the likelihood [m2]."""
+    chances = np.exp(ratios - ratios.max(axis=-1, keepdims=True))
+    chances /= chances.sum(axis=-1, keepdims=True)
+    return np.asarray(np.maximum(chances @ walls.radii_m**2 - (chances @ walls.radii_m) ** 2, 0.0))
+
+
+def _cotangents(views: Sequence[OutlineView], axis_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
+    """Cotangent of the elevation of the cameras above heights, median over the views."""
+    eyes_m = np.array([-view.T_camera_world[:, :3].T @ view.T_camera_world[:, 3] for view in views])
+    away_m = np.hypot(*(eyes_m[:, :2] - axis_m).T)
+    return np.asarray(np.median(away_m[:, None] / np.maximum(np.abs(eyes_m[:, 2:] - z_m), 1e-6), axis=0))
+
+
+def _walls(
+    views: Sequence[OutlineView], middle_m: np.ndarray, z_m: np.ndarray, radii_m: np.ndarray
+) -> _Walls:
+    """Readings from the axis through a point to walls at heights and radii."""
+    axis_m = middle_m[:2]
+    changed, known = np.zeros((2, len(views), len(z_m), len(radii_m)))
+    for number, view in enumerate(views):
+        (fx, fy, cx, cy), (height, width) = view.matrix, view.limit_m.shape
+        motion = view.T_camera_world
+        way = -motion[:, :3].T @ motion[:, 3]
+        away_m = np.hypot(*(way[:2] - axis_m))
+        if away_m <= 1.01 * radii_m[-1]:
+            continue
+        way = (way[:2] - axis_m) / away_m
+        # Tangent points: the cosine of their angle from the way to the camera is r / d.
+        along, aside = radii_m**2 / away_m, radii_m * np.sqrt(1 - (radii_m / away_m) ** 2)
+        points = np.empty((2, len(z_m), len(radii_m), 3))
+        points[..., 2] = z_m[:, None]
+        for side, sign in enumerate((1.0, -1.0)):
+            points[side, ..., 0] = axis_m[0] + along * way[0] - sign * aside * way[1]
+            points[side, ..., 1] = axis_m[1] + along * way[1] + sign * aside * way[0]
+        x, y, depth = np.moveaxis(points @ motion[:, :3].T + motion[:, 3], -1, 0)
+        if depth.min() < 0.05:
+            continue
+        u, v = fx * x / depth + cx, fy * y / depth + cy
+        left, right = np.minimum(u[0], u[1]), np.maximum(u[0], u[1])
+        row = np.rint(0.5 * (v[0] + v[1])).astype(int)
+        held = (row >= 0) & (row < height)
+        row, middle, depth = np.clip(row, 0, height - 1), 0.5 * (left + right), 0.5 * (depth[0] + depth[1])
+        behind, place = depth.copy(), middle
+        for _ in range(3):
+            # As in the fit of the outlines: the farthest background past which the second eye looks.
+            limit = view.limit_m[row, np.clip(place.astype(int), 0, width - 1)]
+            behind = np.where(limit > depth, limit, behind)
+            shift = fx * view.baseline_m * (1 / depth - 1 / behind)
+            place = (left if view.baseline_m >= 0 else right) - shift
+        ends = (middle, right), (left - shift, middle - shift)
+        if view.baseline_m < 0:
+            ends = (left, middle), (middle - shift, right - shift)
+        beyond = view.limit_m > motion[2] @ middle_m
+        # A row counts as a part of a matching window, as in the evidence of a pixel.
+        rows = view.weight / view.window_px**2 * np.abs(np.gradient(v[0][:, 0]))[:, None] * held
+        for sums, counted in ((changed, view.changed > 0), (known, view.changed != 0)):
+            whole = np.pad(np.cumsum(counted & beyond, axis=1, dtype=np.float64), ((0, 0), (1, 0)))
+            sums[number] = rows * sum(_between(whole, row, *end) for end in ends)
+    return _Walls(changed, known, radii_m)
+
+
+def _between(whole: np.ndarray, row: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Sum of a row between two columns, from cumulative sums with one more column."""
+    found = []
+    for end in (high, low):
+        place = np.clip(end + 0.5, 0.0, whole.shape[1] - 1.0)
+        k = np.minimum(place.astype(int), whole.shape[1] - 2)
+        found.append(whole[row, k] + (place - k) * (whole[row, k + 1] - whole[row, k]))
+    return np.asarray(found[0] - found[1])
