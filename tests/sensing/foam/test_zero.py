@@ -73,6 +73,20 @@ def test_a_moving_front_is_refused() -> None:
         ZeroReference.from_samples(0.0, np.zeros((30, K)), width, IMAGE)
 
 
+@pytest.mark.parametrize("points", [1, 3])
+def test_an_edge_that_is_found_late_is_not_a_moving_front(points) -> None:
+    """Edges of which the first frame saw another one, 7 mm away; a body moves several neighbours."""
+    width = np.full((8, K), 0.02) + np.random.default_rng(4).normal(0.0, 2e-5, (8, K))
+    width[0, 5 : 5 + points] -= 0.007
+    if points == 1:
+        assert ZeroReference.from_samples(0.0, np.zeros((8, K)), width, IMAGE).width_m[5] == pytest.approx(
+            0.02, abs=1e-4
+        )
+        return
+    with pytest.raises(CalibrationError, match=r"moved by 7.* mm while zeroing"):
+        ZeroReference.from_samples(0.0, np.zeros((8, K)), width, IMAGE)
+
+
 def test_a_strip_that_is_not_seen_is_refused() -> None:
     with pytest.raises(CalibrationError, match="none of 20 contour points was seen in half of the 10 frames"):
         ZeroReference.from_samples(0.0, np.zeros((10, K)), np.full((10, K), np.nan), IMAGE)

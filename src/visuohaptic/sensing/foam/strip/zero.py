@@ -129,8 +129,10 @@ class ZeroReference:
             half = len(width_m) // 2
             step = width_m[half:] - width_m[:1]
             trend = np.nansum(step, axis=0) / np.maximum(np.isfinite(step).sum(axis=0), 1)
-            # Mean over five neighbours, which averages noise but not the effect of a body that touches the strip.
-            moved = float(np.max(np.abs(np.convolve(trend, np.full(5, 0.2), mode="valid"))))
+            # Median over five neighbours: a body that touches the strip moves most of them, an edge that is found late single ones.
+            moved = float(
+                np.max(np.abs(np.median(np.lib.stride_tricks.sliding_window_view(trend, 5), axis=1)))
+            )
             limit = 0.01 * float(np.median(width[known]))
             if moved > limit:
                 raise CalibrationError(
