@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from visuohaptic.deformation.maps import object_map
 from visuohaptic.deformation.shapes import (
     MeshConvention,
     WallProperties,
+    coverage,
     import_container,
+    import_mesh,
     tube_mesh,
 )
 from visuohaptic.deformation.shells import dual_tip_map
@@ -234,6 +237,13 @@ def test_what_is_told_to_be_up_is_up(tmp_path: Path, reference: float) -> None:
     ) == pytest.approx(reference, rel=1e-3)
 
 
+@pytest.mark.parametrize("up", ["x", "y", "z", "-x", "-y", "-z"])
+def test_the_named_axis_is_turned_up_and_nothing_is_mirrored(up: str) -> None:
+    turned = import_mesh._turned_up(np.eye(3), up)  # row k: where axis k goes
+    np.testing.assert_array_equal(turned["xyz".index(up[-1])], [0, 0, -1 if up[0] == "-" else 1])
+    assert np.linalg.det(turned) == pytest.approx(1.0)
+
+
 def test_trays_and_pouches_stand(tmp_path: Path) -> None:
     """Longer than high, but with a foot as long and wide as they are."""
     for sides in ((0.2, 0.08, 0.05), (0.09, 0.02, 0.08), (0.04, 0.2, 0.06)):
@@ -249,6 +259,36 @@ def test_two_shells_inside_each_other_are_refused(tmp_path: Path) -> None:
     container = import_container(write(trimesh.util.concatenate([tube(), close]), tmp_path / "near.stl"))
     assert any("1.5 mm apart" in note for note in container.notes)
     assert np.median(container.mesh.thickness_m) == pytest.approx(0.0015, rel=0.01)
+
+
+@pytest.mark.parametrize(("shift_m", "radius_m"), [(0.0, 0.035), (0.04, 0.035), (0.1, 0.025)])
+def test_shells_that_overlap_or_stand_apart_are_not_nested(shift_m: float, radius_m: float) -> None:
+    """By their boxes: each is within the other on neither axis, on one of two, or on none."""
+    other = tube(24, 4, radius_m)
+    other.apply_translation([shift_m, 0, 0])
+    both = trimesh.util.concatenate([tube(24, 4), other])
+    state = SimpleNamespace(vertices=np.asarray(both.vertices), faces=np.asarray(both.faces))
+    wall = SimpleNamespace(
+        low_m=0.0, high_m=0.2, double=True, wall_m=0.03, radius_m=lambda z, count: np.full((1, count), 0.035)
+    )
+    import_mesh._check_one_shell(state, wall, "two.stl")
+
+
+def test_a_point_is_of_the_wall_within_half_a_diagonal_of_its_samples() -> None:
+    """Of a cylinder, sampled so densely upwards that the diagonal is the distance around."""
+    radius_m, high_m = 0.035, 0.02
+    wall = SimpleNamespace(
+        axis_point_m=(0.0, 0.0), low_m=0.0, high_m=high_m, double=False,
+        radius_m=lambda z, count: np.full((len(z), count), radius_m),
+    )  # fmt: skip
+    half_m = 0.5 * np.hypot(2 * np.pi * radius_m / coverage.ANGLES, high_m / (coverage.LEVELS - 1))
+    found = []
+    for away in (0.0, 1.4):
+        patch = tube_mesh(radius_m + away * half_m, 0.2 * high_m, 0.0005, around=360, along=2, crossed=False)
+        middle = patch.vertices_m + np.array([0.0, 0.0, 0.5 * high_m - patch.vertices_m[:, 2].mean()])
+        found.append(coverage.represented_fraction(middle, patch.faces, wall, closed=False)[0])
+    assert found[0] > 0.999
+    assert found[1] == 0.0
 
 
 def test_a_handle_is_left_out_and_said(tmp_path: Path, reference: float) -> None:
