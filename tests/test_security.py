@@ -70,6 +70,9 @@ def test_yaml_of_more_than_16_MiB_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_bytes(b"a: " + b"x" * (16 << 20))
     with pytest.raises(InputError, match="expected at most 16777216"):
         load_yaml(tmp_path / "a.yaml")
+    (tmp_path / "a.yaml").write_bytes(bytes(17 << 20))
+    with pytest.raises(InputError, match="is not UTF-8 text"):  # of a video, the size is not the problem
+        load_yaml(tmp_path / "a.yaml")
 
 
 # --- names that lead out of their folder ------------------------------------------------------------------------

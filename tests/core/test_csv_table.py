@@ -1,4 +1,4 @@
-"""The reader of CSV tables: what it accepts, and its one-line errors."""
+"""CSV tables: what their reader accepts, its one-line errors, and their writer."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from visuohaptic.core import CalibrationError, InputError
-from visuohaptic.core.files import read_csv
+from visuohaptic.core.files import read_csv, write_csv
 
 
 def _written(folder: Path, text: str) -> Path:
@@ -59,3 +59,18 @@ def test_errors_are_one_line_with_their_place(tmp_path: Path, text: str, said: s
 
 def test_a_table_without_rows_is_accepted_on_request(tmp_path: Path) -> None:
     assert list(read_csv(_written(tmp_path, "a\n"), allow_empty=True)[1]) == []
+
+
+def test_what_is_written_is_read_again(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    write_csv(path, ("name", "x_m"), [('a, "b"', 0.1 + 0.2), ("ä", "")])
+    names, rows = read_csv(path)
+    assert names == ["name", "x_m"]
+    first, second = rows
+    assert (first["name"], first.number("x_m"), second["name"], second["x_m"]) == (
+        'a, "b"',
+        0.1 + 0.2,
+        "ä",
+        "",
+    )
+    assert b"\r" not in path.read_bytes()

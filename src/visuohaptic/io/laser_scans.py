@@ -7,7 +7,6 @@ angle_step_rad, range_min_m, range_max_m``, followed by the ranges ``r0, r1, ...
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -17,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.errors import InputError
-from ..core.files import CsvRow, atomic_path, read_csv
+from ..core.files import CsvRow, read_csv, write_csv
 from ..core.laser_scan import MAX_BEAMS, LaserScan
 from .ros.sqlite_bag import is_bag, open_bag
 
@@ -75,10 +74,8 @@ def write_scans(path: Path | str, scans: Iterable[OdometryScan]) -> None:
         ranges = ["" if math.isnan(r) else repr(float(r)) for r in scan.ranges_m]
         rows.append([*(repr(float(v)) for v in (*head, scan.range_max_m)), *ranges])
     beams = max((len(row) - len(_COLUMNS) for row in rows), default=0)
-    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow([*_COLUMNS, *(f"r{number}" for number in range(beams))])
-        writer.writerows(row + [""] * (beams + len(_COLUMNS) - len(row)) for row in rows)
+    columns = [*_COLUMNS, *(f"r{number}" for number in range(beams))]
+    write_csv(path, columns, (row + [""] * (len(columns) - len(row)) for row in rows))
 
 
 def _from_csv(path: Path) -> list[OdometryScan]:

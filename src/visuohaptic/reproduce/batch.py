@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..core.files import atomic_path, write_text
+from ..core.files import atomic_path, write_csv
 from ..core.map_tasks import map_tasks
 from .runner import EXPERIMENTS, ExperimentOutcome, cached_outcome, known_name, reproduce
 
@@ -113,16 +111,12 @@ def write_costs(folder: Path | str, found: Mapping[str, ExperimentOutcome]) -> P
     found
         How each experiment went, by name.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("name", "wall_s", "cpu_s", "ok", "kept", "problem"))
-    for name in EXPERIMENTS:
-        if name in found:
-            one = found[name]
-            times = (f"{one.seconds:.2f}", f"{one.cpu_seconds:.2f}")
-            writer.writerow((name, *times, not one.problem, one.kept, one.problem))
+    rows = [
+        (one.name, f"{one.seconds:.2f}", f"{one.cpu_seconds:.2f}", not one.problem, one.kept, one.problem)
+        for one in (found[name] for name in EXPERIMENTS if name in found)
+    ]
     path = Path(folder) / "experiments.csv"
-    write_text(path, text.getvalue())
+    write_csv(path, ("name", "wall_s", "cpu_s", "ok", "kept", "problem"), rows)
     return path
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -13,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..core.errors import InputError
-from ..core.files import atomic_path, write_image, write_text
+from ..core.files import atomic_path, write_csv, write_image
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -115,12 +113,9 @@ class Output:
                 f"found columns of {sorted(lengths)} rows, expected one length > 0",
                 field=name,
             )
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(zip(*([_plain(v) for v in values] for values in columns.values()), strict=True))
         path = self.folder / f"{name}.csv"
-        write_text(path, text.getvalue())
+        rows = zip(*(map(_plain, values) for values in columns.values()), strict=True)
+        write_csv(path, columns, rows)
         self.tables.append(path.name)
         self.rows += lengths.pop()
         return path

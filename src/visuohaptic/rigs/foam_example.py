@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from ..core.errors import needs
-from ..core.files import atomic_path
+from ..core.files import atomic_path, write_csv
 from ..simulation.foam.press_rig import PressShape, calibration_press, press
 from ..simulation.foam.strip_geometry import FoamStripGeometry
 from ..simulation.foam.strip_law import write_calibration_csv
@@ -77,10 +76,7 @@ def write_truth(folder: Path, columns: Sequence[str], rows: Iterable[Iterable[fl
     rows
         One row per frame.
     """
-    with atomic_path(folder / "truth.csv") as temporary, temporary.open("w", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows([f"{value:.6f}" for value in row] for row in rows)
+    write_csv(folder / "truth.csv", columns, ([f"{value:.6f}" for value in row] for row in rows))
 
 
 def write_video(

@@ -7,6 +7,7 @@ from .csv_table import CsvRow as CsvRow
 from .csv_table import check_columns as check_columns
 from .csv_table import is_number as is_number
 from .csv_table import read_csv as read_csv
+from .csv_table import write_csv as write_csv
 from .image_header import MAX_PIXELS as MAX_PIXELS
 from .image_header import check_image_size as check_image_size
 from .image_header import image_size as image_size

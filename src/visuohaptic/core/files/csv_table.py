@@ -1,14 +1,16 @@
-"""CSV tables with a header line: one reader, and one form of its messages."""
+"""CSV tables with a header line: one reader, one form of its messages, and one writer."""
 
 from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ..errors import InputError
+from .atomic import atomic_path
 from .regular import read_text
 
 #: Larger tables are rejected: a force table of an hour at 1 kHz is about 500 MB.
@@ -185,6 +187,29 @@ def _split(text: str) -> Iterator[str]:
         end = text.find("\n", start) + 1 or len(text)
         yield text[start:end]
         start = end
+
+
+def write_csv(path: Path | str, columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
+    """Write a CSV table atomically.
+
+    Parameters
+    ----------
+    path
+        File that is created or replaced.
+    columns
+        Header.
+    rows
+        Values of each row, as many as columns; floats as the shortest text that parses to the same number.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(rows)
 
 
 def is_number(text: str) -> bool:

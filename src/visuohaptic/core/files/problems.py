@@ -49,6 +49,8 @@ def _said(problem: Any, model: type[BaseModel]) -> str:
     if kind == "missing":
         return "is missing"
     if kind == "extra_forbidden":
+        if problem["loc"] == ("format",):
+            return f"found {found}: a file of another kind"
         near = get_close_matches(str(problem["loc"][-1]), sorted(set(_names(model))), n=1)
         return f"unknown field (found {found})" + (f", did you mean {near[0]}?" if near else "")
     if kind == "value_error":

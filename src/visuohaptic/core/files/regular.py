@@ -195,6 +195,10 @@ def read_text(path: Path | str, max_bytes: int, *, error: type[InputError] = Inp
     InputError
         As ``error``: see :func:`read_bytes`; or the file is not UTF-8.
     """
+    size = file_size(path, error=error)
+    if size > max_bytes and b"\0" in read_head(path, 1024):  # a video, say: its size is not the problem
+        found = f"is not UTF-8 text (found a zero byte), and has {size} bytes, expected at most {max_bytes}"
+        raise error(path, found)
     try:
         text = read_bytes(path, max_bytes, error=error).decode("utf-8-sig")
     except UnicodeDecodeError as problem:

@@ -138,10 +138,10 @@ def write_calibration_csv(path: Path | str, rows: Sequence[tuple[float, float, s
     rows
         Strain, stress [Pa] and direction (``loading`` or ``unloading``) of each sample.
     """
-    from ...core.files import write_text
+    from ...core.files import write_csv
 
-    lines = ["strain,stress_Pa,direction", *(f"{e:.6f},{s:.3f},{d}" for e, s, d in rows)]
-    write_text(path, "\n".join(lines) + "\n")
+    texts = ((f"{strain:.6f}", f"{stress:.3f}", direction) for strain, stress, direction in rows)
+    write_csv(path, ("strain", "stress_Pa", "direction"), texts)
 
 
 #: Soft PUR: slope about 10 kPa per unit strain in the plateau.

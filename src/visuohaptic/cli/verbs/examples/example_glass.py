@@ -49,12 +49,12 @@ def run(args: Any) -> dict[str, Any]:
         pose_sigma_m=_SIGMA_M,
         pose_sigma_rad=_SIGMA_RAD,
     )
-    rows = ["x_m,y_m,radius_m,height_m"]
+    rows = []
     for solid in scene.glass:
         x, y, _ = solid.foot_m
         radius_m = float(np.max(solid.radius_m(np.linspace(0.0, solid.height_m, 50))))
-        rows.append(f"{x:.4f},{y:.4f},{radius_m:.4f},{solid.height_m:.4f}")
-    files.write_text(args.out / "truth.csv", "\n".join(rows) + "\n")
+        rows.append([f"{value:.4f}" for value in (x, y, radius_m, solid.height_m)])
+    files.write_csv(args.out / "truth.csv", ("x_m", "y_m", "radius_m", "height_m"), rows)
     args.report(f"{views} views of {len(scene.glass)} bottles written to {args.out}")
     report_next(args, args.out, "example glass")
     return {"folder": str(args.out), "views": views, "bottles": len(scene.glass)}

@@ -81,14 +81,15 @@ def run(args: Arguments) -> dict[str, Any]:
         return _robot(args)
     args.report(f"Python {platform.python_version()} on {platform.platform()}")
     findings = []
+    width = 1 + max(len(library.package) for library in OPTIONAL)
     for library in (*CORE, *OPTIONAL):
         finding = examine(library)
         findings.append(finding)
         kind = f"extra {library.extra}" if library.extra else "core"
         state = finding.version or f"{finding.problem}; without it: no {library.purpose}"
-        args.report(f"{library.package:<24}{kind:<18}{state}")
+        args.report(f"{library.package:<{width}}{kind:<18}{state}")
         if finding.remedy:
-            args.report(f"{'':<24}{'':<18}{finding.remedy}")
+            args.report(f"{'':<{width + 18}}{finding.remedy}")
     broken = [finding for finding in findings if finding.problem and not finding.library.extra]
     if broken:
         names = ", ".join(finding.library.package for finding in broken)
