@@ -65,6 +65,16 @@ def goes_through(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray, c: 
 
 
 @kernel
+def _beside(points: np.ndarray, face: np.ndarray, p: np.ndarray, q: np.ndarray, near: float) -> bool:
+    """Whether the bounding boxes of a face and of an edge are more than ``near`` apart along an axis."""
+    for k in range(3):
+        a, b, c = points[face[0], k], points[face[1], k], points[face[2], k]
+        if max(p[k], q[k]) < min(a, b, c) - near or min(p[k], q[k]) > max(a, b, c) + near:
+            return True
+    return False
+
+
+@kernel
 def meetings(
     points: np.ndarray, faces: np.ndarray, edges: np.ndarray, near: float, cell: float, most: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -129,6 +139,8 @@ def meetings(
                         a_, b_, c_ = faces[f, 0], faces[f, 1], faces[f, 2]
                         if p in (a_, b_, c_) or q in (a_, b_, c_):
                             continue
+                        if _beside(points, faces[f], points[p], points[q], 0.0):
+                            continue
                         if goes_through(points[p], points[q], points[a_], points[b_], points[c_]):
                             vertex[count], face[count], distance[count] = p, f, 0.0
                             count += 1
@@ -141,7 +153,7 @@ def meetings(
         for m in range(begin[s], begin[s + 1]):
             f = listed[m]
             a_, b_, c_ = faces[f, 0], faces[f, 1], faces[f, 2]
-            if v in (a_, b_, c_):
+            if v in (a_, b_, c_) or _beside(points, faces[f], points[v], points[v], near):
                 continue
             away = distance_to_triangle(points[v], points[a_], points[b_], points[c_])
             if away < near:
