@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -19,8 +21,23 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 pytest.importorskip("sqlalchemy")
 pytest.importorskip("pyarrow")
 
-from visuohaptic.core import Estimate, Evidence, HapticTag, Provenance, VisuoHapticObject, cards
-from visuohaptic.database import ObjectDatabase, Synchronised, add_evidence, open_database, synchronise
+from visuohaptic.core import (
+    DatabaseError,
+    Estimate,
+    Evidence,
+    HapticTag,
+    Provenance,
+    VisuoHapticObject,
+    cards,
+)
+from visuohaptic.database import (
+    Connections,
+    ObjectDatabase,
+    Synchronised,
+    add_evidence,
+    open_database,
+    synchronise,
+)
 
 ROBOTS, IDS = st.sampled_from(["one", "two"]), st.sampled_from(["cup", "jar"])
 
@@ -184,6 +201,40 @@ def test_a_shared_database_restored_from_a_backup_gets_everything_again(tmp_path
             names = {"cup", "jar", "lost", "bowl", "pan"}
             assert [{found.id for found in db.summaries()} for db in (one, two, shared)] == [names] * 3
             assert synchronise(one, shared) == Synchronised(0, 0)
+
+
+def test_a_synchronisation_that_stops_at_any_write_is_simply_repeated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writing = Connections.writing
+    for stop in range(20):
+        left = [stop]
+
+        def until(self: Connections, left: list[int] = left) -> AbstractContextManager[Any]:
+            left[0] -= 1
+            if left[0] == -1:
+                raise DatabaseError("the power fails")
+            return writing(self)
+
+        with (
+            open_database(tmp_path / f"one{stop}") as one,
+            open_database(tmp_path / f"shared{stop}") as shared,
+        ):
+            one.add(VisuoHapticObject("cup"))
+            synchronise(one, shared)
+            one.add(VisuoHapticObject("jar"))
+            shared.add(VisuoHapticObject("pan"))
+            with monkeypatch.context() as patch, suppress(DatabaseError):
+                patch.setattr(Connections, "writing", until)
+                synchronise(one, shared)
+            synchronise(one, shared)
+            assert [{found.id for found in db.summaries()} for db in (one, shared)] == [
+                {"cup", "jar", "pan"}
+            ] * 2
+            assert synchronise(one, shared) == Synchronised(0, 0)
+        if left[0] >= 0:  # it had fewer writes
+            break
+    assert 3 < stop < 19
 
 
 def test_an_object_felt_by_a_fast_clock_can_be_deleted(tmp_path: Path) -> None:
