@@ -16,7 +16,7 @@ uncertain quantities. The deviation of the slopes from those of the measured out
 ``log(k / k_h)`` is Gaussian with the uncertainty of wall and modulus (``SCALE``), correlated over ``ALONG_M`` so that adjacent
 heights count once, and the covariance of the stiffness among outlines with the error of the measured one. A lid
 has play, or is flexible: anything between a free rim and a held one is equally probable of a closed container, so that near
-the rim, where a held one doubles the stiffness and more, a soft wall says little, and a stiff one that it is closed. If the
+the rim, where a held one doubles the stiffness and more, a soft wall is weak evidence, and a stiff one strong evidence of a lid. If the
 error of the slope were part of the hypothesis's own stiffness, a stiffer hypothesis would be penalised for noise that is
 not in its data. The mass is Gaussian about that of the hypothesis. The likelihoods of curves and mass multiply; contents that
 fit no hypothesis are unknown, see :mod:`.unknown_state`. Symbols: n levels of a curve, k points of an outline, h hypotheses.

@@ -289,7 +289,7 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
         beyond /= 3.0 * parallels
         apart = _sampling(lines[k], taps, first, last)
         _ramp(out, x0, 0.0, blur, taps, apart, first, last)
-        # The surface beyond is uniform, or the floor of the zero image, which goes on where the foam has uncovered it.
+        # The surface beyond is uniform, or the floor of the zero image, which continues where the foam has uncovered it.
         scale = 100.0 / max(beyond, 1.0)
         for lane in range(parallels):
             for j in range(last, first - 1, -1):
