@@ -181,7 +181,7 @@ def push_ends(planner: Planner, key: str) -> Row:
 def _steered(world: World, push: Row) -> tuple[float, float]:
     """Distance from its goal [m] and turn [rad] of an object pushed as during execution: observed, and with feedback."""
     from visuohaptic.navigation.pushing import PushModel
-    from visuohaptic.tasks.mobile import PushSettings, SteeredPush
+    from visuohaptic.tasks.mobile import PushSettings, SteeredPush, contact_curvature
     from visuohaptic.tasks.mobile.travel.travel_pushes import ASIDE_SIGMAS
 
     at, robot = np.array(push["path_m"][0]), world.robot
@@ -190,6 +190,7 @@ def _steered(world: World, push: Row) -> tuple[float, float]:
     body = world.bodies[0]
     across = np.array([-np.sin(direction), np.cos(direction), 0.0])
     aside_m = ASIDE_SIGMAS * float(np.sqrt(across @ np.array(push["end_covariance"]) @ across))
+    curvature = contact_curvature(body.outline_m, push["contact_m"], robot.radius_m)
     run = SteeredPush(
         at.copy(),
         direction,
@@ -198,7 +199,11 @@ def _steered(world: World, push: Row) -> tuple[float, float]:
         object_m=np.array([*body.centre_m, 0.0]),
         lever_m=PushModel.of_footprint(body.outline_m - body.centre_m).lever_m,
         settings=PushSettings(
-            robot.radius_m, robot.v_push_m_s, max_force_N=robot.push_force_max_N, aside_m=aside_m
+            robot.radius_m,
+            robot.v_push_m_s,
+            max_force_N=robot.push_force_max_N,
+            aside_m=aside_m,
+            curvature_per_m=curvature,
         ),
     )
     for period in itertools.count():

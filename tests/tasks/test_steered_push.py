@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.navigation.plan_scenes import box, rooms
+from tests.worlds.maps import Body, Robot
+from tests.worlds.push_physics import FloorPhysics
 
 from visuohaptic.core import InputError
-from visuohaptic.navigation.pushing import PushModel
+from visuohaptic.core.geometry import polygon_centroid
+from visuohaptic.navigation.pushing import PushModel, push_contacts
 from visuohaptic.simulation.floor import FloorObject, FloorWorld
-from visuohaptic.tasks.mobile import PushEnd, PushSettings, SteeredPush
+from visuohaptic.tasks.mobile import PushEnd, PushSettings, SteeredPush, contact_curvature
 
 pytest.importorskip("mujoco")
 
@@ -76,6 +79,51 @@ def test_it_ends_with_the_rotation_that_the_plan_declares():
     x, y, turn = world.object_pose_m("box") - np.array([2.0, 1.5, 0.0])
     assert (x, y) == pytest.approx((0.5, 0.0), abs=0.01)
     assert turn == pytest.approx(-0.15, abs=np.deg2rad(0.5))
+
+
+def l_shape(width):
+    return np.array([[0, 0], [0.4, 0], [0.4, width], [width, width], [width, 0.4], [0, 0.4]]) + 1.0
+
+
+@pytest.mark.parametrize(("offset_m", "length_m"), [((0.0, 0.0), 0.5), ((-0.006, 0.006), 0.3)])
+def test_an_object_that_the_rim_bridges_turns_with_it(offset_m, length_m):
+    """Steered as if its contact rolled along a face, these end 24 and 13 mm and 7 and 3 deg off."""
+    outline = l_shape(0.2)
+    centre, robot = polygon_centroid(outline), Robot()
+    push = max(push_contacts(outline, centre, robot.radius_m), key=lambda one: one.direction @ (-1.0, -1.0))
+    contact = centre + push.contact
+    curvature = contact_curvature(outline, contact, robot.radius_m)
+    assert curvature == -1.0 / robot.radius_m
+    at = centre + push.robot - 0.03 * push.direction
+    body = Body("thing", outline, centre_offset_m=offset_m)
+    physics = FloorPhysics((), (body,), robot, at)
+    heading = direction = float(np.arctan2(*push.direction[::-1]))
+    lever_m = PushModel.of_footprint(outline - centre).lever_m
+    run = SteeredPush(
+        at.copy(), direction, length_m, object_m=np.array([*centre, 0.0]), lever_m=lever_m,
+        settings=PushSettings(robot.radius_m, robot.v_push_m_s, curvature_per_m=curvature),
+    )  # fmt: skip
+    while run.end is None:
+        force, place = physics.touch
+        pose = np.array([*physics.robot_m, heading])
+        contact_m = None if place is None else tuple(place)
+        middle, turn = physics.pose(0)
+        speed, rate = run.command(physics.data.time, pose, force, contact_m, np.array([*middle, turn]))
+        heading += 0.02 * rate
+        velocity = speed * np.array([np.cos(heading), np.sin(heading)])
+        physics.follow(at, velocity, 0.02, rate)
+        at = at + 0.02 * velocity
+    assert run.end is PushEnd.DONE
+    middle, turn = physics.pose(0)
+    assert np.hypot(*(middle - centre - length_m * push.direction)) < 0.006
+    assert abs(turn) < np.deg2rad(2.0)
+
+
+def test_the_curvature_at_a_contact():
+    angle = np.arange(24) * np.pi / 12
+    disc = 0.2 * np.column_stack([np.cos(angle), np.sin(angle)])
+    assert contact_curvature(disc, (0.2, 0.0), 0.17) == pytest.approx(5.0, rel=0.02)
+    assert contact_curvature(box(0.0, 0.0, 0.4), (0.2, 0.05), 0.17) == 0.0
 
 
 def test_the_control_is_that_of_riccatis_equation():

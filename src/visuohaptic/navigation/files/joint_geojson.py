@@ -34,12 +34,9 @@ def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = 
     features: list[dict[str, Any]] = []
     places = [joint.visual.node_m]
     for node in joint.added:
-        centre = (
-            node.kind.outline_m.mean(axis=0)[None]
-            if node.cell[0] < 0
-            else grid.world_from_cell(np.array([node.cell]))
-        )
-        places.append(centre)
+        inside = node.cell[0] >= 0
+        place = grid.world_from_cell(np.array(node.cell)) if inside else node.kind.outline_m.mean(axis=0)
+        places.append(place[None])
     route = route_pieces(joint.visual, joint.regions.layers)
     # Numbers of added nodes come before those of the cells where edges are split.
     pieces = np.where(route.ends < joint.visual.nodes, route.ends, route.ends + len(joint.added))
@@ -54,10 +51,7 @@ def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = 
         features.append(feature("Point", [float(x), float(y)], properties))
     number = len(points)
     driven = np.where(np.isfinite(joint.edges()[1][route.edge]), route.measures[:, 0], np.inf)
-    own_s = np.array([node.task_s for node in joint.added])[tasks.edge]
-    at_node = (tasks.ends >= joint.visual.nodes) & (tasks.ends < joint.visual.nodes + len(joint.added))
-    half_s = tasks.measures[:, 0] + 0.5 * own_s * at_node.any(axis=1)
-    ends, costs = np.concatenate([pieces, tasks.ends]), np.concatenate([driven, half_s])
+    ends, costs = (np.concatenate(both) for both in ((pieces, tasks.ends), (driven, tasks.measures[:, 0])))
     for (a, b), cost in zip(ends.tolist(), costs.tolist(), strict=True):
         if not np.isfinite(cost):
             continue

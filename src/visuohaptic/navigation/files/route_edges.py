@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Float32, Int
@@ -43,14 +42,14 @@ def route_pieces(graph: NavigationGraph, layers: GridLayers) -> RoutePieces:
         for edge, (first, second) in enumerate(graph.edges.tolist())
         if first != second
     )
-    return _split(paths, graph.nodes, layers, _clearance(layers))
+    return _joined(_split(paths, graph.nodes, layers, _clearance(layers)))
 
 
 def task_pieces(joint: JointGraph, nodes: int) -> RoutePieces:
     """The same for the drives to and from the added nodes of a joint graph, each with its own object taken away.
 
     Every drive leads from the added node through its region and on to the node of the neighbouring region; ``edge``
-    is the index of the added node.
+    is the index of the added node. Half of its task's time is part of each first piece.
 
     Parameters
     ----------
@@ -60,24 +59,29 @@ def task_pieces(joint: JointGraph, nodes: int) -> RoutePieces:
         Number of nodes so far: cells where drives are split are numbered from there.
     """
     regions, clearance = joint.regions, _clearance(joint.regions.layers)
-    found = [_split((), nodes, regions.layers, clearance)]
+    found: list[RoutePieces] = []
     for index, node in enumerate(joint.added):
-        if not math.isfinite(node.task_s):
-            continue
         paths = (
-            (index, node.number, int(near), np.vstack([way[:-1], onward(regions.potential, regions.seed, *way[-1])]))
-            for near, way in zip(node.neighbours, node.ways, strict=True)
+            (index, node.number, near, np.vstack([way[:-1], onward(regions.potential, regions.seed, *way[-1])]))
+            for near, way in zip(node.neighbours.tolist(), node.ways, strict=True)
+            if math.isfinite(node.task_s)
         )  # fmt: skip
-        (row, column), (rows, columns) = node.corner, node.clearance.shape
-        around = clearance[row : row + rows, column : column + columns]
+        around = clearance[node.window]
         mapped = around.copy()
         around[:] = node.clearance
-        found.append(_split(paths, nodes, regions.layers, clearance))
+        for part in _split(paths, nodes, regions.layers, clearance):
+            part.measures[0, 0] += 0.5 * node.task_s
+            nodes += len(part.cells)
+            found.append(part)
         around[:] = mapped
-        nodes += len(found[-1].cells)
-    return RoutePieces(
-        *(np.concatenate([getattr(part, name) for part in found]) for name in RoutePieces.__slots__)
-    )
+    return _joined(found)
+
+
+def _joined(parts: Iterable[RoutePieces]) -> RoutePieces:
+    none = np.zeros((0, 2), np.int64)
+    found = [RoutePieces(none, none, none[:, 0], np.zeros((0, 3))), *parts]
+    columns = ([getattr(part, name) for part in found] for name in RoutePieces.__slots__)
+    return RoutePieces(*map(np.concatenate, columns))
 
 
 def _clearance(layers: GridLayers) -> Float32[np.ndarray, "rows columns"]:
@@ -90,32 +94,17 @@ def _split(
     number: int,
     layers: GridLayers,
     distance: Float32[np.ndarray, "rows columns"],
-) -> RoutePieces:
+) -> Iterator[RoutePieces]:
     """Split paths (edge, first node, last node, cells); cells of the cuts are numbered from ``number``."""
-    resolution_m = layers.map.resolution_m
-    outside = not layers.unknown_is_free
-    # Tolerance for the single precision of the distances where the robot just fits.
-    radius = layers.radius_m / resolution_m * (1.0 - 1e-6)
-    limits = layers.limits
-    speeds = np.array([layers.radius_m / resolution_m, 1.0 / limits.v_min_m_s, 1.0 / limits.v_max_m_s])
-    added: list[np.ndarray] = []
-    ends: list[tuple[int, int]] = []
-    edges: list[int] = []
-    measures: list[np.ndarray] = []
+    resolution_m, limits, outside = layers.map.resolution_m, layers.limits, not layers.unknown_is_free
+    radius = layers.radius_m / resolution_m
+    speeds = np.array([radius, 1.0 / limits.v_min_m_s, 1.0 / limits.v_max_m_s])
     for edge, first, last, cells in paths:
         path = np.ascontiguousarray(cells)
-        cuts = np.flatnonzero(split_path(distance, path, radius, outside))
-        inner = list(range(number, number + len(cuts) - 2))
-        number += len(inner)
-        nodes = [first, *inner, last]
-        added.append(path[cuts[1:-1]])
-        ends += pairwise(nodes)
-        edges += [edge] * (len(nodes) - 1)
-        measures.append(chord_measures(distance, path[cuts], speeds, outside))
-    scale = np.array([resolution_m, resolution_m, resolution_m])
-    return RoutePieces(
-        np.concatenate([np.zeros((0, 2), np.int64), *added]),
-        np.array(ends, dtype=np.int64).reshape(-1, 2),
-        np.array(edges, dtype=np.int64),
-        np.concatenate([np.zeros((0, 3)), *measures]) * scale,
-    )
+        # Tolerance for the single precision of the distances where the robot just fits.
+        cuts = np.flatnonzero(split_path(distance, path, radius * (1.0 - 1e-6), outside))
+        nodes = np.array([first, *range(number, number + len(cuts) - 2), last])
+        number += len(cuts) - 2
+        ends, edges = np.column_stack([nodes[:-1], nodes[1:]]), np.full(len(cuts) - 1, edge)
+        measures = resolution_m * chord_measures(distance, path[cuts], speeds, outside)
+        yield RoutePieces(path[cuts[1:-1]], ends, edges, measures)

@@ -85,7 +85,7 @@ class _Builder:
         (i0, i1), (j0, j1) = (
             (n.start - w.start, n.stop - w.start) for n, w in zip(narrow, wide, strict=True)
         )
-        clearance = distance[i0:i1, j0:j1]
+        clearance = np.ascontiguousarray(distance[i0:i1, j0:j1])
         # 3 and 4: the node is nearest to the object's centre, its region is the connected component there.
         free = clearance >= self.radius
         own = free & (seeds < 0)
@@ -103,7 +103,7 @@ class _Builder:
         row, column = (start + corner).tolist()
         return JointNode(
             kind, number, (row, column), neighbours, drive_s, task_s, region, none,
-            ways, clearance, (narrow[0].start, narrow[1].start),
+            ways, clearance, narrow,
         )  # fmt: skip
 
     def _neighbours(

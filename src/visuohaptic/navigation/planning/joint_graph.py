@@ -70,9 +70,9 @@ class JointNode:
     blocked_edges: Int32[np.ndarray, "b"]  #: edges of the visual graph through a safety region
     #: cells (row, column) from the node into the region of each neighbour
     ways: tuple[Int[np.ndarray, "n 2"], ...] = ()
-    #: clearance without the object [cells] in a window around it, and the window's first row and column
+    #: clearance without the object [cells] in a window around it, and rows and columns of that window
     clearance: Float32[np.ndarray, "r c"] = field(default_factory=lambda: np.zeros((0, 0), np.float32))
-    corner: tuple[int, int] = (0, 0)
+    window: tuple[slice, slice] = (slice(0, 0), slice(0, 0))
 
     @property
     def edge_s(self) -> Float[np.ndarray, "k"]:

@@ -133,7 +133,9 @@ def _tilts(
     along = contacts @ edges.T - (starts * edges).sum(axis=1)
     across = contacts @ inward.T - (starts * inward).sum(axis=1)
     tolerance = 1e-6 * float(np.abs(hull).max()) + 1e-9
-    meets = (np.abs(across) < tolerance) & (along > -tolerance) & (along < lengths + tolerance)
+    # Across a face corners count, where discs are polygons; an oblique push would slide off.
+    ends = np.where(directions @ inward.T < np.cos(STABLE_RAD), tolerance, -tolerance)
+    meets = (np.abs(across) < tolerance) & (along > ends) & (along < lengths - ends)
     cosines = np.where(meets, directions @ inward.T, -1.0).max(axis=1)
     found: Float[np.ndarray, "n"] = np.arccos(np.clip(cosines, -1.0, 1.0))
     return found

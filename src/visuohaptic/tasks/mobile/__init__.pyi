@@ -19,6 +19,7 @@ from .force_guard import GuardState as GuardState
 from .force_guard import ReactionTime as ReactionTime
 from .known_objects import recognise as recognise
 from .known_objects import remembered_outline as remembered_outline
+from .outline_curvature import contact_curvature as contact_curvature
 from .steered_push import PushEnd as PushEnd
 from .steered_push import PushSettings as PushSettings
 from .steered_push import SteeredPush as SteeredPush

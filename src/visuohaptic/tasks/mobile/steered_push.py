@@ -8,9 +8,10 @@ Whether the contact sticks or slides,
 
     y' = theta + w,    theta' = -(e + h w) / c^2.
 
-A sticking rim moves sideways by u = psi - theta + r psi' and rolls along the face as the platform turns:
+A sticking rim moves sideways by u = psi - theta + r psi' and rolls along the face as the platform turns, along an outline of
+curvature k less far:
 
-    w = (c^2 u - h e) / (c^2 + h^2),    e' = -r psi'.
+    w = (c^2 u - h e) / (c^2 + h^2),    e' = -r psi' / (1 + k r).
 
 psi' is the control. It minimises the squares of y and theta at the end, relative to their tolerances, plus the squares of w, psi
 and r psi' on the way, weighted so that each at its maximum over the length c costs as much (linear quadratic control with finite
@@ -22,6 +23,9 @@ all derivatives are unchanged.
 
 Where a face is more oblique than friction permits, w is at the edge of the friction cone. Then theta' is the control, with the
 same cost, and the platform steers so that the contact slides along the face until e = -c^2 theta' - h w.
+
+An object with a concavity that the rim bridges turns with the platform, until that takes more moment than friction at the rim
+has: theta' = psi', y' = psi + H psi', with H the distance of its centre ahead of the platform's.
 
 The position of the centre of friction is estimated from the same equations: e + h w + c^2 theta' is zero.
 """
@@ -82,6 +86,8 @@ class PushSettings(Ranged):
     heading_gain_per_s: float = 3.0
     turn_limit_rad: float = TURN_LIMIT_RAD  #: maximum rotation of the object
     aside_m: float = math.inf  #: maximum lateral offset of the object from the line of the push
+    #: curvature of the outline at the contact [1/m]: :func:`~visuohaptic.tasks.mobile.outline_curvature.contact_curvature`
+    curvature_per_m: float = 0.0
     lost_m: float = 0.06  #: distance driven without contact after which it is lost
     #: time with less than a quarter of the commanded distance, longer than errors of the localisation
     stall_s: float = field(default=3.0, metadata=POSITIVE)
@@ -131,6 +137,9 @@ class SteeredPush:
         self._first = self._seen = object_m
         self._offset = np.zeros(2) if offset_m is None else np.asarray(offset_m)
         self._lever_m = max(lever_m, 0.02)
+        bend = 1.0 / self.settings.radius_m + self.settings.curvature_per_m
+        #: Distance that the contact moves along the outline per rotation of the platform; infinite in a concavity.
+        self._roll_m = 1.0 / bend if bend > 1e-6 else math.inf
         self._guard = ForceGuard(self.settings.max_force_N)
         self._touch_place: Pose | None = None
         self._last_touch: Pose | None = None
@@ -294,6 +303,13 @@ class SteeredPush:
         if contact_m is not None:
             self._rim = np.array(contact_m) - pose_m[:2]
         axis = rotation_2d(turned) @ self._ahead
+        left = max(self._length_m - float(self.moved_m[0]), MIN_MOTION_M)
+        aside = float((centre - self._centre_m(self._first)) @ self._left) + self._turn_rad * left
+        short = turned - self._turn_rad
+        if math.isinf(self._roll_m):
+            return self._turning(
+                np.array([short, aside, heading - self._turn_rad]), centre - pose_m[:2], left
+            )
         off = centre - pose_m[:2] - self._rim
         high = max(float(off @ axis), 0.05)
         beside = float(axis[1] * off[0] - axis[0] * off[1])
@@ -304,9 +320,6 @@ class SteeredPush:
             (axis[0] * self._rim[1] - axis[1] * self._rim[0]) / max(self._rim @ axis, 0.5 * s.radius_m)
         )
         slope -= max(-CONTACT_FRICTION, min(CONTACT_FRICTION, slope))
-        left = max(self._length_m - float(self.moved_m[0]), MIN_MOTION_M)
-        aside = float((centre - self._centre_m(self._first)) @ self._left) + self._turn_rad * left
-        short = turned - self._turn_rad
         if not slope:
             return self._sticking(np.array([short, aside, beside, heading - self._turn_rad]), high, left)
         rates = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
@@ -316,6 +329,15 @@ class SteeredPush:
         target = turned + slope * (1.0 + high**2 / square) + high * beside / square + slide
         target = max(-s.steer_max_rad, min(s.steer_max_rad, target))
         return (target - heading) / s.radius_m
+
+    def _turning(self, state: Float[np.ndarray, "3"], centre: Float[np.ndarray, "2"], left_m: float) -> float:
+        """psi' for an object that turns with the platform, from the state theta, y, psi and its centre from the platform's."""
+        s = self.settings
+        rates = np.zeros((3, 4))
+        rates[:, 3] = 1.0, float(np.hypot(*centre)), 1.0
+        rates[1, 2] = 1.0
+        moment = self._lever_m**2 / (CONTACT_FRICTION * s.radius_m)
+        return self._controlled(state, rates, np.diag([0.0, 0.0, s.steer_max_rad**-2, moment**2]), left_m)
 
     def _sticking(self, state: Float[np.ndarray, "4"], high: float, left_m: float) -> float:
         """psi' for a sticking contact, from the state theta, y, e, psi."""
@@ -327,7 +349,7 @@ class SteeredPush:
         rates[0] = -(beside + high * aside) / (square + high**2)
         rates[1] = slope
         rates[1, 0] += 1.0
-        rates[2:, 4] = -s.radius_m, 1.0
+        rates[2:, 4] = -self._roll_m, 1.0
         cost = np.outer(slope, slope) / CONTACT_FRICTION**2
         cost[3, 3] += 1.0 / s.steer_max_rad**2
         cost[4, 4] += (s.radius_m / CONTACT_FRICTION) ** 2

@@ -19,6 +19,7 @@ from ....navigation.problem.path_plan import Task
 from ....navigation.problem.planning_problem import PlanningProblem, RobotModel
 from ....navigation.pushing.push_monitor import PushMonitor
 from ....navigation.pushing.quasi_static import line_path
+from ..outline_curvature import contact_curvature
 from ..steered_push import PushEnd, PushSettings, SteeredPush
 from .travel_memory import TravelMemory
 from .travel_motion import Motion, TravelMotion, force_unread
@@ -252,7 +253,15 @@ class TravelPushes:
             if task.end_covariance
             else math.inf
         )
-        return (yield from self._contact(task.object, stand, direction, length_m, place, aside_m, turn_rad))
+        curvature = 0.0
+        if task.contact_m is not None:
+            outline_m = self._memory.item(task.object).footprint_m
+            curvature = contact_curvature(outline_m, task.contact_m, self._robot.radius_m)
+        return (
+            yield from self._contact(
+                task.object, stand, direction, length_m, place, aside_m, turn_rad, curvature
+            )
+        )
 
     def _contact(
         self,
@@ -263,6 +272,7 @@ class TravelPushes:
         place: Float[np.ndarray, "3"] | None,
         aside_m: float = math.inf,
         turn_rad: float = 0.0,
+        curvature: float = 0.0,
     ) -> Motion[SteeredPush]:
         """Turn to the object, push it, stop; straight if its pose is not given."""
         motion, settings, robot = self._motion, self._settings, self._robot
@@ -276,6 +286,7 @@ class TravelPushes:
             max_force_N=robot.push_force_max_N,
             timeout_s=min(30.0 + 3.0 * length_m / speed, motion.remaining_s()),
             aside_m=aside_m,
+            curvature_per_m=curvature,
         )
         push = SteeredPush(
             stand, direction, length_m, turn_rad=turn_rad, object_m=place, offset_m=offset, lever_m=lever,
