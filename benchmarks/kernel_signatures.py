@@ -131,7 +131,8 @@ def run_pushing() -> None:
 
 
 def run_planning() -> None:
-    """Plan past a box that stands obliquely in a door, with central and off-centre pushes, and a joint graph."""
+    """Plan past a box that stands obliquely in a door, with central and off-centre pushes, a joint graph and its export."""
+    from visuohaptic.navigation.files import task_pieces
     from visuohaptic.navigation.graph import assign_regions, build_graph
     from visuohaptic.navigation.grid import SpeedLimits, grid_layers
     from visuohaptic.navigation.planning import extend_graph, make_plan, plan_off_centre_pushes
@@ -148,7 +149,8 @@ def run_planning() -> None:
     make_plan(replace(problem, objects=(replace(item, push=PushMode.SIDEWARD),)))
     layers = grid_layers(map, SpeedLimits(ROBOT.radius_m))
     graph = build_graph(layers)
-    extend_graph(graph, assign_regions(layers, graph), ROBOT, [ManipulationNode(item)])
+    joint = extend_graph(graph, assign_regions(layers, graph), ROBOT, [ManipulationNode(item)])
+    task_pieces(joint, joint.visual.nodes + len(joint.added))
 
 
 def run_reconstruction() -> None:

@@ -6,3 +6,4 @@ from .layers import load_layer as load_layer
 from .layers import save_layer as save_layer
 from .route_edges import RoutePieces as RoutePieces
 from .route_edges import route_pieces as route_pieces
+from .route_edges import task_pieces as task_pieces

@@ -100,7 +100,7 @@ def _split(
     radius = layers.radius_m / resolution_m
     speeds = np.array([radius, 1.0 / limits.v_min_m_s, 1.0 / limits.v_max_m_s])
     for edge, first, last, cells in paths:
-        path = np.ascontiguousarray(cells)
+        path = np.ascontiguousarray(cells, np.int32)
         # Tolerance for the single precision of the distances where the robot just fits.
         cuts = np.flatnonzero(split_path(distance, path, radius * (1.0 - 1e-6), outside))
         nodes = np.array([first, *range(number, number + len(cuts) - 2), last])
