@@ -14,9 +14,10 @@ from visuohaptic.cli.main import main
 from visuohaptic.core import InputError
 from visuohaptic.reconstruction import SurfaceMesh, body_completion
 from visuohaptic.reconstruction.body_completion import BodyCompletion
-from visuohaptic.reconstruction.completion import Touch
+from visuohaptic.reconstruction.completion import Touch, load_hole_regions
 from visuohaptic.reconstruction.fusion import SpaceGrid
 from visuohaptic.reconstruction.transparency import UprightBody, find_regions, save_regions
+from visuohaptic.reconstruction.transparency.outline_fit import OutlineRings
 
 #: A glass of 13 cm: r(z) = 3 cm + 1 cm (z / H)^2, 3 mm off the axis that the outlines show, which know it to 4 mm.
 HEIGHT_M, AWAY_M = 0.13, np.array([0.003, -0.002])
@@ -184,3 +185,23 @@ def test_a_cluster_without_an_outline_is_refused_with_the_remedy(tmp_path, capsy
     words = ["complete", str(tmp_path / "surface.ply"), "--region", str(tmp_path / "regions.json"), "--clear"]
     assert main([*words, "--out", str(tmp_path / "completed.ply")]) == 2
     assert "found no outline of the cluster" in capsys.readouterr().err
+
+
+def test_radii_of_the_outlines_are_saved_and_tell_the_profile_before_a_touch(tmp_path):
+    """Eight radii of the glass itself, each known to 1 mm and all to 0.6 mm, where the cone is 5 mm too wide at the foot."""
+    z_m = np.linspace(0.03, 0.12, 8)
+    cone = replace(BODY, axis_sigma_m=np.full(2, 0.001))
+    body = replace(cone, rings=OutlineRings(z_m, radius_m(z_m), np.full(8, 0.001), 0.0006))
+    inside = np.ones((4, 4, 6), dtype=bool)
+    grid = SpaceGrid.around((-0.04, -0.04, 0.03), (0.04, 0.04, 0.15), 0.02)
+    (region,) = find_regions(inside.astype(float), inside, inside, grid, min_voxels=1)
+    save_regions(tmp_path / "regions.json", (replace(region, body=body),))
+    loaded = load_hole_regions(tmp_path / "regions.json")[0].body
+    assert loaded is not None
+    completion = BodyCompletion.standing(TABLE, loaded, 0.13)
+    assert completion.expected_error_m() < 0.5 * BodyCompletion.standing(TABLE, cone, 0.13).expected_error_m()
+    mean_m, sigma_m = completion.wall(np.zeros(8), z_m)
+    assert np.abs(mean_m - radius_m(z_m)).max() < 0.001
+    # What all radii have in common, and the axis, which is known to 1 mm, remain.
+    assert np.all(sigma_m**2 > 0.001**2 + 0.0004**2)
+    assert np.all(sigma_m**2 < 0.001**2 + 0.0015**2)

@@ -1,11 +1,11 @@
 """Completion of a fully transparent upright vessel, of which vision gives the outline only, by touch.
 
 The outlines of depth drop-outs give an upright cone (:mod:`.transparency.outline_fit`) with standard deviations of its axis
-and radius; the vessel stands on the surface below it. The distance of its wall from that axis is a Gaussian process over
+and radius, and its radii at single heights (:mod:`.transparency.outline_rings`); the vessel stands on the surface below it. The distance of its wall from that axis is a Gaussian process over
 angle and height: the radius profile is the same at all angles, an error of the axis varies as the cosine of the angle, and the
 deviation from a circular section is small. Several means of the profile compete: the cone with a large deviation from it, and profiles
 drawn from classes of shapes (:mod:`.vessel_shapes`), each at a scale of its own, with smaller deviations. Their
-probabilities are the likelihoods of the contacts given the cone (Rasmussen and Williams 2006, Eq. 2.30), and the wall is the mixture
+probabilities are the likelihoods of the contacts and of these radii (Rasmussen and Williams 2006, Eq. 2.30), and the wall is the mixture
 of the processes conditioned on the contacts (Eq. 2.23): its variance contains that between the shapes. One contact constrains the whole
 ring at its height; no artificial points are added. The next touch is a horizontal line to the axis, below the rim and clear of
 surrounding surfaces, that maximises the variance of the wall times its radius, for the area that the contact explains, times the

@@ -52,10 +52,14 @@ class _Walls:
     def _at(self, sums: np.ndarray, radius_m: np.ndarray) -> np.ndarray:
         return np.array([np.interp(r, self.radii_m, row) for r, row in zip(radius_m, sums, strict=True)])
 
-    def mean_m(self, ratios: Float[np.ndarray, "*n z r"]) -> Float[np.ndarray, "*n z"]:
-        """Mean radius at each height [m]."""
+    def moments_m(
+        self, ratios: Float[np.ndarray, "*n z r"]
+    ) -> tuple[Float[np.ndarray, "*n z"], Float[np.ndarray, "*n z"]]:
+        """Mean [m] and variance [m2] of the radius at each height."""
         chances = np.exp(ratios - ratios.max(axis=-1, keepdims=True))
-        return np.asarray(chances @ self.radii_m / chances.sum(axis=-1))
+        chances /= chances.sum(axis=-1, keepdims=True)
+        mean_m = chances @ self.radii_m
+        return np.asarray(mean_m), np.asarray(np.maximum(chances @ self.radii_m**2 - mean_m**2, 0.0))
 
 
 def with_rings(
@@ -115,7 +119,7 @@ def outline_rings(
         told = ratios.sum(axis=0).max(axis=1) > threshold
         if not told.any():
             return OutlineRings()
-        wide_m = walls.mean_m(ratios.sum(axis=0))
+        wide_m, square_m2 = walls.moments_m(ratios.sum(axis=0))
         # Without the pixels at the edge itself, of which a part is glass.
         outside, inside = (
             walls.share(*(np.where(told, wide_m + end * window_m, 0.0) for end in ends))
@@ -124,25 +128,17 @@ def outline_rings(
         if outside >= inside:
             return OutlineRings()
         rates = outside, inside
-    total, count = ratios.sum(axis=0), len(views)
     # Jackknife over the views (Efron 1982, Eq. 3.12), and the likelihood's own deviation: a few views may agree by chance.
-    apart_m = walls.mean_m(total - ratios)
-    square_m2 = (count - 1) * apart_m.var(axis=0) + _variance_m2(walls, total)
+    apart_m = walls.moments_m(ratios.sum(axis=0) - ratios)[0]
+    square_m2 = square_m2 + (len(views) - 1) * apart_m.var(axis=0)
     # The edge of the second eye is uniform within half of its window, and a radius is half of the width.
     edge_m = pixel_m * views[0].edge_px if views[0].baseline_m else 0.0
-    z_m, wide_m, square_m2 = z_m[told], wide_m[told] - 0.25 * edge_m, square_m2[told]
+    z_m, wide_m, square_m2 = z_m[told], np.maximum(wide_m[told] - 0.25 * edge_m, 0.0), square_m2[told]
     # Of a row (first index) and a circle (second).
     apart_m2 = (_cotangents(views, axis_m, z_m) * (z_m[:, None] - z_m)) ** 2
     radius_m = np.sqrt((wide_m[:, None] ** 2 + apart_m2).min(axis=0))
     shown = np.unique((radius_m**2 - apart_m2).argmax(axis=1))
     return OutlineRings(z_m[shown], radius_m[shown], np.sqrt(square_m2[shown]), edge_m / np.sqrt(48))
-
-
-def _variance_m2(walls: _Walls, ratios: np.ndarray) -> np.ndarray:
-    """Variance of the radius at each height by the likelihood [m2]."""
-    chances = np.exp(ratios - ratios.max(axis=-1, keepdims=True))
-    chances /= chances.sum(axis=-1, keepdims=True)
-    return np.asarray(np.maximum(chances @ walls.radii_m**2 - (chances @ walls.radii_m) ** 2, 0.0))
 
 
 def _cotangents(views: Sequence[OutlineView], axis_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
