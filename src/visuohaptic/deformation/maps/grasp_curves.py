@@ -214,7 +214,7 @@ class PinchPlane:
         part = self.part
         rest = part.whole.mesh.vertices_m
         original = self.container.mesh.vertices_m
-        rows, reason = [], path.reason
+        rows, states, reason = [], [], path.reason
         for point in path.points:
             points = part.expand(point.state.points_m)
             met = self._guard.vertex(points)
@@ -224,10 +224,11 @@ class PinchPlane:
                 break
             gauge = shell.pressure(shell.volume(point.state))[0] if shell.pressure else 0.0
             own = self._tips_moved(points - rest, tips)
-            stress = float(surface_stress(self.container.mesh, self.container.material, points).max())
-            rows.append((point.load, point.control_m, *own, gauge, point.stable, stress))
-        table = np.array(rows, dtype=float).reshape(-1, 7).T
-        force, mean, first, second, gauges, stable, stresses = table
+            states.append(points)
+            rows.append((point.load, point.control_m, *own, gauge, point.stable))
+        force, mean, first, second, gauges, stable = np.array(rows, dtype=float).reshape(-1, 6).T
+        walls = np.reshape(states, (-1, *rest.shape))
+        stresses = surface_stress(self.container.mesh, self.container.material, walls).max(axis=1)
         return GraspCurve(
             force,
             mean,

@@ -1,8 +1,8 @@
 """Equilibrium paths of shells: load, displacement and arc-length control.
 
 A path is followed in steps. Each step solves ``lambda q = f(u)`` together with a constraint equation:
-a load, a displacement of the control, or an arc length. Newton's method takes
-three to six iterations; near convergence the tangent is kept. A step that does not converge is halved, and
+a load, a displacement of the control, or an arc length. Newton's method with
+the exact tangent takes three to six iterations; a step that does not converge is halved, and
 at a snap-back of the control the path is continued by arc length.
 """
 
@@ -253,18 +253,22 @@ class _Walk:
             step = ratio * self.last_step
             state, factor = start.moved(step), start_factor + ratio * self.last_factor
         best = error = np.inf
-        tangent: Tangent | None = None
+        sign = 1
         for iteration in range(min(MAX_ITERATIONS, self.left)):
             self.spent += 1
             self.left -= 1
-            before = error
-            internal = self.shell.internal_force(state)
+            # Near convergence Newton's next residual is likely small enough: test it before factorising.
+            tangent = None
+            if iteration > 0 and error < 3e-3:
+                internal = self.shell.internal_force(state)
+            else:
+                internal, tangent = self.shell.linearised(state)
             residual = np.where(self.fixed, 0.0, factor * self.load - internal)
             scale = max(self._size(factor * self.load), self._size(internal), 1e-300)
             error = self._size(residual) / scale
             gap = self._gap(constraint, state, factor, step)
             if error < TOLERANCE and gap < 1e-6 and iteration > 0:
-                self.stable = tangent is not None and tangent.sign > 0
+                self.stable = sign > 0
                 self.last_step, self.last_factor = start.step_to(state), factor - start_factor
                 self.last_advance = advance
                 self.state, self.factor = state, factor
@@ -272,13 +276,12 @@ class _Walk:
             if not np.isfinite(error) or (iteration > 3 and error > 1e3 * max(best, 1.0)):
                 return False
             best = min(best, error)
-            # Near convergence the tangent hardly changes: it is kept where, at the rate of the last
-            # iteration, one more converges.
-            if tangent is None or error * error > TOLERANCE * before:
+            if tangent is None:
                 _, tangent = self.shell.linearised(state)
+            sign = tangent.sign
             both = tangent.solve(np.column_stack([residual.ravel(), self.load.ravel()]))
             by_residual, by_load = both[:, 0].reshape(self.load.shape), both[:, 1].reshape(self.load.shape)
-            more = self._load_change(constraint, state, factor, step, by_residual, by_load, tangent.sign)
+            more = self._load_change(constraint, state, factor, step, by_residual, by_load, sign)
             change = by_residual + more * by_load
             largest = float(np.abs(change[:, 3:]).max())
             if not np.isfinite(largest) or largest > 3.0:

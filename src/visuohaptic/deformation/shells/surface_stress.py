@@ -17,8 +17,8 @@ from .shell_material import IsotropicMaterial
 
 
 def surface_stress(
-    mesh: ShellMesh, material: IsotropicMaterial | Laminate, points_m: Float[np.ndarray, "v 3"]
-) -> Float[np.ndarray, "v"]:
+    mesh: ShellMesh, material: IsotropicMaterial | Laminate, points_m: Float[np.ndarray, "*n v 3"]
+) -> Float[np.ndarray, "*n v"]:
     """Von Mises stress at the vertices [Pa], the larger of both faces of the wall; NaN for a laminate.
 
     Parameters
@@ -28,30 +28,37 @@ def surface_stress(
     material
         Material of the whole wall, linear elastic. Plies have individual failure modes, which von Mises does not describe.
     points_m
-        Deformed vertices [m].
+        Deformed vertices [m], of one state or several.
     """
     if isinstance(material, Laminate):
-        return np.full(len(mesh.vertices_m), np.nan)
-    faces = mesh.faces
-    rest, turned = _frames(mesh.vertices_m, faces), _frames(points_m, faces)
-    inverse = np.linalg.inv(rest[0])
-    gradient = turned[0] @ inverse
-    membrane = 0.5 * (np.swapaxes(gradient, 1, 2) @ gradient - np.eye(2))
-    # Both curvatures in the coordinates of the undeformed triangle.
-    bent = np.swapaxes(gradient, 1, 2) @ turned[1] @ np.linalg.inv(turned[0]) @ gradient - rest[1] @ inverse
-    curvature = 0.5 * (bent + np.swapaxes(bent, 1, 2))
+        return np.full(points_m.shape[:-1], np.nan)
+    faces, count = mesh.faces, len(mesh.vertices_m)
+    sides, turns = _frames(mesh.vertices_m, faces)
+    inverse = np.linalg.inv(sides)
+    before = turns @ inverse
     half = 0.5 * np.broadcast_to(np.asarray(mesh.thickness_m), len(faces))[:, None, None]
     law = plane_stress(material)
-    worst = np.zeros(len(faces))
-    for side in (half, -half):
-        strain = membrane + side * curvature
-        xx, yy, xy = (np.stack([strain[:, 0, 0], strain[:, 1, 1], 2 * strain[:, 0, 1]], axis=1) @ law).T
-        worst = np.maximum(worst, np.sqrt(xx**2 - xx * yy + yy**2 + 3 * xy**2))
     area = np.linalg.norm(area_vectors(mesh.vertices_m, faces), axis=1) * np.asarray(mesh.fraction)
-    corners, count = faces.ravel(), len(mesh.vertices_m)
-    sums = np.bincount(corners, np.repeat(area * worst, 3), count)
+    corners = faces.ravel()
     whole = np.bincount(corners, np.repeat(area, 3), count)
-    return np.divide(sums, whole, out=np.zeros(count), where=whole > 0)
+    out = np.zeros(points_m.shape[:-1])
+    for points, found in zip(points_m.reshape(-1, count, 3), out.reshape(-1, count), strict=True):
+        sides, turns = _frames(points, faces)
+        gradient = sides @ inverse
+        turned = np.swapaxes(gradient, 1, 2)
+        membrane = 0.5 * (turned @ gradient - np.eye(2))
+        # Both curvatures in the coordinates of the undeformed triangle; those of the deformed one are
+        # ``turns sides^-1``, and ``sides^-1 gradient`` is the inverse of the undeformed sides.
+        bent = turned @ turns @ inverse - before
+        curvature = 0.5 * (bent + np.swapaxes(bent, 1, 2))
+        worst = np.zeros(len(faces))
+        for side in (half, -half):
+            strain = membrane + side * curvature
+            xx, yy, xy = (np.stack([strain[:, 0, 0], strain[:, 1, 1], 2 * strain[:, 0, 1]], axis=1) @ law).T
+            worst = np.maximum(worst, np.sqrt(xx**2 - xx * yy + yy**2 + 3 * xy**2))
+        sums = np.bincount(corners, np.repeat(area * worst, 3), count)
+        np.divide(sums, whole, out=found, where=whole > 0)
+    return out
 
 
 def _frames(
