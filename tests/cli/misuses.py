@@ -120,6 +120,10 @@ MISUSES = {
     "source misspelt": Misuse("sense foam --config sensor.yaml --source psh.mp4", ("did you mean push.mp4?",)),
     "a foam for a sensor": Misuse("sense foam --config foam.yaml --source push.mp4", ("visuohaptic-foam", "a file of another kind")),
     "a video for a map": Misuse("map inspect push.mp4", ("is not UTF-8 text",), first=()),
+    "the folder above a sequence": Misuse(
+        "reconstruct views --out model", ("has no sequence.yaml", "did you mean views/scan?"),
+        lambda: (Path("views/scan").mkdir(parents=True), Path("views/scan/sequence.yaml").touch()), first=(),
+    ),
     "no such camera": Misuse("sense foam --config sensor.yaml --source 17", ("no camera camera:17; found:",)),
     "a stream that is not there": Misuse(
         "sense foam --config sensor.yaml --source rtsp://127.0.0.1:9/x", ("does not answer", "address")

@@ -59,9 +59,14 @@ footer { margin-top: 4rem; color: var(--soft); font-size: .85rem; }
 @media screen and (max-width: 40rem) { figure:focus svg { width: auto; zoom: .75; } /* a pixel per point */
   figure[tabindex]:not(:focus) figcaption::after { content: " (tap to enlarge)"; } }
 @media (max-width: 26rem) { table { font-size: .74rem; } th, td { padding: .3rem; hyphens: auto; } th { white-space: normal; } }
-@media print { body { background: #fff; font-size: 10.5pt; } main { padding: 0; } figure, tr { break-inside: avoid; }
-  h2, h2 + p { break-after: avoid; } thead { display: table-header-group; } .scroll, pre { overflow: visible; }
-  figure img, figure svg { max-height: 16cm; width: auto; max-width: 100%; margin: 0 auto; } }
+@page { margin: 16mm 14mm; }
+@media print { :root { font-size: 13px; color-scheme: light; --ink: #1c2430; --soft: #5b6675; --line: #dde2e8; --card: #fff; --mark: #c2571a; }
+  nav { display: none; } body { background: #fff; font-size: 1rem; line-height: 1.45; } main { max-width: none; padding: 0; }
+  h1 { font-size: 1.7rem; } h2 { margin: 1.4rem 0 .5rem; padding-top: .7rem; } p { max-width: none; }
+  figure, tr, .scroll { break-inside: avoid; } h2, h2 + p { break-after: avoid; } thead { display: table-header-group; }
+  .scroll, pre { overflow: visible; } .scroll, figure { margin: .6rem 0; } th, td { padding: .22rem .6rem; }
+  figure { padding: .5rem; } figcaption { margin-top: .4rem; } footer { margin-top: 1rem; }
+  figure img, figure svg { max-height: 9cm; width: auto; max-width: 100%; margin: 0 auto; } }
 """
 
 #: Makes the browser refuse to load any external content.

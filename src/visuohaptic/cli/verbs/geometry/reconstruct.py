@@ -47,10 +47,13 @@ def run(args: Arguments) -> dict[str, Any]:
     from dataclasses import asdict
 
     if args.sequence.is_dir() and not (args.sequence / "sequence.yaml").exists():
+        within = min(args.sequence.glob("*/sequence.yaml"), default=None)
         raise core.InputError(
             args.sequence,
             "has no sequence.yaml, expected a sequence folder",
-            remedy="convert depth images with `visuohaptic recording import`",
+            remedy=f"did you mean {within.parent}?"
+            if within
+            else "convert depth images with `visuohaptic recording import`",
         )
     sequence = io.DepthSequence(args.sequence)
     noise = fusion.sensor_noise(args.sensor) if args.sensor else reconstruction.sequence_noise(sequence)
