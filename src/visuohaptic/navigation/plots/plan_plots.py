@@ -73,10 +73,10 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
             dashes = "-." if task.kind == "sideward" else "-"
             axes.plot(xs, ys, dashes, color=colours.get(task.kind, "tab:green"), lw=2, label=label)
         if task in plan.pushes and task.goal_m is not None:
-            label = None if "end" in shown else "after the push"
+            style = {} if "end" in shown else {"label": "after the push"}
             shown.add("end")
             end_m = _end(problem, task)
-            axes.add_patch(Polygon(end_m, facecolor="none", edgecolor="tab:red", ls="--", lw=1, label=label))
+            axes.add_patch(Polygon(end_m, facecolor="none", edgecolor="tab:red", ls="--", lw=1, **style))
     axes.plot(*problem.start_m, "o", color="tab:blue", label="start")
     axes.plot(*problem.goal_m, "*", color="tab:blue", ms=11, label="goal")
     axes.set_xlim(low_m[0], high_m[0])
