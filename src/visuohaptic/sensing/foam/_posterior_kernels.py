@@ -21,7 +21,7 @@ SOFTNESS, SOFT = 3.0, 3
 UNCOVERED = 0.3
 #: Places of a sharp shadow before the front that are tried, at intervals of 1.5 blurs.
 NEAR = 5
-#: The place of such an edge is halved in this many times, from half its width to an eighth.
+#: The place of such an edge is refined in this many steps, from half its width to an eighth.
 REFINED = 3
 
 
@@ -289,7 +289,7 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
         beyond /= 3.0 * parallels
         apart = _sampling(lines[k], taps, first, last)
         _ramp(out, x0, 0.0, blur, taps, apart, first, last)
-        # The surface beyond is uniform, or the floor of the zero image, which continues where the foam has uncovered it.
+        # The surface beyond is uniform, or the floor of the zero image, which extends to where the foam has uncovered it.
         scale = 100.0 / max(beyond, 1.0)
         for lane in range(parallels):
             for j in range(last, first - 1, -1):
