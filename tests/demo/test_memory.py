@@ -80,13 +80,20 @@ def test_a_container_is_recognised_by_the_part_that_is_seen() -> None:
         BottleMemory(name, "bottle", 0.99, np.column_stack([r, z]), 0.002, "closed", 0.3)
         for name, r in shapes.items()
     ]
-    label = z < 0.08
-    seen = np.vstack([known[0].outline_m[label], known[0].outline_m[-1]]) + np.array([0.001, 0.0])
-    match = recognise_bottle(seen, known)
+    none = np.zeros((0, 2))
+    seen = known[0].outline_m[z < 0.08] + np.array([0.001, 0.0])
+    match = recognise_bottle(seen, 0.2, known, none)
     assert match is not None
     assert match[0].id == "a"
     wide = seen + np.array([0.012, 0.0])  # a centimetre wider all round: another one
-    assert recognise_bottle(wide, known) is None
+    assert recognise_bottle(wide, 0.2, known, none) is None
+    # Of one that is transparent all over, the height alone tells nothing, three contacts do.
+    assert recognise_bottle(none, 0.2, known, none) is None
+    touched = known[0].outline_m[[4, 10, 20]] + np.array([0.001, 0.0])
+    match = recognise_bottle(none, 0.2, known[:1], touched)
+    assert match is not None
+    assert match[0].id == "a"
+    assert recognise_bottle(none, 0.2, known, touched + np.array([0.006, 0.0])) is None
 
 
 def test_what_is_kept_is_there_for_another_robot_and_refined(tmp_path: Path) -> None:

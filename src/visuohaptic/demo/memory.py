@@ -38,8 +38,8 @@ from ..tasks.mobile.known_objects import CONFIDENT_PROBABILITY
 
 #: An object within this distance of its last position has not been moved [m].
 MOVED_M = 0.15
-#: Standard deviation of an observed radius, and of the population [m]; heights at which outlines are stored.
-RADIUS_M, ANY_RADIUS_M, HEIGHTS = 0.003, 0.012, 24
+#: Standard deviation of a radius that is seen and touched, and of the population [m]; heights at which outlines are stored.
+RADIUS_M, TOUCHED_M, ANY_RADIUS_M, HEIGHTS = 0.003, 0.001, 0.012, 24
 _FREE, _OCCUPIED, _UNKNOWN = 254, 0, 127
 
 
@@ -231,26 +231,36 @@ _NUMBERS = (
 
 
 def recognise_bottle(
-    seen_m: Float[np.ndarray, "k 2"], known: Sequence[BottleMemory]
+    seen_m: Float[np.ndarray, "k 2"],
+    height_m: float,
+    known: Sequence[BottleMemory],
+    touched_m: Float[np.ndarray, "n 2"],
 ) -> tuple[BottleMemory, float] | None:
     """The known container with the observed radii, and its probability.
 
     Parameters
     ----------
     seen_m
-        Radius and height observed by the camera [m].
+        Radius and height of the slices that the camera sees (k, 2); none if all of it is transparent [m].
+    height_m
+        Height of its top [m].
     known
         Containers that stood here.
+    touched_m
+        Radius and height of contacts (n, 2) [m].
     """
+    radius_m, z_m = np.vstack([seen_m, touched_m]).T
+    own_m = np.repeat((RADIUS_M, TOUCHED_M), (len(seen_m), len(touched_m)))
+    # Errors of adjacent slices are correlated: two thirds of the square.
+    weight = np.repeat((1.0 / 1.5, 1.0), (len(seen_m), len(touched_m)))
     # Whether it was here before is as probable as not; all known containers are.
-    logs = [math.log(0.5) - len(seen_m) * math.log(ANY_RADIUS_M)]
+    logs = [math.log(0.5) - len(z_m) * math.log(ANY_RADIUS_M)]
     for one in known:
-        radius = np.interp(seen_m[:, 1], one.outline_m[:, 1], one.outline_m[:, 0])
-        sigma = math.hypot(RADIUS_M, one.sigma_m)
-        height = (float(seen_m[-1, 1]) - float(one.outline_m[-1, 1])) / sigma
-        # Errors of adjacent slices are correlated: two thirds of the square.
-        square = float(np.sum(((radius - seen_m[:, 0]) / sigma) ** 2)) / 1.5 + height**2
-        logs.append(math.log(0.5 / len(known)) - len(seen_m) * math.log(sigma) - 0.5 * square)
+        off_m = np.interp(z_m, one.outline_m[:, 1], one.outline_m[:, 0]) - radius_m
+        sigma_m = np.hypot(own_m, one.sigma_m)
+        height = (height_m - float(one.outline_m[-1, 1])) / math.hypot(RADIUS_M, one.sigma_m)
+        square = float(weight @ (off_m / sigma_m) ** 2) + height**2
+        logs.append(math.log(0.5 / len(known)) - float(np.log(sigma_m).sum()) - 0.5 * square)
     weights = np.exp(np.array(logs) - max(logs))
     weights /= weights.sum()
     k = int(np.argmax(weights))

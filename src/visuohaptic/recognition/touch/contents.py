@@ -15,8 +15,8 @@ slope k that fits best, and the curve is Gaussian with mean ``F = L + G`` and co
 uncertain quantities. The deviation of the slopes from those of the measured outline and wall is a separate piece of evidence:
 ``log(k / k_h)`` is Gaussian with the uncertainty of wall and modulus (``SCALE``), correlated over ``ALONG_M`` so that adjacent
 heights count once, and the covariance of the stiffness among outlines with the error of the measured one. A lid
-has play, or is flexible: anything between a free rim and a held one is equally probable of a closed container, so that near
-the rim, where a held one doubles the stiffness and more, a soft wall is weak evidence, and a stiff one strong evidence of a lid. If the
+has clearance, or deforms: anything between a free rim and a held one is equally probable of a closed container, so that near
+the rim, where a held one doubles the stiffness and more, a soft wall is weak evidence, and a stiff one shows a lid. If the
 error of the slope were part of the hypothesis's own stiffness, a stiffer hypothesis would be penalised for noise that is
 not in its data. The mass is Gaussian about that of the hypothesis. The likelihoods of curves and mass multiply; contents that
 fit no hypothesis are unknown, see :mod:`.unknown_state`. Symbols: n levels of a curve, k points of an outline, h hypotheses.
