@@ -68,15 +68,15 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
     for task in plan.tasks:
         if task.path_m:
             xs, ys = np.array(task.path_m).T
-            label = None if task.kind in shown else task.kind
+            label = None if task.kind in shown else str(task.kind)
             shown.add(task.kind)
             dashes = "-." if task.kind == "sideward" else "-"
             axes.plot(xs, ys, dashes, color=colours.get(task.kind, "tab:green"), lw=2, label=label)
         if task in plan.pushes and task.goal_m is not None:
-            style = {} if "end" in shown else {"label": "after the push"}
+            label = None if "end" in shown else "after the push"
             shown.add("end")
             end_m = _end(problem, task)
-            axes.add_patch(Polygon(end_m, facecolor="none", edgecolor="tab:red", ls="--", lw=1, **style))
+            axes.add_patch(Polygon(end_m, facecolor="none", edgecolor="tab:red", ls="--", lw=1, label=label))
     axes.plot(*problem.start_m, "o", color="tab:blue", label="start")
     axes.plot(*problem.goal_m, "*", color="tab:blue", ms=11, label="goal")
     axes.set_xlim(low_m[0], high_m[0])
