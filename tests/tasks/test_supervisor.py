@@ -194,7 +194,7 @@ def test_fingers_always_open():
         guard.note_force(0.1, 8.5)
         watched.move(0.0, 0.01)  # they stood when the limit was reached
         wait(0.1)
-        assert fingers.opening_m == 0.06
+        assert fingers.opening_m == pytest.approx(0.06, abs=1e-12)
         watched.move(0.062, 0.01)
         wait(0.4)  # neither the force nor the state is read meanwhile
         assert fingers.opening_m == pytest.approx(0.062)
