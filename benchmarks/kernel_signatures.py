@@ -132,6 +132,7 @@ def run_pushing() -> None:
 
 def run_planning() -> None:
     """Plan past a box that stands obliquely in a door, with central and off-centre pushes, and a joint graph."""
+    from visuohaptic.navigation.files.route_edges import task_pieces
     from visuohaptic.navigation.graph import assign_regions, build_graph
     from visuohaptic.navigation.grid import SpeedLimits, grid_layers
     from visuohaptic.navigation.planning import extend_graph, make_plan, plan_off_centre_pushes
@@ -148,7 +149,7 @@ def run_planning() -> None:
     make_plan(replace(problem, objects=(replace(item, push=PushMode.SIDEWARD),)))
     layers = grid_layers(map, SpeedLimits(ROBOT.radius_m))
     graph = build_graph(layers)
-    extend_graph(graph, assign_regions(layers, graph), ROBOT, [ManipulationNode(item)])
+    task_pieces(extend_graph(graph, assign_regions(layers, graph), ROBOT, [ManipulationNode(item)]), 0)
 
 
 def run_reconstruction() -> None:
