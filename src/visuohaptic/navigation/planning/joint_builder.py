@@ -142,9 +142,8 @@ class _Builder:
         np.fill_diagonal(shorter, False)
         kept = shorter.any(axis=1)
         corner = np.array([window[0].start, window[1].start])
-        open_cells = np.ascontiguousarray(clearance)
         ways = tuple(
-            descend(cost.ravel(), open_cells, begin, int(cell))[:, ::-1].astype(int) + corner
+            descend(cost.ravel(), clearance, begin, int(cell))[:, ::-1].astype(int) + corner
             for cell in entered[kept]
         )
         return neighbours[kept], drive_s[kept], ways
