@@ -26,6 +26,7 @@ def plot_navigation(regions: Regions) -> Figure:
     regions
         Regions with their layers and graph.
     """
+    from matplotlib.colors import hsv_to_rgb
     from matplotlib.figure import Figure
 
     layers, graph = regions.layers, regions.graph
@@ -43,14 +44,10 @@ def plot_navigation(regions: Regions) -> Figure:
     left.set_title("a  distance and skeleton", loc="left")
     _edges(left, graph, 0.8)
     _walls(right, layers)
-    number = regions.node
     # Neighbouring numbers get different colours: the golden ratio distributes them over the circle.
-    pale = _pale_colours(max(graph.nodes, 1))
-    picture = np.ones((*number.shape, 4))
-    picture[..., 3] = 0.0
-    inside = number >= 0
-    picture[inside, :3] = pale[number[inside]]
-    picture[inside, 3] = 1.0
+    hue = 0.61803398875 * np.arange(max(graph.nodes, 1)) % 1.0
+    pale = hsv_to_rgb(np.column_stack([hue, np.full((len(hue), 2), (0.3, 0.98))]))
+    picture = np.dstack([pale[regions.node], regions.node >= 0])
     right.imshow(picture, origin="lower", interpolation="nearest")
     _edges(right, graph, 0.7)
     right.scatter(graph.node_cells[:, 1], graph.node_cells[:, 0], s=9, color=_INK, zorder=4, linewidths=0)
@@ -58,8 +55,7 @@ def plot_navigation(regions: Regions) -> Figure:
         f"b  graph: {graph.nodes} nodes, {len(graph.edges)} edges, {graph.loops} loops", loc="left"
     )
     for axes in (left, right):
-        axes.set_xticks([])
-        axes.set_yticks([])
+        axes.set(xticks=[], yticks=[])
     _scale(left, layers)
     return figure
 
@@ -74,13 +70,6 @@ def _edges(axes: Axes, graph: NavigationGraph, linewidth: float) -> None:
 
     lines = [graph.edge_path(edge)[:, ::-1] for edge in range(len(graph.edges))]
     axes.add_collection(LineCollection(lines, colors=_RED, linewidths=linewidth, zorder=3))
-
-
-def _pale_colours(count: int) -> np.ndarray:
-    hue = (np.arange(count) * 0.61803398875) % 1.0
-    phase = 2 * np.pi * (hue[:, None] + np.array([0.0, 1 / 3, 2 / 3]))
-    colours: np.ndarray = 0.82 + 0.16 * np.cos(phase)
-    return colours
 
 
 def _scale(axes: Axes, layers: GridLayers) -> None:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ...core.files import atomic_path
 from ...core.geometry import rotation_2d
-from ..problem.path_plan import Plan, Task
+from ..problem.path_plan import Plan
 from ..problem.planning_problem import PlanningProblem
 
 #: Margin around the plan: at least this [m], or this fraction of its greater extent.
@@ -42,7 +42,6 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
     ... )
     >>> plot_path_plan(problem, make_plan(problem), "plan.png")
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.patches import Polygon
     from matplotlib.transforms import Affine2D
@@ -51,7 +50,6 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
     low_m, high_m = _view(problem, plan)
     wide_m, tall_m = high_m - low_m
     figure = Figure(figsize=(8, 8 * max(0.4, min(2.5, tall_m / wide_m))), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.add_subplot(aspect="equal")
     shade = np.where(grid.cells < 0, 0.8, 1.0 - np.clip(grid.cells, 0, 100) / 100.0)
     width, height = grid.size_m
@@ -64,54 +62,45 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
     _draw_objects(axes, problem, plan)
     _draw_passages(axes, problem, plan)
     colours = {"push": "tab:red", "sideward": "tab:red", "door": "tab:purple", "navigate": "tab:green"}
-    shown: set[str] = set()
     for task in plan.tasks:
         if task.path_m:
-            xs, ys = np.array(task.path_m).T
-            label = None if task.kind in shown else str(task.kind)
-            shown.add(task.kind)
             dashes = "-." if task.kind == "sideward" else "-"
-            axes.plot(xs, ys, dashes, color=colours.get(task.kind, "tab:green"), lw=2, label=label)
-        if task in plan.pushes and task.goal_m is not None:
-            label = None if "end" in shown else "after the push"
-            shown.add("end")
-            end_m = _end(problem, task)
-            axes.add_patch(Polygon(end_m, facecolor="none", edgecolor="tab:red", ls="--", lw=1, label=label))
+            colour = colours.get(task.kind, "tab:green")
+            axes.plot(*np.array(task.path_m).T, dashes, color=colour, lw=2, label=task.kind)
+    for end_m in _ends(problem, plan):
+        axes.add_patch(Polygon(end_m, fill=False, edgecolor="tab:red", ls="--", lw=1, label="after the push"))
     axes.plot(*problem.start_m, "o", color="tab:blue", label="start")
     axes.plot(*problem.goal_m, "*", color="tab:blue", ms=11, label="goal")
-    axes.set_xlim(low_m[0], high_m[0])
-    axes.set_ylim(low_m[1], high_m[1])
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
+    axes.set(xlim=(low_m[0], high_m[0]), ylim=(low_m[1], high_m[1]), xlabel="x [m]", ylabel="y [m]")
     axes.set_title(plan.summary, fontsize=10, wrap=True)
-    figure.legend(loc="outside lower center", ncols=4, fontsize=8)
+    handles, labels = axes.get_legend_handles_labels()
+    first = {label: handle for handle, label in zip(handles[::-1], labels[::-1], strict=True)}
+    figure.legend([*first.values()][::-1], [*first][::-1], loc="outside lower center", ncols=4, fontsize=8)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, format="png", dpi=120)
 
 
-def _end(problem: PlanningProblem, task: Task) -> Float[np.ndarray, "k 2"]:
-    """Footprint of an object after a push [m]."""
-    assert task.goal_m is not None
-    item = next(item for item in problem.objects if item.id == task.object)
-    return (item.footprint_m - item.centre_m) @ rotation_2d(task.turn_rad).T + task.goal_m
+def _ends(problem: PlanningProblem, plan: Plan) -> list[Float[np.ndarray, "k 2"]]:
+    """Footprints of the objects after their pushes [m]."""
+    items = {item.id: item for item in problem.objects}
+    pushed = [(items[task.object], task) for task in plan.pushes if task.object and task.goal_m]
+    return [
+        (item.footprint_m - item.centre_m) @ rotation_2d(task.turn_rad).T + task.goal_m
+        for item, task in pushed
+    ]
 
 
 def _view(problem: PlanningProblem, plan: Plan) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
     """Lower left and upper right corner [m] of start, goal and plan with a margin; of all objects too where there is no plan."""
-    moved = {task.object for task in plan.pushes} if plan.reachable else {item.id for item in problem.objects}
-    seen = [np.array([problem.start_m, problem.goal_m])]
+    moved = {task.object for task in plan.pushes}
+    seen = [item.footprint_m for item in problem.objects if item.id in moved or not plan.reachable]
     seen += [np.array(task.path_m) for task in plan.tasks if task.path_m]
-    seen += [item.footprint_m for item in problem.objects if item.id in moved]
-    seen += [_end(problem, task) for task in plan.pushes if task.goal_m is not None]
-    points = np.concatenate(seen)
+    points = np.concatenate([[problem.start_m, problem.goal_m], *seen, *_ends(problem, plan)])
     margin_m = max(_MARGIN_m, _MARGIN * np.ptp(points, axis=0).max())
-    x, y, yaw = problem.map.origin
-    width, height = problem.map.size_m
-    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]]) @ rotation_2d(yaw).T + (x, y)
-    return (
-        np.maximum(points.min(axis=0) - margin_m, corners.min(axis=0)),
-        np.minimum(points.max(axis=0) + margin_m, corners.max(axis=0)),
-    )
+    size, (x, y, yaw) = problem.map.size_m, problem.map.origin
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * size @ rotation_2d(yaw).T + (x, y)
+    low_m, high_m = points.min(axis=0) - margin_m, points.max(axis=0) + margin_m
+    return np.maximum(low_m, corners.min(axis=0)), np.minimum(high_m, corners.max(axis=0))
 
 
 def _draw_objects(axes: Any, problem: PlanningProblem, plan: Plan) -> None:
@@ -119,28 +108,16 @@ def _draw_objects(axes: Any, problem: PlanningProblem, plan: Plan) -> None:
     from matplotlib.patches import Polygon
 
     moved = {task.object for task in plan.pushes}
-    shown: set[str] = set()
+    colours = {"pushed": "tab:orange", "fixed": "tab:gray", "not pushed": "tan"}
+    box = {"facecolor": "white", "lw": 0, "alpha": 0.75, "pad": 0.8}
     for item in problem.objects:
         kind = "pushed" if item.id in moved else "fixed" if item.known_immovable else "not pushed"
-        colour = {"pushed": "tab:orange", "fixed": "tab:gray", "not pushed": "tan"}[kind]
-        label = None if kind in shown else f"object, {kind}"
-        shown.add(kind)
-        axes.add_patch(
-            Polygon(item.footprint_m, facecolor=colour, edgecolor="black", lw=0.6, alpha=0.9, label=label)
-        )
+        style: dict[str, Any] = {"facecolor": colours[kind], "edgecolor": "black", "lw": 0.6, "alpha": 0.9}
+        axes.add_patch(Polygon(item.footprint_m, label=f"object, {kind}", **style))
         axes.annotate(
-            item.id,
-            (item.centre_m[0], item.footprint_m[:, 1].max()),
-            xytext=(0, 2),
-            textcoords="offset points",
-            ha="center",
-            va="bottom",
-            fontsize=7,
-            clip_on=True,
-            annotation_clip=True,
-            bbox={"facecolor": "white", "lw": 0, "alpha": 0.75, "pad": 0.8},
-            zorder=5,
-        )
+            item.id, (item.centre_m[0], item.footprint_m[:, 1].max()), xytext=(0, 2), textcoords="offset points",
+            ha="center", va="bottom", fontsize=7, clip_on=True, annotation_clip=True, bbox=box, zorder=5,
+        )  # fmt: skip
 
 
 def _draw_passages(axes: Any, problem: PlanningProblem, plan: Plan) -> None:

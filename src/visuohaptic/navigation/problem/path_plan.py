@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
@@ -109,10 +110,7 @@ class Plan:
     @property
     def failure_probability(self) -> float:
         """Probability that at least one task fails, with independent tasks."""
-        holds = 1.0
-        for task in self.tasks:
-            holds *= 1.0 - task.failure_probability
-        return 1.0 - holds
+        return 1.0 - math.prod(1.0 - task.failure_probability for task in self.tasks)
 
     def to_json(self) -> dict[str, Any]:
         """Plain data for ``json.dumps``; costs are null if there is no plan."""
@@ -126,8 +124,7 @@ class Plan:
         if self.expected_s is not None:
             data["expected_cost_s"] = round(self.expected_s, 6) if np.isfinite(self.expected_s) else None
         if not self.reachable:
-            data["reason"] = self.reason
-            data["proved"] = self.proved
+            data |= {"reason": self.reason, "proved": self.proved}
         if self.notes:
             data["notes"] = list(self.notes)
         return data
