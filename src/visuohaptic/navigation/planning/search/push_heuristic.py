@@ -316,8 +316,8 @@ class PushHeuristic:
         cheapest = np.full(len(self.domain.bodies) + 1, np.inf)
         inside = region > 0
         np.minimum.at(cheapest, region[inside], both[inside])
-        # Both costs are integers, and diagonal steps are rounded.
-        return [k for k in self.active if cheapest[k + 1] <= 1.001 * both.min() + self.units]
+        at_most = 1.001 * both.min() + self.units  # both costs are integers, and diagonal steps are rounded
+        return [k for k in self.active if cheapest[k + 1] <= at_most]
 
     def lower_bound(self, start: Int32[np.ndarray, "k"]) -> float:
         """Lower bound of every plan [units]: each body on the way costs at least its shortest push.
@@ -331,9 +331,8 @@ class PushHeuristic:
 
     def _from_start(self, start: Int32[np.ndarray, "k"]) -> Int32[np.ndarray, "n"]:
         if self._begin is None:
-            shifts = np.zeros((len(self.domain.bodies), 2))
+            shifts, seeds = np.zeros((len(self.domain.bodies), 2)), (start, np.zeros_like(start))
             known = self.free_field if self.limit < self.far else None
-            seeds = start, np.zeros_like(start)
             self.begin = self._begin = self._field(shifts, self.active, seeds=seeds, rest=known)
         return self._begin
 
