@@ -81,8 +81,9 @@ def run(args: Arguments) -> dict[str, Any]:
         return _robot(args)
     args.report(f"Python {platform.python_version()} on {platform.platform()}")
     findings = []
-    width = 1 + max(len(library.package) for library in OPTIONAL)
-    for library in (*CORE, *OPTIONAL):
+    libraries = (*CORE, *OPTIONAL)
+    width = 1 + max(len(library.package) for library in libraries)
+    for library in libraries:
         finding = examine(library)
         findings.append(finding)
         kind = f"extra {library.extra}" if library.extra else "core"
