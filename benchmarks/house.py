@@ -182,15 +182,11 @@ def dead_code(source: Path) -> list[str] | None:
         from vulture import Vulture
     except ImportError:
         return None
-
-    class Search(Vulture):  # type: ignore[misc]
-        """Without visits to the nodes that have neither names nor children: a third of all."""
-
-        def visit(self, node: ast.AST) -> None:
-            if not isinstance(node, ast.expr_context | ast.operator | ast.unaryop | ast.cmpop | ast.boolop):
-                super().visit(node)
-
-    search = Search(ignore_decorators=["@*validator*", "@*serializer*"])
+    search = Vulture(ignore_decorators=["@*validator*", "@*serializer*"])
+    visit = search.visit
+    # Without visits to the nodes that have neither names nor children: a third of all.
+    bare = ast.expr_context | ast.operator | ast.unaryop | ast.cmpop | ast.boolop
+    search.visit = lambda node: None if isinstance(node, bare) else visit(node)
     users = [source.parent / name for name in ("tests", "benchmarks")]
     search.scavenge([source, *(folder for folder in users if folder.is_dir())])
     used = {line.split()[0] for line in USED_NAMES.read_text(encoding="utf-8").splitlines() if line.strip()}
