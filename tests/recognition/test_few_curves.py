@@ -17,7 +17,9 @@ from visuohaptic.recognition import (
     TouchReading,
     read_squeezed,
 )
+from visuohaptic.recognition.data import fit_curve
 from visuohaptic.recognition.touch import evidence
+from visuohaptic.recognition.touch.belief import curvatures
 
 from .worlds import synthetic
 
@@ -239,3 +241,56 @@ def test_squeezes_that_differ_by_a_tenth_are_no_unknown_objects() -> None:
     assert right >= 0.85 * len(log_probability)
     assert unknown <= 0.04 * len(log_probability)
     assert np.mean(log_probability) > -0.6
+
+
+def _curve(
+    rng: np.random.Generator, stiffness: float, curvature: float, places: int, scatter: float = 0.1
+) -> list[TouchReading]:
+    """Curves F = k d (1 + u d / 1 cm) of one exploration, whose gain and zeros of both sensors are wrong by what is declared."""
+    gain, contact_m, zero_N = 1 + 0.05 * rng.normal(), 5e-5 * rng.normal(), 0.05 * rng.normal()
+    out = []
+    for height in rng.integers(2, 16, places):
+        u = curvature + scatter * rng.normal()
+        d = 1.667e-4 * np.arange(1, 19)
+        force = gain * stiffness * (d + contact_m) * (1 + 100 * u * (d + contact_m)) + zero_N
+        sensed = fit_curve(d + 1e-4 * rng.normal(size=18), force + 0.1 * rng.normal(size=18))
+        out.append(TouchReading(int(height), "x", (sensed, None)))
+    return out
+
+
+def test_objects_of_one_stiffness_are_told_apart_by_how_they_stiffen() -> None:
+    """A wall that softens, one that is linear and one that stiffens have equal linear coefficients."""
+    laws = {"softens": (2600.0, -1.0), "linear": (2000.0, 0.0), "stiffens": (1600.0, 1.0)}
+    right, unknown, foreign, asked = 0, 0, 0.0, 0
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        curves = {name: _curve(rng, *law, 5) for name, law in laws.items()}
+        labels = [name for name, its in curves.items() for _ in its]
+        classifier = HapticClassifier().fit([one for its in curves.values() for one in its], labels)
+        # Two to four standard deviations from the class that stiffens.
+        foreign += classifier.predict(_curve(rng, 1000.0, 4.0, 5)).probabilities[UNKNOWN] / 4
+        for name, law in laws.items():
+            answers = [classifier.predict(_curve(rng, *law, 5)).answer for _ in range(3)]
+            right, unknown = right + answers.count(name), unknown + answers.count(UNKNOWN)
+            asked += len(answers)
+    assert right >= 0.75 * asked  # by linear coefficients alone a third
+    assert unknown <= 0.05 * asked
+    assert foreign > 0.25
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 6e3])
+def test_the_curvature_of_a_curve_and_the_effects_of_the_zeros_are_as_declared(stiffness: float) -> None:
+    rng, seen = np.random.default_rng(5), []
+    classifier = HapticClassifier().fit(
+        [*_curve(rng, 1e3, 0, 5), *_curve(rng, 4e3, 0, 5)], ["a"] * 5 + ["b"] * 5
+    )
+    model = classifier.model(use_width=False)
+    for _ in range(400):
+        bent, own, zero = curvatures(model, _curve(rng, stiffness, 0.3, 1, scatter=0))
+        if len(bent):
+            seen.append((bent[0], own[0], zero[0]))
+    bent, own, zero = np.array(seen).T
+    declared = np.sqrt(own + zero**2)
+    assert len(seen) >= 390
+    assert np.mean(bent) == pytest.approx(0.3 / (1 + 0.75 * 0.3 * 0.3), abs=0.05)
+    assert np.std((bent - np.mean(bent)) / declared) == pytest.approx(1.0, abs=0.12)  # 400 draws: 3.5 %

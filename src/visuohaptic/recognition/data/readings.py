@@ -40,6 +40,16 @@ class CurveCoefficients:
     i_relative_sigma: float  #: of ``i_N_per_m``, relative to it
     II_sigma: float
 
+    @property
+    def curvature(self) -> tuple[float, float]:
+        """Relative quadratic coefficient b (1 cm) / I of F = a d + b d^2, and its standard deviation.
+
+        Its error is independent of that of the linear coefficient (Frisch and Waugh 1933), and it does not depend on the gain of
+        the force sensor.
+        """
+        scale = NOMINAL_N / (NOMINAL_m * self.I_N_per_m)
+        return self.II * scale, self.II_sigma * scale
+
 
 @dataclass(frozen=True, slots=True)
 class TouchReading:

@@ -19,9 +19,9 @@ from jaxtyping import Float, Int
 from scipy.special import chdtrc, chdtri
 
 from ..data.places import HEIGHTS
-from ..data.readings import TouchReading
+from ..data.readings import NOMINAL_m, TouchReading
 from .haptic_model import NUISANCES, HapticModel
-from .unknown_class import FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
+from .unknown_class import CURVATURE, FIRST_WIDTH, HEIGHT, UNKNOWN_CLASS_SIGMAS, USUAL_HEIGHT_m
 
 #: Relative variance of a measured width: 1e-4 m of noise at each tip, at a width of about 6 cm, is 0.24 %; the contact error
 #: is part of the model.
@@ -83,7 +83,7 @@ def evidence(
     Returns
     -------
     tuple
-        Feature indices (o,), logarithms of the measured values (o,), their variances (o,).
+        Feature indices (o,), measured values (o,), logarithms but for the curvature, and their variances (o,).
     """
     place, value, noise = [], [], []
     for reading in readings:
@@ -107,7 +107,40 @@ def evidence(
         place.append(HEIGHT)
         value.append(np.log(np.mean(tall) / USUAL_HEIGHT_m))
         noise.append(WIDTH_VARIANCE)
+    bent, own, zero = curvatures(model, readings)
+    if np.isfinite(model.settings.curvature) and len(bent):
+        # The errors of the zeros are common to all curves of an exploration, the others are independent.
+        weight = 1 / (model.settings.curvature**2 + own + zero**2)
+        weight /= weight.sum()
+        place.append(CURVATURE)
+        value.append(weight @ bent)
+        noise.append(weight**2 @ (model.settings.curvature**2 + own) + (weight @ zero) ** 2)
     return np.array(place, dtype=np.int64), np.array(value, dtype=float), np.array(noise, dtype=float)
+
+
+def curvatures(
+    model: HapticModel, readings: Sequence[TouchReading]
+) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "q"], Float[np.ndarray, "q"]]:
+    """Relative quadratic coefficients of the curves, independent variances, and effects of the zeros' standard deviation.
+
+    A constant c, fitted by a d + b d^2 up to the reach r, has b = -10 c / (3 r^2).
+
+    Parameters
+    ----------
+    model
+        Defines the errors of the zeros, and the reach of a touch.
+    readings
+        Touches of one object.
+    """
+    sides = [side for one in readings for side in one.sides if side is not None]
+    rows = np.array([(*side.curvature, side.i_N_per_m) for side in sides]).reshape(-1, 3)
+    # The error of a ratio is Gaussian if it is small; the others are known worse than objects differ.
+    known = np.isfinite(rows).all(axis=1) & (rows[:, 1] < UNKNOWN_CLASS_SIGMAS[5])
+    bent, sigma, stiffness = rows[known].T
+    settings, protocol = model.settings, model.protocol
+    reach = np.minimum(protocol.max_deformation_m, protocol.max_force_N / stiffness)
+    zero = 10 / 3 * NOMINAL_m / reach**2 * np.hypot(settings.zero_m, settings.zero_N / stiffness)
+    return bent, sigma**2, zero
 
 
 def log_likelihood(

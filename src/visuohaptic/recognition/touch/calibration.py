@@ -226,7 +226,7 @@ def _features_as_touched(
     if data.height_m is not None:
         height_m = np.exp(moved(data.height_m)) + pose_m * rng.standard_normal(count)
     value = np.column_stack([
-        model.protocol.seen_stiffness(stiffness)[0], np.log(width_m), np.log(height_m / USUAL_HEIGHT_m)
+        model.protocol.seen_stiffness(stiffness)[0], np.log(width_m), np.log(height_m / USUAL_HEIGHT_m), np.zeros(count)
     ])  # fmt: skip
     effect = np.stack([model.nuisance[model.part == k][0, APART] for k in range(len(data.classes))])
     value += np.einsum("nm,nmp->np", rng.standard_normal((count, len(APART))), effect[data.number[rows]])

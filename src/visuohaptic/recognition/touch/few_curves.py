@@ -22,7 +22,7 @@ from ..data.curve_file import SqueezedObject
 from ..data.data_set import FeatureSet
 from ..data.places import HEIGHTS
 from ..data.protocol import TouchProtocol
-from .belief import evidence
+from .belief import curvatures, evidence
 from .haptic_model import (
     ClassStatistics,
     HapticModel,
@@ -30,7 +30,15 @@ from .haptic_model import (
     assemble,
     pose_covariance,
 )
-from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, UNKNOWN_CLASS_SIGMAS, smooth_profile, unknown_kinds
+from .unknown_class import (
+    CURVATURE,
+    FEATURES,
+    FIRST_WIDTH,
+    HEIGHT,
+    UNKNOWN_CLASS_SIGMAS,
+    smooth_profile,
+    unknown_kinds,
+)
 
 #: Prior standard deviations of the features of containers, including grooves and shoulders, in the order of
 #: :data:`.UNKNOWN_CLASS_SIGMAS`, and the number of places over which a profile is smooth. Root mean squares over classes of
@@ -54,6 +62,9 @@ EXPLORATION_FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
 PLACES = (0.0, 0.03, 0.1, 0.3, 1.0)
 #: Candidate relative differences of repeated touches of one place: none by a machine, a tenth and more by hand.
 REPEATS = (0.0, 0.03, 0.1, 0.3)
+#: Candidate standard deviations of curvatures, between the places of an object and between objects: no two walls are alike by
+#: less than the first, and none differ by more than the last.
+CURVATURES = (0.03, 0.1, 0.3, 1.0, 3.0)
 #: Standard deviations of the error of a simulated class: wall thickness and modulus are known to 10 % (k is proportional to
 #: E t^2), lengths to 3 %.
 SIMULATION_SIGMAS = (0.22, 0.1, 0.03, 0.02, 0.03)
@@ -92,16 +103,20 @@ def learn_from_curves(
         raise InputError("curves", f"found {len({*learned, *labels})} classes, expected at least 2")
     # Any model maps readings to feature indices.
     reader = assemble({"any": _anything(settings, protocol)}, {}, settings, protocol)
+    along, across = (np.inf, 0.0) if simulated else _curvature_scatter(reader, squeezed)
+    reader = replace(reader, settings=replace(settings, curvature=along))
     read = [evidence(reader, one.readings) for one in squeezed]
     if empty := [one.name for one, (place, _, _) in zip(squeezed, read, strict=True) if not len(place)]:
         raise InputError(
             "curves", f"found no stiffness of {empty[0]!r}, expected at least one curve that rises"
         )
-    mean, between = _population(read, list((simulated or {}).values()))
+    mean, between = _population(read, list((simulated or {}).values()), across)
     tried = {one: _touched(reader, squeezed, one) for one in REPEATS}
     repeat, between = _scatter(mean, between, tried, PLACES if simulated is None else PLACES[:1])
-    settings, touched = replace(settings, repeat=repeat), _touched(reader, squeezed, repeat)
+    settings, touched = replace(reader.settings, repeat=repeat), _touched(reader, squeezed, repeat)
     usual = _usual_within(mean, between, [objects for objects in touched.values() if len(objects) > 1])
+    if np.isfinite(along):  # another object of a class differs as the places of one object do
+        usual[CURVATURE, CURVATURE] = along**2
     for label, objects in touched.items():
         if prior := learned.get(label):
             wrong = smooth_profile(*SIMULATION_SIGMAS, reach=5.0)
@@ -223,16 +238,43 @@ def _scatter(
     Each is the root mean square over the posterior, given the readings with each candidate difference: places that were
     touched once do not distinguish the two.
     """
-    wide = np.arange(len(mean)) >= FIRST_WIDTH
+    wide, log = np.arange(len(mean)) >= FIRST_WIDTH, np.arange(len(mean)) < CURVATURE
     score = {}
     for repeat, classes in touched.items():
         read = [_class_readings(mean, _container_within(), objects) for objects in classes.values()]
         for along, across in product(places, places):
-            covariance = spread + np.diag(np.where(wide, across, along) ** 2)
+            covariance = spread + np.diag(log * np.where(wide, across, along) ** 2)
             score[repeat, along, across] = sum(one.log_likelihood(covariance) for one in read)
     weight = np.exp(np.array(list(score.values())) - max(score.values()))
     repeat, along, across = np.sqrt(weight @ np.array(list(score)) ** 2 / weight.sum())
-    return float(repeat), spread + np.diag(np.where(wide, across, along) ** 2)
+    return float(repeat), spread + np.diag(log * np.where(wide, across, along) ** 2)
+
+
+def _curvature_scatter(reader: HapticModel, squeezed: Sequence[SqueezedObject]) -> tuple[float, float]:
+    """Standard deviations of the curvature between places of an object and between objects; infinity and 0 without two objects.
+
+    Each is the root mean square over the posterior, with a flat prior of the mean of all objects.
+    """
+    read = [curvatures(reader, one.readings) for one in squeezed]
+    read = [one for one in read if len(one[0])]
+    if len(read) < 2:
+        return np.inf, 0.0
+    score = {}
+    for along, across in product(CURVATURES, CURVATURES):
+        each = [_pooled(bent, along**2 + own + zero**2) for bent, own, zero in read]
+        middle, variance, alone = np.array(each).T
+        score[along, across] = alone.sum() + _pooled(middle, across**2 + variance)[2]
+    weight = np.exp(np.array(list(score.values())) - max(score.values()))
+    along, across = np.sqrt(weight @ np.array(list(score)) ** 2 / weight.sum())
+    return float(along), float(across)
+
+
+def _pooled(value: Float[np.ndarray, "q"], variance: Float[np.ndarray, "q"]) -> tuple[float, float, float]:
+    """Mean of values with these variances, its variance, and their log likelihood with a flat prior of the mean."""
+    weight = 1 / variance
+    total = float(weight.sum())
+    mean = float(weight @ value) / total
+    return mean, 1 / total, 0.5 * float(np.log(weight).sum() - weight @ (value - mean) ** 2 - np.log(total))
 
 
 def _usual_within(
@@ -282,7 +324,7 @@ def _measured_within(
     follow by their regression on these.
     """
     objects = [[dict(zip(place.tolist(), value, strict=True)) for place, value, _ in one] for one in classes]
-    common = sorted(set.intersection(*(set(each) for one in objects for each in one)))
+    common = sorted(set.intersection(*(set(each) for one in objects for each in one)) - {CURVATURE})
     if not common:
         return usual
     tables = [np.array([[each[place] for place in common] for each in one]) for one in objects]
@@ -295,18 +337,20 @@ def _measured_within(
 
 
 def _population(
-    read: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], simulated: Sequence[ClassStatistics]
+    read: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    simulated: Sequence[ClassStatistics],
+    curvature: float,
 ) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
     """Prior mean and covariance of the classes."""
     if len(simulated) > 1:
         means = np.stack([one.mean for one in simulated])
         return means.mean(axis=0), unknown_kinds(means)[0][0]
     place, value, _ = (np.concatenate(part) for part in zip(*read, strict=True))
-    kind = np.repeat(np.arange(3), [FIRST_WIDTH, HEIGHT - FIRST_WIDTH, 1])
-    usual = np.array([0.0, np.log(_USUAL_WIDTH_m), 0.0])
+    kind = np.repeat(np.arange(4), [FIRST_WIDTH, HEIGHT - FIRST_WIDTH, 1, 1])
+    usual = np.array([0.0, np.log(_USUAL_WIDTH_m), 0.0, 0.0])
     for k in np.unique(kind[place]):
         usual[k] = value[kind[place] == k].mean()
-    return usual[kind], smooth_profile(*POPULATION, reach=SMOOTH)
+    return usual[kind], smooth_profile(*POPULATION, curvature, reach=SMOOTH)
 
 
 def _pose(

@@ -1,7 +1,7 @@
 """Gaussian model of the features of each candidate class, for an exploration by touch.
 
-Symbols: g answers, k trained classes (a group has several), c Gaussians, m nuisances, p = 97 features: logarithms of 64
-stiffnesses (height * 4 + side), of 32 widths (height * 2 + axis) and of the height of the object.
+Symbols: g answers, k trained classes (a group has several), c Gaussians, m nuisances, p = 98 features: logarithms of 64
+stiffnesses (height * 4 + side), of 32 widths (height * 2 + axis), and of the height of the object; and the mean curvature of its curves.
 
 An exploration of an object of class k reads, at the places that are touched,
 
@@ -68,8 +68,8 @@ class ModelSettings:
     zero_N: float = 0.05  #: error of the force's zero, common to all touches
     zero_m: float = 5e-5  #: error of the deformation's zero (contact), common to all touches
     repeat: float = 0.0  #: relative difference of repeated touches of a place, learned from curves
-    #: of log stiffness at the highest place, if the mouth may be open or closed unlike in training
-    mouth: float = 0.0
+    curvature: float = np.inf  #: between places of an object, learned from curves; infinite: no evidence
+    mouth: float = 0.0  #: of log stiffness at the highest place, if open or closed unlike in training
     unknown_prior: float = 0.1  #: probability that an object is of no trained class
     use_width: bool = True  #: widths and the height of the object count as evidence
 
@@ -248,7 +248,7 @@ def log_features(data: FeatureSet, protocol: TouchProtocol) -> Float[np.ndarray,
     """
     stiffness = protocol.seen_stiffness(data.features[..., 0].reshape(len(data), -1))[0]
     tall = np.zeros(len(data)) if data.height_m is None else np.log(data.height_m / USUAL_HEIGHT_m)
-    return np.column_stack([stiffness, np.log(data.width_m).reshape(len(data), -1), tall])
+    return np.column_stack([stiffness, np.log(data.width_m).reshape(len(data), -1), tall, 0 * tall])
 
 
 def nuisance_effects(
@@ -325,7 +325,7 @@ def pose_covariance(
     spread = (settings.width_m / data.width_m.mean(axis=0)) ** 2
     # The height of the object is measured as accurately as the gripper is positioned.
     tall = (settings.pose_m / USUAL_HEIGHT_m * np.exp(-features[:, HEIGHT].mean())) ** 2
-    return out + np.diag(np.concatenate([np.zeros(FIRST_WIDTH), spread.ravel(), [tall]]))
+    return out + np.diag(np.concatenate([np.zeros(FIRST_WIDTH), spread.ravel(), [tall, 0.0]]))
 
 
 def _within(
@@ -376,7 +376,7 @@ def _slopes(features: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n p"]:
     count = len(features)
     stiffness = np.gradient(features[:, :FIRST_WIDTH].reshape(count, HEIGHTS, 4), axis=1)
     width = np.gradient(features[:, FIRST_WIDTH:HEIGHT].reshape(count, HEIGHTS, 2), axis=1)
-    return np.column_stack([stiffness.reshape(count, -1), width.reshape(count, -1), np.zeros(count)])
+    return np.column_stack([stiffness.reshape(count, -1), width.reshape(count, -1), np.zeros((count, 2))])
 
 
 def _discrepancy(settings: ModelSettings) -> Float[np.ndarray, "p"]:

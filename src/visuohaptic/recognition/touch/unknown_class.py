@@ -12,14 +12,15 @@ from ...core.errors import InputError
 from ..data.places import HEIGHTS
 
 FIRST_WIDTH = HEIGHTS * 4  #: index of the first width among the features
-HEIGHT = HEIGHTS * 6  #: index of the height of the object, the last feature
-FEATURES = HEIGHT + 1
+HEIGHT = HEIGHTS * 6  #: index of the height of the object
+CURVATURE = HEIGHT + 1  #: index of the mean curvature of its curves, see :attr:`.CurveCoefficients.curvature`
+FEATURES = CURVATURE + 1
 #: Unit of heights, that of a typical container; the default where none is measured, with the uncertainty of any container.
 USUAL_HEIGHT_m = 0.12
 #: Standard deviations of the logarithms of the features of any container: stiffness, common part and by place; width, common
 #: part and by place; and height. Glass is 60 times as stiff as a thin cup, exp(2 * 2.05); a jar three times as wide as a tube,
-#: and a bottle five times as tall as a bowl.
-UNKNOWN_CLASS_SIGMAS = (1.5, 0.25, 0.3, 0.2, 0.4)
+#: and a bottle five times as tall as a bowl. Curvatures, which are no logarithms: a plush toy has 2, a wall that snaps through -1.
+UNKNOWN_CLASS_SIGMAS = (1.5, 0.25, 0.3, 0.2, 0.4, 1.0)
 #: Standard deviation of the logarithm of stiffness due to grooves and shoulders, which run around the object at one height.
 GROOVE_SIGMA = 0.05
 
@@ -64,8 +65,9 @@ def unknown_kinds(
         shape = part - level - (part - level).mean(axis=0)
         for squares, usual in ((level - level.mean(), generic[0]), (shape, generic[1])):
             learned.append(np.sqrt(((squares**2).mean(axis=1).sum() + usual**2) / len(means)))
-    tall = means[:, HEIGHT] - means[:, HEIGHT].mean()
-    learned.append(np.sqrt(((tall**2).sum() + UNKNOWN_CLASS_SIGMAS[4] ** 2) / len(means)))
+    for index, usual in ((HEIGHT, UNKNOWN_CLASS_SIGMAS[4]), (CURVATURE, UNKNOWN_CLASS_SIGMAS[5])):
+        squares = (means[:, index] - means[:, index].mean()) ** 2
+        learned.append(np.sqrt((squares.sum() + usual**2) / len(means)))
     out = [
         smooth_profile(*spread, reach=reach, even=even)
         for even in (False, True)
@@ -78,7 +80,15 @@ def unknown_kinds(
 
 
 def smooth_profile(
-    level: float, bend: float, size: float, shape: float, tall: float, *, reach: float, even: bool = False
+    level: float,
+    bend: float,
+    size: float,
+    shape: float,
+    tall: float,
+    curvature: float = 0.0,
+    *,
+    reach: float,
+    even: bool = False,
 ) -> Float[np.ndarray, "p p"]:
     """Covariance of smooth profiles.
 
@@ -90,6 +100,8 @@ def smooth_profile(
         The same for the width.
     tall
         Standard deviation of the logarithm of the height.
+    curvature
+        Standard deviation of the relative quadratic coefficient.
     reach
         Number of places over which a profile is smooth (correlation length).
     even
@@ -106,5 +118,5 @@ def smooth_profile(
     same = even | (axis[:, None] == axis)
     wide = size**2 * np.where(same, 1.4, 1.0) + shape**2 * near * np.where(same, 1.0, 0.5)
     out[FIRST_WIDTH:HEIGHT, FIRST_WIDTH:HEIGHT] = wide
-    out[HEIGHT, HEIGHT] = tall**2
+    out[HEIGHT, HEIGHT], out[CURVATURE, CURVATURE] = tall**2, curvature**2
     return out
