@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from visuohaptic.reconstruction.profile_mixture import _PRIOR, ProfileMixture, _over_scales
+from visuohaptic.reconstruction.profile_mixture import _SPREADS, ProfileMixture, _over_scales
 from visuohaptic.reconstruction.transparency import UprightBody
 from visuohaptic.reconstruction.vessel_shapes import drawn_vessels
 
@@ -60,6 +60,22 @@ def test_five_contacts_tell_a_bottle_and_its_neck():
     assert found.models[0].share < 0.5
 
 
+@pytest.mark.parametrize("unround", [0.0, 0.02])
+def test_contacts_tell_whether_a_bottle_is_round(unround):
+    """Twelve contacts on a jar, exactly round or an ellipse with axes 2 % apart from the mean."""
+    z_m, turn = np.tile(np.linspace(0.03, 0.19, 4), 3), np.arange(12) * 2.4
+    way = np.column_stack([np.cos(turn), np.sin(turn)])
+    rho_m = 0.036 * (1 + unround * np.cos(2 * turn))
+    body = UprightBody(np.zeros(2), np.full(2, 0.0005), (0.036, 0.036), 0.001, (0.05, 0.2), 90.0)
+    found = ProfileMixture(body, 0.0, 0.21, way, z_m, rho_m, 1e-8 * np.eye(12))
+    round_share = sum(model.share for model in found.models if model.spread.unround == 0)
+    assert (round_share > 0.9) if unround == 0 else (round_share < 0.05)
+    theta = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)
+    wall_m, sigma_m = found.wall(np.column_stack([np.cos(theta), np.sin(theta)]), np.full(24, 0.1))
+    off_m = wall_m - 0.036 * (1 + unround * np.cos(2 * theta))
+    assert np.sqrt(np.mean(off_m**2)) < 2 * np.sqrt(np.mean(sigma_m**2))
+
+
 def test_a_shape_of_no_class_is_left_to_the_free_profile():
     """An hourglass."""
     z_m = np.linspace(0.015, 0.195, 7)
@@ -71,7 +87,7 @@ def test_a_shape_of_no_class_is_left_to_the_free_profile():
 def test_shares_are_prior_probabilities_times_likelihoods():
     """Means over plainly drawn scales of all profiles."""
     z_m = np.array([0.06, 0.15])
-    assert mixture(z_m[:0], z_m[:0]).models[0].share == pytest.approx(_PRIOR[0.25])
+    assert mixture(z_m[:0], z_m[:0]).models[0].share == pytest.approx(_SPREADS[0].prior)
     found = mixture(z_m, np.array([0.037, 0.033]))
     rng, profiles = np.random.default_rng(3), drawn_vessels(100_000)[2]
     t = np.linspace(0.0, 0.21, profiles.shape[1])
@@ -83,12 +99,12 @@ def test_shares_are_prior_probabilities_times_likelihoods():
     drawn_m = radii[:, low] + (place - low) * (radii[:, low + 1] - radii[:, low])
     expected = []
     for model in found.models:
-        covariance = found.covariance_m2((found.way, z_m), (found.way, z_m), model.about) + np.diag(
+        covariance = found.covariance_m2((found.way, z_m), (found.way, z_m), model.spread) + np.diag(
             [9e-8] * 2
         )
         means = drawn_m
         if model is found.models[0]:
             means = np.interp(z_m, [0.05, 0.2], [0.042, 0.024])[None]
         values = multivariate_normal(np.zeros(2), covariance).pdf(found.rho_m - means)
-        expected.append(_PRIOR[model.about] * np.mean(values))
+        expected.append(model.spread.prior * np.mean(values))
     np.testing.assert_allclose([m.share for m in found.models], np.array(expected) / sum(expected), rtol=0.1)

@@ -172,10 +172,10 @@ class BodyCompletion:
         drawn = []
         for model in mixture.models:
             # Axis offset and profile are jointly Gaussian; a contact observes their sum.
-            known = mixture.profile_m2(levels, mixture.z_m, model.about)
+            known = mixture.profile_m2(levels, mixture.z_m, model.spread)
             cross = np.vstack([axis @ mixture.way.T, known])
             prior = np.zeros((len(levels) + 2,) * 2)
-            prior[:2, :2], prior[2:, 2:] = axis, mixture.profile_m2(levels, levels, model.about)
+            prior[:2, :2], prior[2:, 2:] = axis, mixture.profile_m2(levels, levels, model.spread)
             one = rng.integers(len(model.radii_m), size=round(_DRAWS * model.share))
             mean = model.gains[one] @ cross.T
             mean[:, 2:] += model.at(levels)[one]

@@ -8,6 +8,7 @@ rough to smooth profiles by sequential Monte Carlo (Del Moral, Doucet and Jasra 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -15,25 +16,39 @@ from jaxtyping import Float
 from .transparency.outline_fit import UprightBody
 from .vessel_shapes import drawn_vessels, vessel_profiles
 
-#: Standard deviation of the profile about the cone, and of the deviation from a circular section, in radii: diameters of bottles are
-#: made to 0.5 mm + 1.2 % (ISO 9058), 1 % of a radius of 40 mm if errors are uniform between these limits.
-_PROFILE, _NONCIRCULARITY = 0.25, 0.01
 #: Correlation length of the profile in heights of the body, and of the deviation from a circular section over the angle [rad].
 _OVER_HEIGHT, _OVER_ANGLE_RAD = 0.3, 0.7
-#: Prior probabilities of deviations from a profile, in mean radii: about the cone, and about a drawn profile. Those of maximum likelihood
-#: of 96 touches on 16 vessels of open scenes of the ray tracer, but at least 5 % for a vessel that is like none of these.
-_PRIOR = {_PROFILE: 0.05, 0.06: 0.15, 0.01: 0.8}
 #: Correlation length of the deviation from a drawn profile, in heights of the body.
 _RESIDUAL_HEIGHT = 0.15
 #: Numbers of profiles that are drawn first and kept; steps of their parameters, in standard deviations among them.
 _DRAWS, _PARTICLES, _STEPS = 8000, 800, (1.0, 0.5, 0.25, 0.1) * 3
 
 
+class Spread(NamedTuple):
+    """Standard deviations of a vessel about a profile, in mean radii, and their prior probability."""
+
+    profile: float  #: of the radius over the height
+    unround: float  #: of the deviation from a circular section
+    prior: float  #: probability
+
+
+#: About the cone, first, and about drawn profiles, from rough to smooth. Prior probabilities are those of maximum likelihood of 96 touches
+#: on 16 vessels of open scenes of the ray tracer, but at least 5 % for a vessel that is like none of these. Diameters of bottles are made to
+#: 0.5 mm + 1.2 % (ISO 9058), 1 % of a radius of 40 mm if errors are uniform between these limits; a vessel that was turned in its mould
+#: is round, however, and each is as probable for one with a smooth profile.
+_SPREADS = (
+    Spread(0.25, 0.01, 0.05),
+    Spread(0.06, 0.01, 0.15),
+    Spread(0.01, 0.01, 0.4),
+    Spread(0.01, 0.0, 0.4),
+)
+
+
 @dataclass(slots=True, eq=False)
 class ProfileModel:
     """Profiles with a common covariance about each of them."""
 
-    about: float  #: standard deviation about a profile, in mean radii
+    spread: Spread  #: deviations about a profile
     heights_m: Float[np.ndarray, "heights"]  #: heights of the profiles [m]
     radii_m: Float[np.ndarray, "profiles heights"]  #: radii [m]
     inverse: Float[np.ndarray, "n n"]  #: inverse covariance of the contacts [1/m2]
@@ -68,14 +83,14 @@ class ProfileMixture:
 
     def __post_init__(self) -> None:
         rng, cone = np.random.default_rng(1), np.array(self.body.height_m)
-        free = ProfileModel(_PROFILE, cone, np.array([self.body.radius_m]), self._inverse(_PROFILE))
+        free = ProfileModel(_SPREADS[0], cone, np.array([self.body.radius_m]), self._inverse(_SPREADS[0]))
         gaps = self.rho_m - free.at(self.z_m)[0]
         models, evidence = [free], [-0.5 * float(gaps @ free.inverse @ gaps)]
         kind, parameters, profiles = drawn_vessels(_DRAWS)
         logs, total = np.zeros(len(profiles)), 0.0
         heights_m = np.linspace(self.foot_z_m, self.top_m, profiles.shape[1])
-        for about in [about for about in _PRIOR if about != _PROFILE]:
-            inverse = self._inverse(about)
+        for spread in _SPREADS[1:]:
+            inverse = self._inverse(spread)
             gain = self._likelihoods(profiles, inverse)[0] - logs
             weights = np.exp(gain - np.logaddexp.reduce(gain))
             total += float(np.logaddexp.reduce(gain)) - np.log(len(gain))
@@ -83,19 +98,19 @@ class ProfileMixture:
             chosen = np.minimum(np.searchsorted(np.cumsum(weights), places), len(weights) - 1)
             kind, parameters = kind[chosen], parameters[chosen]
             profiles, logs, scale = self._moved(kind, parameters, inverse, rng)
-            models.append(ProfileModel(about, heights_m, profiles * scale, inverse))
+            models.append(ProfileModel(spread, heights_m, profiles * scale, inverse))
             evidence.append(total)
         for n, model in enumerate(models):
             model.gains = (self.rho_m - model.at(self.z_m)) @ model.inverse
-            evidence[n] += 0.5 * np.linalg.slogdet(model.inverse)[1] + np.log(_PRIOR[model.about])
+            evidence[n] += 0.5 * np.linalg.slogdet(model.inverse)[1] + np.log(model.spread.prior)
         share = np.exp(np.array(evidence) - np.logaddexp.reduce(evidence))
         for model, part in zip(models, share, strict=True):
             model.share = float(part)
         self.models = tuple(models)
 
-    def _inverse(self, about: float) -> np.ndarray:
+    def _inverse(self, spread: Spread) -> np.ndarray:
         """Inverse covariance of the contacts about a profile [1/m2]."""
-        covariance = self.covariance_m2((self.way, self.z_m), (self.way, self.z_m), about)
+        covariance = self.covariance_m2((self.way, self.z_m), (self.way, self.z_m), spread)
         return np.linalg.inv(covariance + self.noise_m2)
 
     def _moved(
@@ -132,7 +147,7 @@ class ProfileMixture:
         return *_over_scales(at * widest_m[:, None], self.rho_m, inverse), widest_m
 
     def profile_m2(
-        self, z_m: Float[np.ndarray, "n"], z2_m: Float[np.ndarray, "m"], about: float
+        self, z_m: Float[np.ndarray, "n"], z2_m: Float[np.ndarray, "m"], spread: Spread
     ) -> Float[np.ndarray, "n m"]:
         """Covariance of the radius between heights [m2].
 
@@ -140,16 +155,16 @@ class ProfileMixture:
         ----------
         z_m, z2_m
             Heights (n), (m) [m].
-        about
-            Standard deviation about a profile, in mean radii.
+        spread
+            Standard deviations about a profile.
         """
-        free = about == _PROFILE
+        free = spread is _SPREADS[0]
         common_m, length = (self.body.radius_sigma_m, _OVER_HEIGHT) if free else (0.0, _RESIDUAL_HEIGHT)
         radius_m = float(np.mean(self.body.radius_m))
-        return common_m**2 + (about * radius_m) ** 2 * self._near(z_m, z2_m, length)
+        return common_m**2 + (spread.profile * radius_m) ** 2 * self._near(z_m, z2_m, length)
 
     def covariance_m2(
-        self, here: tuple[np.ndarray, np.ndarray], there: tuple[np.ndarray, np.ndarray], about: float
+        self, here: tuple[np.ndarray, np.ndarray], there: tuple[np.ndarray, np.ndarray], spread: Spread
     ) -> Float[np.ndarray, "n m"]:
         """Covariance of the distance from the axis between places [m2].
 
@@ -157,19 +172,19 @@ class ProfileMixture:
         ----------
         here, there
             Directions (n, 2), (m, 2) from the axis, and heights (n), (m) [m].
-        about
-            Standard deviation about a profile, in mean radii.
+        spread
+            Standard deviations about a profile.
         """
         (way, z_m), (way2, z2_m) = here, there
         around = np.exp((way @ way2.T - 1) / _OVER_ANGLE_RAD**2)
-        unround = self._unround_m2(about) * self._near(z_m, z2_m, _OVER_HEIGHT) * around
+        unround = self._unround_m2(spread) * self._near(z_m, z2_m, _OVER_HEIGHT) * around
         return np.asarray(
-            self.profile_m2(z_m, z2_m, about) + (way * self.body.axis_sigma_m**2) @ way2.T + unround
+            self.profile_m2(z_m, z2_m, spread) + (way * self.body.axis_sigma_m**2) @ way2.T + unround
         )
 
-    def _unround_m2(self, about: float) -> float:
-        """Variance of the deviation from a circular section [m2]: a vessel is not made rounder than its profile is smooth."""
-        return float((min(about, _NONCIRCULARITY) * np.mean(self.body.radius_m)) ** 2)
+    def _unround_m2(self, spread: Spread) -> float:
+        """Variance of the deviation from a circular section [m2]."""
+        return float((spread.unround * np.mean(self.body.radius_m)) ** 2)
 
     def _near(self, z_m: np.ndarray, z2_m: np.ndarray, length: float) -> np.ndarray:
         """Correlation between heights (Matern 5/2); ``length`` in heights of the body."""
@@ -191,9 +206,9 @@ class ProfileMixture:
         mean_m, square_m2 = np.zeros(len(z_m)), np.zeros(len(z_m))
         axis_m2 = way**2 @ self.body.axis_sigma_m**2
         for model in self.models:
-            cross = self.covariance_m2((way, z_m), (self.way, self.z_m), model.about)
-            own = self.profile_m2(levels, levels, model.about).diagonal()[level] + self._unround_m2(
-                model.about
+            cross = self.covariance_m2((way, z_m), (self.way, self.z_m), model.spread)
+            own = self.profile_m2(levels, levels, model.spread).diagonal()[level] + self._unround_m2(
+                model.spread
             )
             own += axis_m2 - np.einsum("ij,jk,ik->i", cross, model.inverse, cross)
             # The mean of each profile is linear in its radii and in its deviations at the contacts.
@@ -212,7 +227,7 @@ def _over_scales(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Log-likelihood of data over all scales of each profile (rows of ``at``); mean and deviation of the change of the scale."""
     gaps, weighed = data - at, at @ precise
-    precision, pull = _PROFILE**-2 + (weighed * at).sum(axis=1), (weighed * gaps).sum(axis=1)
+    precision, pull = _SPREADS[0].profile ** -2 + (weighed * at).sum(axis=1), (weighed * gaps).sum(axis=1)
     square = ((gaps @ precise) * gaps).sum(axis=1)
-    logs = -0.5 * (square - pull**2 / precision + np.log(_PROFILE**2 * precision))
+    logs = -0.5 * (square - pull**2 / precision + np.log(_SPREADS[0].profile ** 2 * precision))
     return logs, pull / precision, 1 / np.sqrt(precision)

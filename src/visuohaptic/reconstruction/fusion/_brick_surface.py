@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int
 
 from ...core.errors import InputError
 from . import _fusion_kernels as kernels
@@ -13,11 +13,11 @@ from . import _fusion_kernels as kernels
 _ROUNDED = 1.125
 
 
-def cube_of_tiles(count: int) -> tuple[int, np.ndarray, np.ndarray]:
-    """Array for the tiles of bricks: tiles along an edge, values, and which of them are known.
+def cube_of_tiles(count: int) -> tuple[np.ndarray, np.ndarray, Int[np.ndarray, "3 n"]]:
+    """Arrays (layers, rows, columns, x, y, z) for bricks with a common face: values, which of them are known; tile of each brick.
 
-    A cube rather than a row, because marching cubes returns float32 coordinates,
-    which lose precision when they are large.
+    The tiles form a cube rather than a row, because marching cubes returns float32 coordinates, which lose precision when they are
+    large. Both arrays are views of contiguous grids (layers, x, rows, y, columns, z).
 
     Parameters
     ----------
@@ -26,23 +26,24 @@ def cube_of_tiles(count: int) -> tuple[int, np.ndarray, np.ndarray]:
     """
     side = max(1, int(np.ceil(np.cbrt(count))))
     side += side**3 < count
-    layers = -(-count // side**2)
-    edge = kernels.BRICK + 1
-    shape = (layers * edge, side * edge, side * edge)
-    return side, np.ones(shape, dtype=np.float32), np.zeros(shape, dtype=np.bool_)
+    layers, edge = max(1, -(-count // side**2)), kernels.BRICK + 1
+    shape, order = (layers, edge, side, edge, side, edge), (0, 2, 4, 1, 3, 5)
+    tile = np.array(np.unravel_index(np.arange(count), (layers, side, side)))
+    return np.ones(shape, np.float32).transpose(order), np.zeros(shape, np.bool_).transpose(order), tile
 
 
 def brick_surface(
-    tiled: Float32[np.ndarray, "x y z"], known: np.ndarray, places: Int[np.ndarray, "n 3"], reach: float
+    values: Float32[np.ndarray, "l r c x y z"],
+    known: Bool[np.ndarray, "l r c x y z"],
+    places: Int[np.ndarray, "n 3"],
+    reach: float,
 ) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
     """Marching cubes over an array of bricks; returns vertices in voxels, welded between bricks, and triangles.
 
     Parameters
     ----------
-    tiled
-        Truncated signed distances of the tiles (x, y, z).
-    known
-        Which of them are observed (x, y, z).
+    values, known
+        Truncated signed distances of the tiles, 1 where they are not known; see :func:`cube_of_tiles`.
     places
         First voxel of each brick (n, 3).
     reach
@@ -55,9 +56,9 @@ def brick_surface(
     """
     from skimage.measure import marching_cubes
 
-    if not known.any() or not (tiled[known].min() <= 0 < tiled[known].max()):
-        raise InputError("TsdfVolume", "no surface was seen", remedy="integrate views of the volume first")
-    edge = kernels.BRICK + 1
+    layers, side, _, edge = values.shape[:4]
+    whole = layers * edge, side * edge, side * edge
+    tiled, known = (part.transpose(0, 3, 1, 4, 2, 5).reshape(whole) for part in (values, known))
     # A cell is used if all its corners are known and lie in one brick. One with a corner behind the band, and another farther in
     # front than a surface at grazing incidence reaches within a cell, is where hidden space ends, not at a surface that was seen.
     cell = _over_cells(known, np.logical_and)
@@ -73,8 +74,8 @@ def brick_surface(
         # Distances decrease inwards: triangles are counter-clockwise from the visible side.
         vertices, faces, _, _ = marching_cubes(tiled, 0.0, mask=mask, gradient_direction="descent")
     except (RuntimeError, ValueError) as error:
-        raise InputError("TsdfVolume", f"no surface was seen ({error})") from error
-    side = tiled.shape[1] // edge
+        remedy = "integrate views of the volume first"
+        raise InputError("TsdfVolume", f"no surface was seen ({error})", remedy=remedy) from error
     return _welded(vertices.astype(np.float64), faces.astype(np.int64), places, edge, side)
 
 
@@ -95,7 +96,7 @@ def _welded(
 ) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
     """Vertices moved to the positions of their bricks; duplicates on an edge of the grid are merged."""
     # Cells between tiles are masked, so a vertex is never outside its own brick.
-    tile = (vertices // edge).astype(np.int64)
+    tile = (vertices / edge).astype(np.int64)
     vertices -= tile * edge
     border = np.flatnonzero(((vertices == 0) | (vertices == edge - 1)).any(axis=1))
     vertices += places[(tile[:, 0] * side + tile[:, 1]) * side + tile[:, 2]]
@@ -111,6 +112,6 @@ def _welded(
     kept = np.flatnonzero(to == np.arange(len(vertices)))
     number = np.zeros(len(vertices), dtype=np.int64)
     number[kept] = np.arange(len(kept))
-    faces = number[to[faces]]
+    faces = number[to][faces]
     whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     return vertices[kept], faces[whole]

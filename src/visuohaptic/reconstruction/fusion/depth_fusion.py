@@ -249,34 +249,23 @@ class TsdfVolume:
         )
         crossed = (low <= 0) & (high > 0)
         places, beside = self._places[order][crossed], beside[crossed]
-        b, count = kernels.BRICK, len(places)
-        values, known = (
-            np.ones((count, b + 1, b + 1, b + 1), np.float32),
-            np.zeros((count,) + (b + 1,) * 3, np.bool_),
-        )
-        distance, seen_bricks = _as_bricks(self._distance), _as_bricks(seen)
-        for corner, rows in zip(_CORNERS, beside.T, strict=True):
+        b, (values, known, tile) = kernels.BRICK, cube_of_tiles(len(places))
+        used, beside = np.unique(beside, return_inverse=True)
+        used, absent = used[used >= 0], np.count_nonzero(used < 0)
+        distance, seen_bricks = _as_bricks(self._distance[used]), _as_bricks(seen[used])
+        for corner, rows in zip(_CORNERS, beside.reshape(-1, 8).T - absent, strict=True):
             to: Any = tuple(slice(b, b + 1) if side else slice(0, b) for side in corner)
             of: Any = tuple(slice(0, 1) if side else slice(0, b) for side in corner)
             own = np.flatnonzero(rows >= 0)
-            values[(own, *to)] = distance[(rows[own], *of)]
-            known[(own, *to)] = seen_bricks[(rows[own], *of)]
+            values[(*tile[:, own], *to)] = distance[(rows[own], *of)]
+            known[(*tile[:, own], *to)] = seen_bricks[(rows[own], *of)]
         if self._shape is not None:
             for axis in range(3):
-                inside = places[:, axis, None] * b + np.arange(b + 1) < self._shape[axis]
-                known &= inside.reshape(count, *(b + 1 if axis == other else 1 for other in range(3)))
-        values[~known] = 1.0
-        side, tiled, tiles_known = cube_of_tiles(count)
-        for tiles, bricks in ((tiled, values), (tiles_known, known)):
-            layers = len(tiles) // (b + 1)
-            whole = np.zeros((layers * side * side, *bricks.shape[1:]), bricks.dtype)
-            whole[:count] = bricks
-            whole[count:] = 1
-            if bricks.dtype == np.bool_:
-                whole[count:] = False
-            whole = whole.reshape(layers, side, side, b + 1, b + 1, b + 1).transpose(0, 3, 1, 4, 2, 5)
-            tiles[:] = whole.reshape(tiles.shape)
-        vertices, faces = brick_surface(tiled, tiles_known, places * b, self.reach_m / self.truncation_m)
+                over = places[:, axis, None] * b + np.arange(b + 1) >= self._shape[axis]
+                brick, layer = np.nonzero(over)
+                np.moveaxis(known, 3 + axis, 3)[(*tile[:, brick], layer)] = False
+        np.copyto(values, 1.0, where=~known)
+        vertices, faces = brick_surface(values, known, places * b, self.reach_m / self.truncation_m)
         return SurfaceMesh(vertices * self.voxel_m + self.origin_m, faces, self._colors(vertices))
 
     def _colors(self, vertices: Float[np.ndarray, "v 3"]) -> np.ndarray | None:
