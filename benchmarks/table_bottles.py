@@ -71,14 +71,14 @@ def _wider(node: Any, outside: float) -> Any:
     return node
 
 
-def seen_outline(bottle: TableBottle, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+def seen_outline(outline_m: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, float]:
     """An outline as returned by a completion, and its declared error: a quarter larger than the true one."""
-    sigma_m = float(rng.uniform(0.001, 0.0025))
-    z = np.linspace(0.0, bottle.height_m, 25)
+    sigma_m, height_m = float(rng.uniform(0.001, 0.0025)), float(outline_m[-1, 1])
+    z = np.linspace(0.0, height_m, 25)
     near = np.exp(-0.5 * ((z[:, None] - z) / SMOOTH_M) ** 2) + 1e-9 * np.eye(len(z))
     error = 0.8 * sigma_m * np.linalg.cholesky(near) @ rng.standard_normal(len(z))
-    radius = np.interp(z, bottle.outline_m[:, 1], bottle.outline_m[:, 0]) + error
-    return np.column_stack([radius, z * (1.0 + TALL_M / bottle.height_m * rng.standard_normal())]), sigma_m
+    radius = np.interp(z, outline_m[:, 1], outline_m[:, 0]) + error
+    return np.column_stack([radius, z * (1.0 + TALL_M / height_m * rng.standard_normal())]), sigma_m
 
 
 def squeezed(bottle: TableBottle, place: Place, rng: np.random.Generator) -> SqueezeCurve:
@@ -100,7 +100,7 @@ def squeezed(bottle: TableBottle, place: Place, rng: np.random.Generator) -> Squ
 def claimed(classes: HapticModel, bottle: TableBottle, seed: int) -> tuple[str, float, int]:
     """Most probable class, its probability, and the squeezes."""
     rng = np.random.default_rng([seed, 42])
-    outline_m, sigma_m = seen_outline(bottle, rng)
+    outline_m, sigma_m = seen_outline(bottle.outline_m, rng)
     gap = (outline_m[:, 1, None] - outline_m[:, 1]) / SMOOTH_M
     own = sigma_m / outline_m[:, 0]
     model = with_outline(classes, outline_m, np.outer(own, own) * np.exp(-0.5 * gap**2))

@@ -47,3 +47,14 @@ def test_only_what_is_near_the_axis_and_above_the_table_counts() -> None:
     assert len(part.faces) > 0
     assert np.hypot(*(middle[:, :2] - AXIS).T).max() < 0.035
     assert middle[:, 2].min() > 0.004
+
+
+def test_where_no_wall_is_seen_there_is_no_outline() -> None:
+    """Nothing within reach; a top alone; and a ring, whose radius is repeated at foot and top."""
+    whole = cone()
+    assert measured_outline(whole, AXIS + 1.0, 0.06).shape == (0, 2)
+    height_m = whole.vertices_m[whole.faces].mean(axis=1)[:, 2]
+    assert measured_outline(whole.submesh(np.flatnonzero(height_m > 0.198)), AXIS, 0.06).shape == (0, 2)
+    ring = measured_outline(whole.submesh(np.flatnonzero(abs(height_m - 0.1) < 0.012)), AXIS, 0.06)
+    assert ring[[0, -1], 0] == pytest.approx(ring[[1, -2], 0])
+    assert ring[1:-1, 0] == pytest.approx(0.04 - 0.1 * ring[1:-1, 1], abs=5e-4)

@@ -176,6 +176,88 @@ def test_a_retreat_from_the_limit_needs_no_sensor_but_its_odometry():
     assert moved < STOPPED_S
 
 
+@pytest.mark.parametrize(("command", "back"), [((0.2, 0.0), (-0.2, 0.0)), ((0.0, 0.3), (0.0, -0.3))])
+def test_a_base_that_stood_at_the_limit_does_not_press_further(command, back):
+    """It pressed, and stopped; or it has retreated a little; then the force rises to the limit while it stands."""
+    for retreated in (False, True):
+        base = Rolling()
+        with Supervisor(SafetyLimits(max_force_N=20.0), clock=lambda base=base: base.now) as guard:
+            watched = guard.base(base)
+
+            def felt(force_N, velocities=None, base=base, guard=guard, watched=watched):
+                watched.state()
+                watched.drive(*velocities) if velocities else watched.stop()
+                base.wait(PERIOD_S)
+                watched.state()
+                guard.note_force(base.now, force_N)
+
+            for force_N in (0.1, 3.0, 7.0, 12.0):
+                felt(force_N, command)
+            felt(12.0)
+            if retreated:
+                # A reading that is a little higher, by its noise, belongs to no motion that presses.
+                for force_N in (11.5, 11.0, 11.1):
+                    felt(force_N, back)
+            base.wait(1.0)  # it does not brake any more
+            felt(11.0)
+            felt(21.0)
+            watched.drive(*command)
+            assert not base.velocity.any()
+            watched.drive(*back)
+            assert base.velocity.tolist() == list(back)
+
+
+def test_a_base_pressed_by_another_moves_until_the_force_rises():
+    """It has never moved: which motion presses is unknown, and felt within one reading."""
+    base = Rolling()
+    with Supervisor(SafetyLimits(max_force_N=20.0), clock=lambda: base.now) as guard:
+        watched = guard.base(base)
+        watched.state()
+        guard.note_force(0.0, 0.1)
+        guard.note_force(PERIOD_S, 25.0)
+        base.wait(2 * PERIOD_S)
+        watched.state()
+        watched.drive(0.2, 0.0)
+        assert base.velocity.any()
+        guard.note_force(2 * PERIOD_S, 26.0)
+        assert not base.velocity.any()
+        watched.drive(0.2, 0.0)
+        assert not base.velocity.any()
+        watched.drive(-0.2, 0.0)
+        assert base.velocity.any()
+        base.wait(PERIOD_S)
+        watched.state()
+        guard.note_force(3 * PERIOD_S, 26.1)  # a single reading, by its noise
+        guard.note_force(4 * PERIOD_S, 26.0)
+        assert base.velocity.any()
+
+
+def test_an_arm_that_stood_at_the_limit_retreats_only():
+    """At its target its motion has no direction: that by which the force rose counts."""
+    arm = right.Arm()
+    with Supervisor(SafetyLimits(max_force_N=5.0), clock=lambda: arm.t_s) as guard:
+        watched = guard.arm(arm)
+
+        def go_to(x):
+            watched.pose()
+            watched.move_linear(Pose(np.eye(3), np.array([x, 0.0, 0.3])), 0.05)
+
+        go_to(0.42)
+        for force_N in (0.0, 1.0, 2.0):
+            arm.wait(PERIOD_S)
+            watched.pose()
+            guard.note_force(arm.t_s, force_N)
+        for _ in range(50):
+            arm.wait(PERIOD_S)
+            watched.pose()
+        guard.note_force(arm.t_s, 2.1)
+        guard.note_force(arm.t_s + 1e-3, 6.0)
+        go_to(0.44)
+        assert arm.goal is None
+        go_to(0.40)
+        assert arm.goal is not None
+
+
 def test_fingers_always_open():
     """A force and a state that are not updated, a limit that is reached, and a clock that jumps hold a closing only."""
     fingers = right.Fingers(0.06)

@@ -111,7 +111,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     """
     known, bottle = mission.known, place_bottle(mission)
     _, hand = hand_of_mission(mission)
-    object_m = _foot_m(known)
+    object_m, begin_s = _foot_m(known), hand.arm.pose()[0]
     classes = mission_classes()
     if known.outline_errors is not None:
         classes = with_outline(classes, known.outline_m, known.outline_errors)
@@ -128,6 +128,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     found = classify_by_squeezing(hand, squeezer, settings)
     ranked = _report_classes(mission, found)
     known.curves += found.curves
+    mission.record_cost(hand.arm.pose()[0] - begin_s, len(found.curves))
     if not found.ending.success and not (
         mission.attempt and found.ending.outcome == ClassifyOutcome.UNDECIDED
     ):
@@ -142,8 +143,9 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     stiffness = [(curve.place.height_m, curve.stiffness_N_per_m) for curve in known.curves]
     wall = wall_from_stiffness(known.outline_m, stiffness, model_wall_m)
     model = ContentsModel(known.outline_m, wall, outline_sigma_m=known.outline_sigma_m)
+    begin_s = hand.arm.pose()[0]
     contents = identify_contents(hand, model, object_m, _open_m(known))
-    mission.record_cost(hand.arm.pose()[0], len(known.curves) + len(contents.curves))
+    mission.record_cost(hand.arm.pose()[0] - begin_s, len(contents.curves))
     parts = [
         Measure("squeezes for the class", len(known.curves)),
         Measure("wall [mm]", 1e3 * wall, 1e3 * bottle.wall_m),
@@ -260,7 +262,9 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
         f"  {1e3 * mass:.0f} g need {best.needed_N:.1f} N at {1e3 * lift.place.height_m:.0f} mm; the wall deforms "
         f"by {1e3 * best.deformation_m:.1f} mm there"
     )
+    begin_s = hand.arm.pose()[0]
     held = grasp_and_lift(hand, lift)
+    mission.record_cost(hand.arm.pose()[0] - begin_s)
     finger, wrist, truth = next(iter(robot.camera)), next(iter(robot.load_camera)), hand_truth(mission)
     deformed_mm, truly_mm = 1e3 * held.deformation_m, 1e3 * truth["deformation_m"]
     parts = (

@@ -224,17 +224,16 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
     else:
         if len(contacts) < 3:
             return failed(f"{touched.ending.outcome}: {touched.ending.why}; only {len(contacts)} contacts")
-        outline = _joined(
-            measured_outline(axial_part(completion.completed(), foot, REACH_M), foot, REACH_M), seen
-        )
-        error_m, radial = touched.error_m, completion.radial
-    known.outline_m, known.bottle_at_m, known.outline_sigma_m = outline, np.asarray(foot), error_m
-    known.outline_errors = None if radial is None else radial.ring_errors(outline)
-    rms_m = bottle.outline_error_m(outline)
-    if error_m > MAX_ERROR_M:
+        whole = measured_outline(axial_part(completion.completed(), foot, REACH_M), foot, REACH_M)
+        outline, error_m, radial = _joined(whole, seen), touched.error_m, completion.radial
+    if not len(outline) or error_m > MAX_ERROR_M:
         return failed(
             f"after {len(contacts)} contacts the outline is still expected to be {1e3 * error_m:.1f} mm off"
         )
+    known.outline_m, known.bottle_at_m, known.outline_sigma_m = outline, np.asarray(foot), error_m
+    known.outline_errors = None if radial is None else radial.ring_errors(outline)
+    rms_m = bottle.outline_error_m(outline)
+    seen_rms_m = bottle.outline_error_m(seen) if len(seen) else None
     return done(
         f"{len(contacts)} contacts complete the outline: {1e3 * outline[-1, 1]:.0f} mm high, up to "
         f"{2e3 * outline[:, 0].max():.0f} mm wide, expected error {1e3 * error_m:.1f} mm",
@@ -243,7 +242,7 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
         Measure("expected error of the missing part, before touching [m]", before_m),
         Measure("expected error of the missing part, after [m]", error_m),
         Measure("rms error of the outline's radius [m]", rms_m),
-        Measure("rms error of the outline that was only seen [m]", bottle.outline_error_m(seen)),
+        Measure("rms error of the outline that was only seen [m]", seen_rms_m),
         Illustration(
             _outline_figure(outline, bottle, seen, contacts),
             "Outline of the bottle: seen by the camera, touched by the probe, completed, and true",
@@ -255,7 +254,7 @@ def _joined(
     completed_m: Float[np.ndarray, "k 2"], seen_m: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, "m 2"]:
     """The visible outline, and between its heights the completed one."""
-    gap = np.abs(completed_m[:, 1, None] - seen_m[None, :, 1]).min(axis=1) > SLICE_M
+    gap = (np.abs(completed_m[:, 1, None] - seen_m[None, :, 1]) > SLICE_M).all(axis=1)
     return np.vstack([seen_m, completed_m[gap]])[np.argsort(np.append(seen_m[:, 1], completed_m[gap, 1]))]
 
 
@@ -265,12 +264,14 @@ def _probe_or_recall(
     """Probe until the container is recognised as one of an earlier visit, or its outline is known; all touches in order."""
     foot, lines = completion.axis_m, MAX_TOUCHES * (1 + mission.attempt)
     known = [] if mission.memory is None else mission.memory.bottles()
-    _recall(mission, seen_m, known, _radial((), foot))
+    # The foot and the top of a measured outline repeat the slices next to them.
+    seen = seen_m[1:-1], float(seen_m[-1, 1] if len(seen_m) else completion.visual.vertices_m[:, 2].max())
+    _recall(mission, seen, known, _radial((), foot))
     recalled = mission.known_bottle is not None
     touched = _probe(mission, completion, CONFIRMING if recalled else RECOGNISING if known else lines)
     touches = touched.touches
     if known and not recalled:
-        _recall(mission, seen_m, known, _radial(touches, foot))
+        _recall(mission, seen, known, _radial(touches, foot))
     confirmed = mission.known_bottle is not None and _confirmed(mission, touched, foot)
     if confirmed or not (recalled or (known and not touched.ending.success)):
         return touched, touches
@@ -280,13 +281,12 @@ def _probe_or_recall(
 
 def _recall(
     mission: Mission,
-    seen_m: Float[np.ndarray, "k 2"],
+    seen: tuple[Float[np.ndarray, "k 2"], float],
     known: Sequence[BottleMemory],
     touched_m: Float[np.ndarray, "n 2"],
 ) -> None:
-    """Whether the object on the table is a container known from an earlier visit."""
-    # The foot and the top of a measured outline repeat the slices next to them.
-    if match := recognise_bottle(seen_m[1:-1], float(seen_m[-1, 1]), known, touched_m):
+    """Whether the object on the table, with the visible slices and the height, is known from an earlier visit."""
+    if match := recognise_bottle(*seen, known, touched_m):
         mission.known_bottle, mission.known_bottle_probability = match
         mission.log(f"  it looks like {match[0].id}, a {match[0].class_name} (probability {match[1]:.2f})")
 

@@ -59,21 +59,22 @@ def measured_outline(
     Returns
     -------
     (k, 2) array
-        Radius and height [m], ascending; slices with fewer than 6 vertices are omitted.
+        Radius and height [m], ascending; slices with fewer than 6 vertices are omitted. Foot and top have the radius
+        of the nearest slice; (0, 2) if there is none.
     """
     points = mesh.vertices_m[np.unique(mesh.faces)]
     rho = np.hypot(*(points[:, :2] - axis_m).T)
     points, rho = points[rho < reach_m], rho[rho < reach_m]
-    top = float(np.quantile(points[:, 2], 0.999))
-    rows = []
+    if not len(points):
+        return np.zeros((0, 2))
+    top, rows = float(np.quantile(points[:, 2], 0.999)), []
     for z in np.arange(0.5 * SLICE_M, top, SLICE_M):
         near = (np.abs(points[:, 2] - z) < 0.5 * SLICE_M) & (points[:, 2] < top - LID_M)
         if np.count_nonzero(near) >= MIN_POINTS:
             rows.append((float(np.median(rho[near])), float(z)))
-    if len(rows) < 3:
-        return np.array([[0.03, 0.0], [0.03, top]])
-    outline = np.array(rows)
-    return np.vstack([[outline[0, 0], 0.0], outline, [outline[-1, 0], top]])
+    if not rows:
+        return np.zeros((0, 2))
+    return np.array([(rows[0][0], 0.0), *rows, (rows[-1][0], top)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -322,8 +322,9 @@ class _SupervisedArm(ProbeArm):
     def halt(self) -> None:
         self._device.stop()
 
-    def pressing(self) -> Float[np.ndarray, "3"]:
-        return self._target.translation_m - self._tip_m
+    def pressing(self) -> Float[np.ndarray, "3"] | None:
+        moves_m = self._target.translation_m - self._tip_m
+        return None if float(np.linalg.norm(moves_m)) <= STANDING_M else moves_m
 
     def retreats(self, pressing: object) -> bool:
         moves_m = self._target.translation_m - self._tip_m

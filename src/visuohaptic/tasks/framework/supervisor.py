@@ -6,7 +6,9 @@ The supervisor is independent of the tasks. It wraps the parts of a robot and it
 
 - Speeds are reduced to the limits, both velocities of a base by the same factor; targets out of reach are refused.
 - A force at the limit, or predicted to reach it before the robot has stopped, stops moving parts within the same reading.
-  Then only a retreat is permitted, until the force is below the limit again; it needs no fresh sensors.
+  Then only a retreat is permitted, until the force is below the limit again; it needs no fresh sensors. A retreat is
+  opposed to the motion at the limit; of a part that stood there, to the motion by which most of the force rose. If
+  most of it came from elsewhere, a motion is permitted until the force rises further.
 - A reading is *fresh* if its own time is newer than before and its content is not a frozen copy. While a part
   moves, its own state and every sensor in use must be fresh; otherwise the part is held, and resumes when they are.
 - Fingers may always open and every part may always stop, whatever is read, so that nothing stays clamped.
@@ -23,11 +25,12 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import TypeVar
 
 from ...core.errors import DeviceError
 from ...core.ranges import POSITIVE, Ranged
 from ...core.resources import Closing
+from ._motion import Motion, Stream, SupervisedPart
 
 RequestT = TypeVar("RequestT")
 Point = tuple[float, float, float]
@@ -69,81 +72,6 @@ class SafetyHold:
     reason: str
 
 
-@runtime_checkable
-class SupervisedPart(Protocol):
-    """Interface of a wrapped part to the supervisor."""
-
-    name: str
-
-    def execute(self) -> None:
-        """Send the requested command to the device."""
-
-    def halt(self) -> None:
-        """Stop the device."""
-
-    def pressing(self) -> object:
-        """Requested motion, stored when the force reaches the limit."""
-
-    def retreats(self, pressing: object) -> bool:
-        """Whether the requested motion retreats from the contact.
-
-        Parameters
-        ----------
-        pressing
-            Value returned by :meth:`pressing`; ``None``: it did not move when the force reached the limit.
-        """
-
-    def only_opens(self) -> bool:
-        """Whether the requested motion can only open fingers."""
-
-
-class _Stream:
-    """Freshness of one sensor or state on the supervisor's clock.
-
-    Parameters
-    ----------
-    name
-        Name in messages.
-    max_jump_s
-        Maximum jump of its clock against the supervisor's [s].
-    """
-
-    def __init__(self, name: str, max_jump_s: float) -> None:
-        self.name, self._max_jump_s = name, max_jump_s
-        self.read_s = (
-            self.fresh_s
-        ) = -math.inf  #: arrival of the newest reading, and of the newest fresh one [s]
-        self._t_s, self._ahead_s = -math.inf, -math.inf
-
-    def note(self, now_s: float, t_s: float, frozen: bool) -> str:
-        """Record a reading; returns a description of a clock error, or an empty string."""
-        self.read_s = now_s
-        if not math.isfinite(t_s):
-            return ""
-        ahead_s = t_s - now_s
-        if math.isfinite(self._t_s):
-            back_s, jump_s = self._t_s - t_s, ahead_s - self._ahead_s
-            if back_s > self._max_jump_s or jump_s > self._max_jump_s:
-                return f"the clock of {self.name} jumped by {jump_s:+.3g} s"
-        self._ahead_s = max(self._ahead_s, ahead_s)
-        if t_s > self._t_s and not frozen:
-            self.fresh_s = now_s
-        self._t_s = max(t_s, self._t_s)
-        return ""
-
-
-@dataclass(slots=True)
-class _Motion:
-    """Motion state of a part."""
-
-    part: SupervisedPart
-    moving: bool = False  #: whether a motion is requested
-    held: str = ""  #: why it is not executed; empty if it is
-    since_s: float = -math.inf  #: time of the request [s]
-    held_since_s: float = math.nan
-    pressing: object = None  #: motion at which the force reached the limit
-
-
 class SupervisorCore(Closing):
     """Decides which motions are executed; :class:`~.supervised_parts.Supervisor` wraps the parts around it.
 
@@ -164,8 +92,8 @@ class SupervisorCore(Closing):
         self.odometry = 0  #: number of changes of the base's pose
         self.fault = ""  #: cause of a permanent stop; empty without one
         self._clock, self._lock = clock, threading.RLock()
-        self._streams: dict[str, _Stream] = {}
-        self._motions: dict[str, _Motion] = {}
+        self._streams: dict[str, Stream] = {}
+        self._motions: dict[str, Motion] = {}
         self._force = (-math.inf, -math.inf)  #: time of the newest reading [s], and its force [N]
         self._rate_N_s, self._felt_s = 0.0, math.nan
         self._overload = ""
@@ -224,7 +152,7 @@ class SupervisorCore(Closing):
         """
         number = sum(name.partition(" #")[0] == part.name for name in self._motions)
         part.name += f" #{number + 1}" if number else ""
-        self._motions[part.name] = _Motion(part)
+        self._motions[part.name] = Motion(part)
 
     def release(self, part: SupervisedPart) -> None:
         """Stop a part; always executed.
@@ -236,6 +164,8 @@ class SupervisorCore(Closing):
         """
         with self._lock:
             motion = self._motions[part.name]
+            if motion.moving and not motion.held:
+                motion.halted_s = self._clock()
             motion.moving, motion.held, motion.held_since_s = False, "", math.nan
             part.halt()
 
@@ -286,7 +216,7 @@ class SupervisorCore(Closing):
         """
         with self._lock:
             now_s = self._clock()
-            stream = self._streams.setdefault(name, _Stream(name, self.limits.max_jump_s))
+            stream = self._streams.setdefault(name, Stream(name, self.limits.max_jump_s))
             if wrong := stream.note(now_s, t_s, frozen) or jumped:
                 self._fail(wrong)
             self._resume(now_s)
@@ -311,6 +241,9 @@ class SupervisorCore(Closing):
                 rose_N = force_N - last_N if math.isfinite(last_s + last_N) else 0.0
                 self._rate_N_s = max(rose_N / (t_s - last_s), 0.0)
                 self._force, self._felt_s = (t_s, force_N), self._clock()
+                for motion in self._motions.values():
+                    brakes = self._felt_s - motion.halted_s <= self.limits.brake_s
+                    motion.feel(max(last_N, 0.0), force_N, (motion.moving and not motion.held) or brakes)
                 # Predict until the next reading, expected after the same interval as this one.
                 self._check_force(t_s - last_s if self._rate_N_s else 0.0)
         self.note("the force", math.nan if math.isnan(force_N) else t_s, frozen=frozen)
@@ -330,16 +263,17 @@ class SupervisorCore(Closing):
             if motion.moving and not motion.held and (reason := self._pressed(motion)):
                 self._hold(motion, self._clock(), reason)
 
-    def _pressed(self, motion: _Motion) -> str:
+    def _pressed(self, motion: Motion) -> str:
         """Why the force holds a motion; empty if it may continue."""
-        return "" if motion.part.retreats(motion.pressing) else self._overload
+        return "" if motion.part.retreats(motion.towards(self._force[1])) else self._overload
 
-    def _stale(self, motion: _Motion, now_s: float) -> str:
+    def _stale(self, motion: Motion, now_s: float) -> str:
         """Name of a stale reading on which a motion depends; empty if there is none."""
         if motion.part.only_opens():
             return ""
         max_age_s = self.limits.max_age_s
-        frees = self._overload and motion.pressing is not None and motion.part.retreats(motion.pressing)
+        presses = motion.towards(self._force[1])
+        frees = self._overload and presses is not None and motion.part.retreats(presses)
         for stream in self._streams.values():
             own, in_use = stream.name == motion.part.name, stream.read_s >= motion.since_s - max_age_s
             if not own and (frees or not in_use or stream.name in self._motions):
@@ -354,9 +288,9 @@ class SupervisorCore(Closing):
             return f"{motion.part.name} has never been read"
         return ""
 
-    def _hold(self, motion: _Motion, now_s: float, reason: str) -> None:
+    def _hold(self, motion: Motion, now_s: float, reason: str) -> None:
         if not motion.held:
-            motion.held_since_s = now_s
+            motion.held_since_s = motion.halted_s = now_s
             self.holds.append(SafetyHold(now_s, motion.part.name, reason))
         motion.held = reason
         motion.part.halt()
