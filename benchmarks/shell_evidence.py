@@ -7,7 +7,7 @@
 ranges, and with gripper errors (5 mm in height, 3 degrees, gain 5 %, zeros, modulus 12 %, heavy tails), with
 widths and by stiffness alone. ``unknown``: objects of twenty kinds that are not in the training set. ``few_curves``: six
 objects learned from five curves each, by a machine, and by hand with a scatter of 10 % and without widths. ``meshes``:
-triangulated containers of fourteen kinds whose stiffness is known, and five meshes that are not containers. ``bound``: the best possible detection of unknown classes by stiffness alone, with
+triangulated containers of fifteen kinds whose stiffness is known, and five meshes that are not containers. ``bound``: the best possible detection of unknown classes by stiffness alone, with
 classifiers trained on many members of the unknown kinds (``--count`` of each and condition, on open seeds only). ``orders``: the
 fewest touches that would have been sufficient, in hindsight.
 

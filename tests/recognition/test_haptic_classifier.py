@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -98,7 +99,15 @@ def test_sets_files_and_builds_are_joined(tmp_path: Path) -> None:
     assert len(set(twice.name)) == len(twice) == 24
 
 
-def test_what_cannot_be_trained_or_asked() -> None:
+@pytest.mark.parametrize("data", [np.ones((4, 5)), None, 3, [1, 2], {}])
+def test_data_of_another_kind_are_named(data: Any) -> None:
+    with pytest.raises(InputError, match=r"data: found \w+, expected a feature set, a path, or touches"):
+        HapticClassifier().fit(data)
+
+
+def test_what_cannot_be_trained_or_asked(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=rf"{tmp_path.name}: has no manifest.json"):
+        HapticClassifier().fit(tmp_path)
     with pytest.raises(InputError, match=r"is not trained; .*call fit first"):
         HapticClassifier().predict([])
     with pytest.raises(InputError, match="labels: found 2, expected 36"):

@@ -264,6 +264,7 @@ KINDS: dict[str, tuple[Description, Callable[[Description, np.random.Generator],
     "two-sided": (_body((30, 36), ((80, 110), (34, 42), (0, 1)), wall=(0.9, 1.6)), _two_sided),
     "oval": (_TUMBLER | {"flat": [0.55, 0.8]}, lambda m, rng: _oval(m, 128, 0.0022)),
     "oval bottle with a cap": (_BOTTLE | {"flat": [0.6, 0.8]}, lambda m, rng: _oval(m, 128, 0.0022)),
+    "64 edges around": (_WAISTED, lambda m, rng: _grid(m, 64, 0.0028, turn=rng.uniform(0, 6))),
 }
 
 

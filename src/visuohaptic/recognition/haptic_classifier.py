@@ -298,7 +298,7 @@ def _squeezed(data: object, labels: Sequence[str] | None) -> tuple[SqueezedObjec
 
 def _labelled(data: Training, labels: Sequence[str] | None) -> FeatureSet:
     """One set of objects with the requested classes."""
-    if isinstance(data, FeatureSet | Path | str):
+    if isinstance(data, FeatureSet | Path | str) or not isinstance(data, Sequence):
         sets = [_loaded(data)]
         wanted = None if labels is None else [labels]
         expected = len(sets[0])
@@ -346,5 +346,9 @@ def _calibrated(
     return calibrate(model, used, np.random.default_rng(seed))
 
 
-def _loaded(source: FeatureSet | Path | str) -> FeatureSet:
+def _loaded(source: object) -> FeatureSet:
+    if not isinstance(source, FeatureSet | Path | str):
+        raise InputError(
+            "data", f"found {type(source).__name__}, expected a feature set, a path, or touches with labels"
+        )
     return source if isinstance(source, FeatureSet) else load_feature_set(source)

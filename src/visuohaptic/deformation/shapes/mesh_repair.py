@@ -168,9 +168,9 @@ def _round_m(vertices: np.ndarray) -> float:
 
 
 def _usual_length(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """90 % quantile of the triangles' longest sides [m]."""
-    sides = vertices[faces[:, [1, 2, 0]]] - vertices[faces]
-    return float(np.percentile(np.linalg.norm(sides, axis=2).max(axis=1), 90))
+    """90 % quantile of the triangles' second longest sides [m]: the longest one of half a quadrilateral is its diagonal."""
+    sides = np.linalg.norm(vertices[faces[:, [1, 2, 0]]] - vertices[faces], axis=2)
+    return float(np.percentile(np.median(sides, axis=1), 90))
 
 
 def _holes(state: MeshState) -> list[Int[np.ndarray, "l"]]:

@@ -315,12 +315,14 @@ def load_feature_set(source: Path | str) -> FeatureSet:
 
 
 def _manifest(folder: Path) -> list[dict[str, str]]:
-    path = folder / "manifest.json"
+    path, remedy = folder / "manifest.json", "run visuohaptic objects build first"
+    if folder.is_dir() and not path.exists():
+        raise InputError(folder, f"has no {path.name}", remedy=remedy)
     found = load_json(
         path,
         "a manifest of objects build",
         lambda data: [{key: str(entry[key]) for key in ("file", "class")} for entry in data["objects"]],
-        remedy="run visuohaptic objects build first",
+        remedy=remedy,
     )
     if not found:
         raise InputError(path, "lists no objects")
