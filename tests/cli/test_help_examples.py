@@ -184,6 +184,17 @@ def _scene(folder: Path, world: World) -> None:
         )
 
 
+def _first_load(folder: Path, world: World) -> None:
+    """The example of the beam up to the end of its first load: the whole is read where it is made."""
+    from visuohaptic.rigs import write_video
+
+    _flatten("example beam")(folder, world)
+    count = len(rows(folder / "truth.csv")) // 3
+    write_video(folder / "push.mp4", _video(folder / "push.mp4")[:count])
+    lines = (folder / "truth.csv").read_text().splitlines(keepends=True)
+    (folder / "truth.csv").write_text("".join(lines[: count + 1]))
+
+
 def _tags(folder: Path, world: World) -> None:
     from visuohaptic.rigs import write_video
 
@@ -713,7 +724,7 @@ STORIES: dict[str, Story] = {
     "track": Story(lambda f, r: _all_seen(r), _tags),
     "template check": Story(_template_check, _cover),
     "template sheet": Story(lambda f, r: _pdf(f / "tags.pdf")),
-    "sense beam": Story(_sense_beam, _flatten("example beam")),
+    "sense beam": Story(_sense_beam, _first_load),
     "calibrate foam": Story(_calibrate_foam, _press),
     "calibrate beam": Story(_said(rows=30), _loads),
     "calibrate camera": Story(_calibrate_camera, _photos),

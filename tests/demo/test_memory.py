@@ -184,7 +184,7 @@ def test_a_map_that_does_not_fit_is_made_again(mapped: tuple[Path, Story], tmp_p
     assert "scans along" in again.chapters[0].reason
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("plain_hand")
 def test_the_probe_completes_a_bottle_and_the_second_visit_needs_fewer_touches(tmp_path: Path) -> None:
     names = ("glass", "probe", "squeeze")
     first, second = (visit(tmp_path, number, names) for number in (0, 1))

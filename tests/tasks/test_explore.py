@@ -476,8 +476,8 @@ def test_bad_settings_are_refused() -> None:
         ExploreSettings(push_m_s=0.0)
 
 
-def test_four_rendered_pushes(tmp_path) -> None:
-    """A slice of benchmarks/foam_tags.py: box, cylinder, heavy box, table leg."""
+def test_three_rendered_pushes(tmp_path) -> None:
+    """A slice of benchmarks/foam_tags.py: box, cylinder, table leg; a heavy box and a wall feel alike, see above."""
     pytest.importorskip("mujoco")
     from visuohaptic.rigs import VirtualSensor
     from visuohaptic.simulation.mobile import FoamPushWorld, SimulatedSensorCamera, box, cylinder, table
@@ -490,18 +490,15 @@ def test_four_rendered_pushes(tmp_path) -> None:
         box("box", front + 0.075, 0.0, (0.15, 0.12, 0.12), mass_kg=0.8, friction=0.4, static_ratio=1.1),
         cylinder("bin", front + 0.08, 0.0, 0.08, 0.12, mass_kg=0.3, friction=0.35, static_ratio=1.2),
     ]
-    fixed = [
-        box("safe", front + 0.075, 0.0, (0.15, 0.1, 0.12), mass_kg=6.0, friction=0.5),
-        table("desk", front + 0.6, 0.33, round_legs=True),
-    ]
-    for number, obstacle in enumerate([*movable, *fixed]):
+    fixed = table("desk", front + 0.6, 0.33, round_legs=True)
+    for number, obstacle in enumerate([*movable, fixed]):
         sensor.reset()
         world = FoamPushWorld([obstacle])
         with SimulatedSensorCamera(world, virtual.renderer(), seed=number) as source:
             found = explore_obstacle(world.base, source, sensor, settings)
         assert found.outcome is ExploreOutcome.TAGGED
-        # Their foam is full at some newtons: what does not slide needs more, whether or not it is screwed down.
-        assert found.tag.fixed is (None if obstacle in fixed else False), obstacle.name
+        # The foam is full at some newtons: what does not slide needs more, whether or not it is screwed down.
+        assert found.tag.fixed is (None if obstacle is fixed else False), obstacle.name
         assert (found.tag.min_static_friction_N is None) is (obstacle in movable)
         soft = found.tag.deformability
         # Three frames of phase (a) tell nothing of a light object; a fixed one is pressed for long.

@@ -13,10 +13,10 @@ from visuohaptic.core import InputError, Reason
 from visuohaptic.core.camera import Frame
 from visuohaptic.sensing.foam import FoamSensor
 
-#: One seed of each family of faults.
+#: One seed of each family of faults; no light and saturation have tests of their own below.
 SEEDS = [KINDS.index(kind) + 22 * 400 for kind in (
-    "hand over the front", "hand over the base", "light off", "hot spot", "dropped frames", "bump",
-    "vibration", "defocus", "saturated", "textured object",
+    "hand over the front", "hand over the base", "hot spot", "dropped frames", "bump", "vibration", "defocus",
+    "textured object",
 )]  # fmt: skip
 
 
