@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,7 +11,15 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import InputError, ranges
-from visuohaptic.core.ranges import FINITE, NON_NEGATIVE, POSITIVE, check_ranges, within
+from visuohaptic.core.ranges import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    check_choice,
+    check_ranges,
+    finite_array,
+    within,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,3 +86,29 @@ def test_a_range_for_the_fields_without_their_own() -> None:
         Settings(speed_m_s=0.0)
     with pytest.raises(InputError, match=r"tilts_rad: found .*, expected a finite number"):
         Settings(tilts_rad=(float("nan"),))
+
+
+@pytest.mark.parametrize(
+    ("values", "shape", "said"),
+    [
+        (np.zeros(3), (None, 2), r"found shape \(3,\), expected finite numbers \(n, 2\), n >= 2$"),
+        (np.zeros((1, 2)), (None, 2), r"found shape \(1, 2\), expected .*n >= 2$"),
+        ([[0.0, math.nan], [0, 1]], (None, 2), r"found NaN or infinity, expected finite numbers \(n, 2\)"),
+        ([0.0, 1.0], (3,), r"outline: found shape \(2,\), expected finite numbers \(3,\)"),
+    ],
+)
+def test_arrays_of_another_shape_or_that_are_not_finite_are_refused(values, shape, said):
+    with pytest.raises(InputError, match=said):
+        finite_array("prism", values, *shape, field="outline", least=2)
+
+
+def test_numbers_of_the_right_shape_are_float64_in_rows():
+    assert finite_array("prism", [[1, 2], [3, 4]], None, 2).dtype == np.float64
+    assert finite_array("prism", np.zeros((2, 5)).T, 5, 2).flags.c_contiguous
+    assert finite_array("prism", np.zeros((0, 3)), None, 3, least=0).shape == (0, 3)
+
+
+def test_a_choice_that_is_not_known_is_refused_with_those_that_are():
+    check_choice("sheet", ("A4", "A3"), "A3")
+    with pytest.raises(InputError, match="sheet: paper: found 'A5', expected one of A4, A3"):
+        check_choice("sheet", ("A4", "A3"), "A5", field="paper")

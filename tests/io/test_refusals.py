@@ -276,5 +276,5 @@ def test_an_image_of_many_bytes_and_one_of_a_wrong_checksum_are_refused() -> Non
 
 def test_a_camera_needs_nine_finite_numbers() -> None:
     for matrix in (np.eye(2), np.full((3, 3), np.nan)):
-        with pytest.raises(InputError, match="expected 3 x 3 numbers"):
+        with pytest.raises(InputError, match=r"expected finite numbers \(3, 3\)"):
             Camera(640, 480, matrix)

@@ -117,5 +117,5 @@ def test_errors_say_what_is_wrong():
         RbfSurface(flat, np.zeros(20))
     with pytest.raises(InputError, match="finite"):
         RbfSurface(np.full((5, 3), np.nan), np.zeros(5))
-    with pytest.raises(InputError, match="at least 4"):
+    with pytest.raises(InputError, match="n >= 4"):
         RbfSurface(np.zeros((3, 3)), np.zeros(3))

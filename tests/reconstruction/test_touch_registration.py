@@ -54,7 +54,7 @@ def test_one_contact_elsewhere_is_borne():
 
 def test_what_cannot_be_fitted_is_told():
     _, surface, contacts = touched(np.random.default_rng(1))
-    with pytest.raises(InputError, match="6 or more"):
+    with pytest.raises(InputError, match="n >= 6"):
         register_touches(contacts[:5], surface)
     with pytest.raises(CalibrationError, match="half of the contacts"):
         register_touches(contacts + 1.0, surface)

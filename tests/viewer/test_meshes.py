@@ -48,7 +48,7 @@ def test_colours_go_from_pale_to_red_and_are_grey_when_unknown():
 
 
 def test_bad_shapes_are_refused():
-    with pytest.raises(InputError, match="expected at least 3 finite points"):
+    with pytest.raises(InputError, match=r"finite numbers \(n, 2\), n >= 3"):
         prism(np.zeros((2, 2)), 1.0)
     with pytest.raises(InputError, match=r"expected numbers \(K, 2\)"):
         columns(np.zeros((3, 2)), np.zeros((4, 2)), 0.05)

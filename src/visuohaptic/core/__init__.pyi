@@ -93,8 +93,10 @@ from .ranges import POSITIVE as POSITIVE
 from .ranges import Ranged as Ranged
 from .ranges import above as above
 from .ranges import at_least as at_least
+from .ranges import check_choice as check_choice
 from .ranges import check_numbers as check_numbers
 from .ranges import check_ranges as check_ranges
+from .ranges import finite_array as finite_array
 from .ranges import within as within
 from .resources import Closing as Closing
 from .resources import one_blas_thread as one_blas_thread

@@ -1,4 +1,4 @@
-"""Value ranges, declared in the metadata of dataclass fields and checked in one place.
+"""Checks of values: ranges declared in the metadata of dataclass fields, choices, and arrays of finite numbers.
 
 Examples
 --------
@@ -15,11 +15,12 @@ visuohaptic.core.errors.InputError: Grip: friction: found 3.0, expected 0 to 2
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from .errors import InputError, brief
 
@@ -146,6 +147,66 @@ def check_numbers(where: object, limits: Mapping[str, Any], **values: Any) -> No
         if value is not None and not limits[_KEY].holds(value):
             found = value.tolist() if isinstance(value, np.generic | np.ndarray) else value
             raise InputError(where, f"found {brief(found)}, expected {limits[_KEY].text}", field=name)
+
+
+def check_choice(where: object, known: Collection[object], value: object, *, field: str = "") -> None:
+    """Check that a value is one of those known.
+
+    Parameters
+    ----------
+    where
+        Name of the function or file, for the message.
+    known
+        Values that are allowed.
+    value
+        What was found.
+    field
+        Name of the value inside ``where``, for the message.
+
+    Raises
+    ------
+    InputError
+        It is not; the message lists the known values.
+    """
+    if value not in known:
+        raise InputError(
+            where, f"found {brief(value)}, expected one of {', '.join(map(str, known))}", field=field
+        )
+
+
+def finite_array(
+    where: object, values: Any, *shape: int | None, field: str = "", least: int = 1
+) -> Float[np.ndarray, "*shape"]:
+    """Finite numbers of a shape, as float64.
+
+    Parameters
+    ----------
+    where
+        Name of the function or file, for the message.
+    values
+        Anything that numpy turns into an array.
+    *shape
+        Expected sizes; ``None`` for any number.
+    field
+        Name of the value inside ``where``, for the message.
+    least
+        Smallest allowed length.
+
+    Raises
+    ------
+    InputError
+        The shape is another one, or a number is NaN or infinite.
+    """
+    array = np.asarray(values, dtype=np.float64, order="C")
+    known = len(shape) == array.ndim and all(
+        size in (None, found) for size, found in zip(shape, array.shape, strict=True)
+    )
+    if known and len(array) >= least and np.isfinite(array).all():
+        return array
+    sizes = ", ".join("n" if size is None else str(size) for size in shape) + "," * (len(shape) == 1)
+    found = f"shape {array.shape}" if not known or len(array) < least else "NaN or infinity"
+    more = f", n >= {least}" if least > 1 else ""
+    raise InputError(where, f"found {found}, expected finite numbers ({sizes}){more}", field=field)
 
 
 def check_order(instance: Any, low: str, high: str) -> None:

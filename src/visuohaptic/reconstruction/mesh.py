@@ -10,6 +10,7 @@ from jaxtyping import Float, Int, UInt8
 
 from ..core.errors import InputError
 from ..core.geometry import area_vectors, vertex_normals
+from ..core.ranges import finite_array
 from ..io.meshes.ply import PlyMesh, read_ply, write_ply
 
 
@@ -30,12 +31,8 @@ class SurfaceMesh:
     colors: UInt8[np.ndarray, "v 3"] | None = None  #: red, green, blue
 
     def __post_init__(self) -> None:
-        vertices = np.asarray(self.vertices_m, dtype=np.float64)
+        vertices = finite_array("SurfaceMesh", self.vertices_m, None, 3, field="vertices_m", least=0)
         faces = np.asarray(self.faces, dtype=np.int64).reshape(-1, 3)
-        if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.isfinite(vertices).all():
-            raise InputError(
-                "SurfaceMesh", f"found shape {vertices.shape}, expected finite n x 3", field="vertices_m"
-            )
         if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
             raise InputError(
                 "SurfaceMesh",

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..core.errors import InputError, VisuohapticError
+from ..core.ranges import check_choice
 from .access_control import reported
 from .server import Page, markdown_text
 from .stage import Stage, View
@@ -65,8 +66,7 @@ class BrowsePage(Page):
         name
             Title of the view.
         """
-        if name not in self._views:
-            raise InputError("BrowsePage", f"found {name!r}, expected one of {', '.join(self._views)}")
+        check_choice("BrowsePage", self._views, name)
         with self._lock:
             if self._choice.value != name:
                 self._choice.value = name  # whose callback opens it

@@ -7,6 +7,7 @@ from jaxtyping import Float, Int, UInt8
 
 from ..core.errors import InputError
 from ..core.geometry import polygon_area
+from ..core.ranges import finite_array
 
 #: Colours of the foam at rest and under full pressure (red, green, blue).
 REST_RGB = np.array([226.0, 188.0, 92.0])
@@ -32,11 +33,7 @@ def prism(
     faces
         Indices, counter-clockwise seen from outside.
     """
-    outline = np.asarray(outline_m, dtype=np.float64)
-    if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3 or not np.isfinite(outline).all():
-        raise InputError(
-            "prism", f"found shape {outline.shape}, expected at least 3 finite points", field="outline_m"
-        )
+    outline = finite_array("prism", outline_m, None, 2, field="outline_m", least=3)
     if polygon_area(outline) < 0:
         outline = outline[::-1]
     count = len(outline)

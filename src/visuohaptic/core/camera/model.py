@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from ..errors import InputError
 from ..files import check_image_size, load_yaml_model, save_yaml
+from ..ranges import NON_NEGATIVE, check_choice, check_numbers, finite_array
 from .pose import Pose
 
 #: Mapping from light to grey levels: linear, power of about 1 / 2.2, or unknown.
@@ -49,11 +50,9 @@ class Camera:
     )
 
     def __post_init__(self) -> None:
-        matrix = np.asarray(self.matrix, dtype=np.float64)
+        matrix = finite_array("Camera", self.matrix, 3, 3, field="matrix")
         distortion = np.atleast_1d(np.asarray(self.distortion, dtype=np.float64))
         check_image_size("Camera", self.width, self.height, field="width, height")
-        if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
-            raise InputError("Camera", f"found {matrix.tolist()}, expected 3 x 3 numbers", field="matrix")
         if matrix[0, 0] <= 0 or matrix[1, 1] <= 0 or not np.allclose(matrix[2], [0, 0, 1]):
             raise InputError(
                 "Camera",
@@ -66,14 +65,9 @@ class Camera:
                 f"found {distortion.tolist()}, expected 0, 4, 5 or 8 finite coefficients",
                 field="distortion",
             )
-        if not (np.isfinite(self.row_delay_s) and self.row_delay_s >= 0):
-            raise InputError("Camera", f"found {self.row_delay_s}, expected >= 0", field="row_delay_s")
-        if self.transfer_function not in get_args(TransferFunction):
-            raise InputError(
-                "Camera",
-                f"found {self.transfer_function!r}, expected one of {', '.join(get_args(TransferFunction))}",
-                field="transfer_function",
-            )
+        check_numbers("Camera", NON_NEGATIVE, row_delay_s=self.row_delay_s)
+        known = get_args(TransferFunction)
+        check_choice("Camera", known, self.transfer_function, field="transfer_function")
         object.__setattr__(self, "matrix", matrix)
         object.__setattr__(self, "distortion", distortion)
 

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from ...core.errors import InputError
+from ...core.ranges import finite_array
 from ..nonlinear.contents import Contents, closed_compliance, enclosed_gradient, tip_approach
 from ..shapes.mesher import ShellObject
 from ..shells.shell import ShellModel
@@ -102,9 +103,8 @@ def curve_coefficients(
     InputError
         The arrays differ in shape or are not finite.
     """
-    d, f = np.asarray(deformation_m, dtype=float), np.asarray(force_N, dtype=float)
-    if d.shape != f.shape or d.ndim != 1 or not (np.isfinite(d).all() and np.isfinite(f).all()):
-        raise InputError("curve", f"found shapes {d.shape} and {f.shape}, expected finite numbers (k,) twice")
+    d = finite_array("curve", deformation_m, None, field="deformation_m", least=0)
+    f = finite_array("curve", force_N, len(d), field="force_N", least=0)
     low = (d > 0) & (d <= LOW_m * (1 + 1e-9))
 
     def slope(some: np.ndarray) -> float:

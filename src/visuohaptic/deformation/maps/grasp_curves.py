@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
-from ...core.ranges import check_numbers, within
+from ...core.ranges import check_choice, check_numbers, finite_array, within
 from ..nonlinear.contents import Contents
 from ..nonlinear.equilibrium_path import EquilibriumPath
 from ..nonlinear.load_stepping import follow_displacement, reach_loads
@@ -305,8 +305,7 @@ def side_vertex(container: ShellObject, side: str = "x+", height_m: float | None
     """
     from .features import SIDES
 
-    if side not in SIDES:
-        raise InputError("side_vertex", f"found {side!r}, expected one of {', '.join(SIDES)}", field="side")
+    check_choice("side_vertex", SIDES, side, field="side")
     level = 0.5 * container.height_m if height_m is None else float(height_m)
     check_numbers("side_vertex", within(0, container.height_m), height_m=level)
     points = container.mesh.vertices_m - np.array(
@@ -337,17 +336,13 @@ def nearest_vertex(container: ShellObject, point_m: Sequence[float]) -> int:
     InputError
         Not three finite numbers.
     """
-    point = np.asarray(point_m, dtype=float)
-    if point.shape != (3,) or not np.isfinite(point).all():
-        raise InputError("grasp_curve", f"found {point_m}, expected three finite numbers", field="point_m")
+    point = finite_array("grasp_curve", point_m, 3, field="point_m")
     used = np.unique(container.mesh.faces)
     return int(used[np.argmin(np.linalg.norm(container.mesh.vertices_m[used] - point, axis=1))])
 
 
 def _ascending(values: Sequence[float], name: str) -> list[float]:
-    found = np.asarray(values, dtype=float)
-    if found.ndim != 1 or not found.size or not np.isfinite(found).all() or not found[0] > 0:
-        raise InputError("grasp_curve", f"found {values}, expected numbers > 0", field=name)
-    if not (np.diff(found) > 0).all():
-        raise InputError("grasp_curve", f"found {values}, expected ascending numbers", field=name)
-    return [float(value) for value in found]
+    found = finite_array("grasp_curve", values, None, field=name)
+    if not (np.diff(found, prepend=0.0) > 0).all():
+        raise InputError("grasp_curve", f"found {values}, expected ascending numbers > 0", field=name)
+    return found.tolist()

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
+from ...core.ranges import check_choice
 from ...io.meshes.mesh import load_mesh
 from ...io.meshes.mesh_state import MeshState, boundary_loops, face_parts, inspect_mesh
 from ..shells.shell import ShellMesh, ShellModel, enclosed_volume
@@ -198,8 +199,7 @@ def _turned_up(vertices: np.ndarray, up: str) -> np.ndarray:
 
 def _scale(used: np.ndarray, unit: str | None, where: str) -> tuple[float, list[str]]:
     if unit is not None:
-        if unit not in UNITS:
-            raise InputError("unit", f"found {unit!r}, expected one of {', '.join(UNITS)}")
+        check_choice("unit", UNITS, unit)
         return UNITS[unit], []
     extent = float(np.ptp(used, axis=0).max())
     for name in ("m", "mm", "cm", "dm"):

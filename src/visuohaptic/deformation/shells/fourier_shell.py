@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 from ...core.objects import Material
+from ...core.ranges import POSITIVE, check_numbers, finite_array
 from .shell_material import IsotropicMaterial
 
 
@@ -29,22 +30,13 @@ class RevolutionShell:
     rim_held: bool = False  #: the rim keeps its shape and position, as under a stiff glued cap
 
     def __post_init__(self) -> None:
-        radius = np.asarray(self.radius_m, dtype=float)
-        height = np.asarray(self.height_m, dtype=float)
-        if radius.ndim != 1 or radius.size < 3 or radius.shape != height.shape:
-            raise InputError(
-                "RevolutionShell",
-                f"found shapes {radius.shape} and {height.shape}, expected two of the same (k,), k > 2",
-            )
-        if not (radius > 0).all() or not np.isfinite(height).all():
-            raise InputError("RevolutionShell", f"found {radius.min()} m, expected > 0", field="radius_m")
+        radius = finite_array("RevolutionShell", self.radius_m, None, field="radius_m", least=3)
+        height = finite_array("RevolutionShell", self.height_m, len(radius), field="height_m")
+        check_numbers("RevolutionShell", POSITIVE, radius_m=radius)
         if not (np.hypot(np.diff(radius), np.diff(height)) > 0).all():
             raise InputError("RevolutionShell", "two neighbouring points of the meridian are the same")
         thickness = np.broadcast_to(np.asarray(self.thickness_m, dtype=float), radius.shape).copy()
-        if not (thickness > 0).all():
-            raise InputError(
-                "RevolutionShell", f"found {thickness.min()} m, expected > 0", field="thickness_m"
-            )
+        check_numbers("RevolutionShell", POSITIVE, thickness_m=thickness)
         object.__setattr__(self, "radius_m", radius)
         object.__setattr__(self, "height_m", height)
         object.__setattr__(self, "thickness_m", thickness)

@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Int
 from ...core.errors import InputError
 from ...core.geometry import area_vectors
 from ...core.objects import Material
+from ...core.ranges import finite_array
 from .factor import Factor, factorise, sparse_matrix
 from .laminate import Laminate, wall_directions
 from .ordering import FrontTree, front_tree
@@ -38,13 +39,9 @@ class ShellMesh:
     fraction: Float[np.ndarray, "f"] | float = 1.0
 
     def __post_init__(self) -> None:
-        vertices = np.ascontiguousarray(self.vertices_m, dtype=float)
-        faces = np.ascontiguousarray(self.faces, dtype=np.int64)
         where = "ShellMesh"
-        if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.isfinite(vertices).all():
-            raise InputError(
-                where, f"found shape {vertices.shape}, expected finite numbers (v, 3)", field="vertices_m"
-            )
+        vertices = finite_array(where, self.vertices_m, None, 3, field="vertices_m")
+        faces = np.ascontiguousarray(self.faces, dtype=np.int64)
         if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
             raise InputError(where, f"found shape {faces.shape}, expected (f, 3), f > 0", field="faces")
         if faces.min() < 0 or faces.max() >= len(vertices):

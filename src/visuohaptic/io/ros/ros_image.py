@@ -9,6 +9,7 @@ from jaxtyping import Float32, UInt8
 
 from ...core.errors import InputError
 from ...core.files import check_image_size
+from ...core.ranges import check_choice
 
 #: ROS encoding -> channels, bytes per channel, and name of OpenCV's conversion to grey or BGR.
 _ENCODINGS: dict[str, tuple[int, int, str]] = {
@@ -50,10 +51,7 @@ def decode_raw(message: Any, where: str) -> UInt8[np.ndarray, "rows columns *col
     """
     width, height, step = int(message.width), int(message.height), int(message.step)
     encoding = str(message.encoding)
-    if encoding not in _ENCODINGS:
-        raise InputError(
-            where, f"found {encoding!r}, expected one of {', '.join(_ENCODINGS)}", field="encoding"
-        )
+    check_choice(where, _ENCODINGS, encoding, field="encoding")
     channels, depth, conversion = _ENCODINGS[encoding]
     check_image_size(where, width, height)
     used = width * channels * depth
@@ -97,8 +95,7 @@ def decode_depth(message: Any, where: str) -> Float32[np.ndarray, "rows columns"
     """
     kinds = {"16UC1": "u2", "32FC1": "f4"}
     encoding = str(message.encoding)
-    if encoding not in kinds:
-        raise InputError(where, f"found {encoding!r}, expected one of {', '.join(kinds)}", field="encoding")
+    check_choice(where, kinds, encoding, field="encoding")
     kind = np.dtype((">" if message.is_bigendian else "<") + kinds[encoding])
     width, height, step = int(message.width), int(message.height), int(message.step)
     data = np.frombuffer(memoryview(message.data), dtype=np.uint8)

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Float32
 from ...core.errors import InputError
 from ...core.geometry import rotation_2d
 from ...core.objects import Primitive, PrimitiveKind
+from ...core.ranges import finite_array
 from ...io.maps.occupancy_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
 #: Weight below which a cell is not changed.
@@ -34,11 +35,7 @@ class HapticContact:
     movable: bool = False  #: whether it moved when it was pushed
 
     def __post_init__(self) -> None:
-        points = np.asarray(self.points_foam_m, dtype=np.float64)
-        if points.ndim != 2 or points.shape[1:] != (2,) or len(points) < 1 or not np.isfinite(points).all():
-            raise InputError(
-                "HapticContact", f"found shape {points.shape}, expected finite (k, 2)", field="points_foam_m"
-            )
+        points = finite_array("HapticContact", self.points_foam_m, None, 2, field="points_foam_m")
         if not (np.isfinite(self.T_map_foam).all() and 0 <= self.confidence <= 1):
             raise InputError(
                 "HapticContact",

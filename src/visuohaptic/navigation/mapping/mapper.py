@@ -20,6 +20,7 @@ from ...core.errors import InputError
 from ...core.geometry import compose_2d, relative_2d
 from ...core.laser_scan import LaserScan
 from ...core.measurement import Reason
+from ...core.ranges import finite_array
 from ...io.maps.occupancy_map import FREE, OccupancyMap
 from ._mapper_kernels import add_beams
 from .scan_matching import FREE_LOG_ODDS as _SURELY_FREE
@@ -233,8 +234,7 @@ class OccupancyMapper:
         return pose
 
     def _match(self, scan: LaserScan, odometry: tuple[float, float, float]) -> ScanMatch:
-        if not np.isfinite(odometry).all():
-            raise InputError("odometry", f"found {odometry}, expected three finite numbers")
+        finite_array("odometry", odometry, 3)
         guess = self._predict(odometry)
         points = scan.points_m
         if not scan.valid or len(points) < self.settings.match.min_points:

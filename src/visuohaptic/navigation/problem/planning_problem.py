@@ -11,6 +11,7 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ...core.geometry import polygon_centroid
 from ...core.objects import HapticTag
+from ...core.ranges import finite_array
 from ...io.maps.occupancy_map import OccupancyMap
 from .outlines import outline_of
 from .passages import Passage
@@ -92,9 +93,7 @@ class PlanningProblem:
 
     def __post_init__(self) -> None:
         for name in ("start_m", "goal_m"):
-            point = np.array(getattr(self, name), dtype=np.float64)
-            if point.shape != (2,) or not np.isfinite(point).all():
-                raise InputError("PlanningProblem", f"found {point}, expected finite x, y", field=name)
+            point = finite_array("PlanningProblem", getattr(self, name), 2, field=name).copy()
             if not self.map.inside(self.map.cell_from_world(point)):
                 width, height = self.map.size_m
                 raise InputError(

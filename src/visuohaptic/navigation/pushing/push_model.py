@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
 from ...core.geometry import polygon_area, polygon_second_moments
+from ...core.ranges import NON_NEGATIVE, check_ranges, finite_array
 
 #: Default contact friction (foam or plastic on furniture).
 CONTACT_FRICTION = 0.25
@@ -32,37 +33,19 @@ class PushModel:
     outline_m: Float[np.ndarray, "m 2"]  #: corners, counter-clockwise; one point and ``round_m`` for a disc
     support_m: Float[np.ndarray, "n 2"]  #: support points on the floor
     load: Float[np.ndarray, "n"]  #: fraction of the weight on each; sums to 1
-    contact_friction: float = CONTACT_FRICTION  #: between platform and object
-    round_m: float = 0.0  #: dilation of the outline
-    tip_m: float = 0.0  #: floor friction times height of the push: forward shift of the load
+    #: between platform and object
+    contact_friction: float = field(default=CONTACT_FRICTION, metadata=NON_NEGATIVE)
+    round_m: float = field(default=0.0, metadata=NON_NEGATIVE)  #: dilation of the outline
+    #: floor friction times height of the push: forward shift of the load
+    tip_m: float = field(default=0.0, metadata=NON_NEGATIVE)
 
     def __post_init__(self) -> None:
-        outline = np.ascontiguousarray(self.outline_m, dtype=np.float64)
-        support = np.ascontiguousarray(self.support_m, dtype=np.float64)
-        load = np.ascontiguousarray(self.load, dtype=np.float64)
-        if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 1 or not np.isfinite(outline).all():
-            raise InputError(
-                "PushModel", f"found shape {outline.shape}, expected finite corners m x 2", field="outline_m"
-            )
-        if (
-            support.ndim != 2
-            or support.shape[1] != 2
-            or len(support) < 1
-            or not np.isfinite(support).all()
-            or load.shape != (len(support),)
-        ):
-            raise InputError(
-                "PushModel",
-                f"found shapes {support.shape} and {load.shape}, expected n x 2 and n, all finite",
-                field="support_m",
-            )
-        if not (np.isfinite(load).all() and load.min() >= 0 and load.sum() > 0):
+        check_ranges(self)
+        outline = finite_array("PushModel", self.outline_m, None, 2, field="outline_m")
+        support = finite_array("PushModel", self.support_m, None, 2, field="support_m")
+        load = finite_array("PushModel", self.load, len(support), field="load")
+        if not (load.min() >= 0 and load.sum() > 0):
             raise InputError("PushModel", f"found {load}, expected fractions >= 0", field="load")
-        numbers = (self.contact_friction, self.round_m, self.tip_m)
-        if not all(math.isfinite(value) and value >= 0 for value in numbers):
-            raise InputError(
-                "PushModel", f"found contact_friction, round_m, tip_m = {numbers}, expected finite and >= 0"
-            )
         if polygon_area(outline) < 0:
             outline = np.ascontiguousarray(outline[::-1])
         object.__setattr__(self, "outline_m", outline)
@@ -187,13 +170,10 @@ def load_of_feet(
     InputError
         Fewer than three feet, all on one line, or one that would be lifted.
     """
-    feet = np.asarray(feet_m, dtype=np.float64)
-    if feet.ndim != 2 or feet.shape[1] != 2 or len(feet) < 3:
-        raise InputError("load_of_feet", f"found shape {feet.shape}, expected n x 2, 3 feet at least")
-    if not np.isfinite([*feet.flat, *centre_m]).all():
-        raise InputError("load_of_feet", "found NaN or infinity, expected finite places")
+    feet = finite_array("load_of_feet", feet_m, None, 2, field="feet_m", least=3)
+    centre = finite_array("load_of_feet", centre_m, 2, field="centre_m")
     balance = np.vstack([feet.T, np.ones(len(feet))])
-    load, _, rank, _ = np.linalg.lstsq(balance, np.array([*centre_m, 1.0]), rcond=1e-9)
+    load, _, rank, _ = np.linalg.lstsq(balance, np.array([*centre, 1.0]), rcond=1e-9)
     if rank < 3:
         raise InputError("load_of_feet", "found all feet on one line, expected three that are not")
     if load.min() < -1e-9:

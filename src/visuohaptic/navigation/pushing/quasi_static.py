@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.ranges import POSITIVE, check_numbers, finite_array
 from ._push_kernels import FORCE_X, GAP, X, push_object
 from .push_model import PushModel
 
@@ -78,13 +79,9 @@ def simulate_push(
     InputError
         If the platform overlaps the object at the start.
     """
-
-    start = np.asarray(object_m, dtype=np.float64)
+    start = finite_array("simulate_push", object_m, 3, field="object_m")
     path = check_path("simulate_push", path_m)
-    if start.shape != (3,) or not np.isfinite(start).all() or not radius_m > 0:
-        raise InputError(
-            "simulate_push", f"found object {start}, radius {radius_m} m; expected x, y, yaw and > 0"
-        )
+    check_numbers("simulate_push", POSITIVE, radius_m=radius_m)
     trace = np.zeros((len(path), 8))
     _, last, unsolved = push_object(
         model.outline_m,
@@ -201,11 +198,4 @@ def check_path(where: str, path_m: Float[np.ndarray, "k 3"]) -> Float[np.ndarray
     InputError
         Fewer than two poses, another shape, or values that are not finite.
     """
-    path = np.ascontiguousarray(path_m, dtype=np.float64)
-    if path.ndim != 2 or path.shape[1] != 3 or len(path) < 2 or not np.isfinite(path).all():
-        raise InputError(
-            where,
-            f"found shape {path.shape}, expected finite poses (x, y, heading), 2 at least",
-            field="path_m",
-        )
-    return path
+    return finite_array(where, path_m, None, 3, field="path_m", least=2)

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.ranges import finite_array
 from .places import HEIGHTS
 
 #: Range of the coefficient i [m]; nominal force [N] and deformation [m] of II.
@@ -118,9 +119,8 @@ def fit_curve(
         Not two arrays of finite numbers, or the force does not rise.
     """
     noise = TouchNoise() if noise is None else noise
-    d, f = np.asarray(deformation_m, dtype=float), np.asarray(force_N, dtype=float)
-    if d.shape != f.shape or d.ndim != 1 or not d.size or not (np.isfinite(d).all() and np.isfinite(f).all()):
-        raise InputError("curve", f"found shapes {d.shape} and {f.shape}, expected finite numbers (k,) twice")
+    d = finite_array("curve", deformation_m, None, field="deformation_m")
+    f = finite_array("curve", force_N, len(d), field="force_N")
     low = d <= LOW_m * (1 + 1e-9)
     if not low.any():
         raise InputError("curve", f"no sample up to {LOW_m} m; the minimum is {d.min():.4g} m")

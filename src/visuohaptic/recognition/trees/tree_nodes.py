@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.errors import InputError
+from ...core.ranges import check_choice
 from ..data.places import HEIGHTS, SIDES, Touch
 
 #: Normalisation of the features: Eqs. (6.4), (6.5), and relative to one point; see deformation.normalised.
@@ -79,8 +80,7 @@ def scaled_features(values: Float[np.ndarray, "*m 16 4"], scheme: str) -> Float[
         length = np.linalg.norm(moved, axis=-1, keepdims=True)
         out: np.ndarray = moved / np.where(length > 0, length, 1.0)
         return out
-    if scheme not in SCHEMES:
-        raise InputError("scheme", f"found {scheme!r}, expected one of {', '.join(SCHEMES)}")
+    check_choice("scheme", SCHEMES, scheme)
     scale = values[..., 7, :].mean(axis=-1) if scheme == "centre" else values[..., 7, 0]
     relative: np.ndarray = flat / scale[..., None] - 1
     return relative

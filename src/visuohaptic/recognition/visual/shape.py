@@ -16,6 +16,7 @@ from jaxtyping import Float, Float32
 
 from ...core.errors import InputError, MissingExtraError
 from ...core.geometry import sphere_directions
+from ...core.ranges import finite_array
 
 #: Limits of the bins of point-pair distances [m], and their number.
 _NEAR_M, _FAR_M, _DISTANCE_BINS = 0.004, 2.0, 32
@@ -272,13 +273,7 @@ def _axis_poses(seen: np.ndarray, part: np.ndarray) -> list[np.ndarray]:
 
 
 def _checked(points_m: np.ndarray) -> Float[np.ndarray, "n 3"]:
-    points = np.asarray(points_m, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1:] != (3,) or len(points) < MIN_POINTS:
-        raise InputError(
-            "cloud", f"found shape {points.shape}, expected (n, 3) with {MIN_POINTS} points or more"
-        )
-    if not np.isfinite(points).all():
-        raise InputError("cloud", "found points that are not finite", remedy="leave them out")
+    points = finite_array("cloud", points_m, None, 3, least=MIN_POINTS)
     if not 1e-3 < float(np.ptp(points, axis=0).max()) < 100.0:
         raise InputError("cloud", f"found a size of {np.ptp(points, axis=0).max():.3g}, expected metres")
     return points

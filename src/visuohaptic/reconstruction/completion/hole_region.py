@@ -20,6 +20,7 @@ from pydantic import (
 
 from ...core.errors import InputError
 from ...core.files import field_problems, load_json
+from ...core.ranges import finite_array
 from ..transparency.outline_fit import OutlineRings, UprightBody
 
 
@@ -62,9 +63,7 @@ class HoleRegion:
         """
         from scipy.spatial import ConvexHull, QhullError
 
-        points = np.asarray(points_m, dtype=np.float64)
-        if points.ndim != 2 or points.shape[1] != 3 or len(points) < 4 or not np.isfinite(points).all():
-            raise InputError("HoleRegion", f"found shape {points.shape}, expected at least 4 finite points")
+        points = finite_array("HoleRegion", points_m, None, 3, least=4)
         try:
             hull = ConvexHull(points)
         except QhullError as error:

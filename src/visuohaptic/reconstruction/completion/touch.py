@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...core.files import CsvRow, read_csv
+from ...core.ranges import POSITIVE, check_numbers, finite_array
 from ..mesh import SurfaceMesh
 
 #: Larger files are rejected: about 100,000 rows.
@@ -41,16 +42,10 @@ class Touch:
         for name in ("contact_m", "start_m", "end_m"):
             value = getattr(self, name)
             if value is not None:
-                array = np.asarray(value, dtype=np.float64)
-                if array.shape != (3,) or not np.isfinite(array).all():
-                    raise InputError(
-                        "Touch", f"found {array.tolist()}, expected 3 finite numbers", field=name
-                    )
-                object.__setattr__(self, name, array)
+                object.__setattr__(self, name, finite_array("Touch", value, 3, field=name))
         if self.contact_m is None and (self.start_m is None or self.end_m is None):
             raise InputError("Touch", "has no contact, expected start and end of the free line")
-        if not (np.isfinite(self.sigma_m) and self.sigma_m > 0):
-            raise InputError("Touch", f"found {self.sigma_m}, expected > 0", field="sigma_m")
+        check_numbers("Touch", POSITIVE, sigma_m=self.sigma_m)
 
     def moved(self, pose: Pose) -> Touch:
         """The same touch in another frame.

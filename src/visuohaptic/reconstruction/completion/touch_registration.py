@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.camera.pose import Pose
-from ...core.errors import CalibrationError, InputError
+from ...core.errors import CalibrationError
+from ...core.ranges import finite_array
 from ..mesh import SurfaceMesh
 
 #: Minimum number of contacts for six degrees of freedom.
@@ -56,13 +57,7 @@ def register_touches(
     """
     from scipy.spatial import cKDTree
 
-    contacts = np.asarray(contacts_haptic_m, dtype=np.float64)
-    if contacts.ndim != 2 or contacts.shape[1] != 3 or len(contacts) < MIN_CONTACTS:
-        raise InputError(
-            "register_touches", f"found shape {contacts.shape}, expected {MIN_CONTACTS} or more contacts"
-        )
-    if not np.isfinite(contacts).all():
-        raise InputError("register_touches", "contacts must be finite")
+    contacts = finite_array("register_touches", contacts_haptic_m, None, 3, least=MIN_CONTACTS)
     prior = prior or Pose.identity()
     points, face = surface.sampled(_SAMPLES, np.random.default_rng(0))
     normals = surface.face_normals[face]

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.ranges import finite_array
 from ...io.depth.depth_sequence import DepthFrame
 
 #: Maximum number of voxels: 1 GB of counts.
@@ -24,16 +25,13 @@ class SpaceGrid:
     voxel_m: float = 0.005  #: edge of a voxel [m]
 
     def __post_init__(self) -> None:
-        low = np.asarray(self.low_m, dtype=np.float64)
-        if low.shape != (3,) or not np.isfinite(low).all():
-            raise InputError("SpaceGrid", f"found {low.tolist()}, expected 3 numbers [m]", field="low_m")
+        object.__setattr__(self, "low_m", finite_array("SpaceGrid", self.low_m, 3, field="low_m"))
         if not self.voxel_m > 0 or min(self.shape) < 1 or np.prod(np.array(self.shape, float)) > MAX_VOXELS:
             raise InputError(
                 "SpaceGrid",
                 f"found {self.shape} voxels of {self.voxel_m} m, expected at most {MAX_VOXELS} in all",
                 field="shape",
             )
-        object.__setattr__(self, "low_m", low)
 
     @classmethod
     def around(cls, low_m: object, high_m: object, voxel_m: float = 0.005) -> SpaceGrid:

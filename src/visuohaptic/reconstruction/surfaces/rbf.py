@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
+from ...core.ranges import finite_array
 from ...core.resources import one_blas_thread
 from . import _rbf_kernels as kernels
 
@@ -48,12 +49,8 @@ class RbfSurface:
         values_m: Float[np.ndarray, "n"],
         rho: Float[np.ndarray, "n"] | float = 0.0,
     ) -> None:
-        centers = np.asarray(centers_m, dtype=np.float64)
-        values = np.asarray(values_m, dtype=np.float64)
-        if centers.ndim != 2 or centers.shape[1] != 3 or len(centers) < 4:
-            raise InputError("RbfSurface", f"found shape {centers.shape}, expected at least 4 x 3")
-        if values.shape != (len(centers),) or not (np.isfinite(centers).all() and np.isfinite(values).all()):
-            raise InputError("RbfSurface", "centres and values must be finite and equal in number")
+        centers = finite_array("RbfSurface", centers_m, None, 3, field="centers_m", least=4)
+        values = finite_array("RbfSurface", values_m, len(centers), field="values_m")
         self.origin_m: Float[np.ndarray, "3"] = centers.mean(axis=0)
         #: Half the extent [m]; lengths are divided by it, otherwise matrix entries would range from 1e-9 to 1.
         self.extent_m = float(np.abs(centers - self.origin_m).max())

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Float32
 
 from ...core.errors import InputError
 from ...core.geometry import compose_2d
+from ...core.ranges import finite_array
 from ...io.maps.occupancy_map import FREE, OccupancyMap
 from ...navigation.grid.cost_grid import OBSTACLE_FROM, window_distance
 
@@ -100,11 +101,7 @@ class LocalCostmap:
         InputError
             The outline has fewer than three corners, is not finite, or lies outside the map.
         """
-        outline = np.asarray(footprint_m, dtype=np.float64)
-        if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3 or not np.isfinite(outline).all():
-            raise InputError(
-                "LocalCostmap.around", f"found shape {outline.shape}, expected an outline p x 2, p >= 3"
-            )
+        outline = finite_array("LocalCostmap.around", footprint_m, None, 2, least=3)
         corners = np.concatenate(
             [outline + np.array(d) * reach_m for d in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
         )

@@ -6,7 +6,8 @@ import importlib
 import threading
 from collections.abc import Mapping, Sequence
 
-from ...core.errors import InputError, brief
+from ...core.errors import InputError
+from ...core.ranges import check_choice
 from ..transports.open_node import open_node
 from ..transports.session import RosOptions
 from .component import Component
@@ -118,8 +119,7 @@ def node_kind(name: str) -> type[Component]:
     InputError
         There is no node of this name.
     """
-    if name not in NODES:
-        raise InputError("node", f"found {brief(name)}, expected one of {', '.join(NODES)}")
+    check_choice("node", NODES, name)
     module, short = NODES[name]
     found: type[Component] = getattr(importlib.import_module(f".{module}", __package__), short)
     return found

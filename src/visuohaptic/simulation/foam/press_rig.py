@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.ranges import finite_array
 from ..rendering.scene import FoamScene, SceneObject
 from .outline import Outline
 from .strip import FoamStrip, StripState
@@ -131,8 +132,8 @@ def press(
     """
     strip = FoamStrip(geometry, law)
     width = strip.geometry.width_m
-    path = np.asarray(depths_m, dtype=np.float64)
-    if path.ndim != 1 or not np.isfinite(path).all() or path.max(initial=0.0) > 0.9 * width:
+    path = finite_array("press", depths_m, None, field="depths_m", least=0)
+    if path.max(initial=0.0) > 0.9 * width:
         raise InputError("press", f"found depths {path}, expected a list of at most {0.9 * width:.4f} m")
     rng = rng if rng is not None else np.random.default_rng(0)
     t_s, now, direction = 0.0, 0.0, "loading"

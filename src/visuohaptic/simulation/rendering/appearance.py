@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.ranges import check_choice
 from .textures import MATERIALS
 
 
@@ -22,12 +23,7 @@ class Surface:
     seed: int = 0  #: of the texture
 
     def __post_init__(self) -> None:
-        if self.material not in MATERIALS:
-            raise InputError(
-                "Surface",
-                f"found '{self.material}', expected one of {', '.join(MATERIALS)}",
-                field="material",
-            )
+        check_choice("Surface", MATERIALS, self.material, field="material")
 
     def levels(self, channels: int) -> Float[np.ndarray, "channels"]:
         """Mean level of each channel.

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
+from ...core.ranges import finite_array
 from ._solids import turned_left
 from .rolling_view import RollingView
 from .scene import FoamScene
@@ -116,13 +117,8 @@ def _check(scene: FoamScene) -> None:
         if not np.isfinite(getattr(scene, name)).all():
             raise InputError("FoamScene", "found points that are not finite", field=name)
     for i, item in enumerate(scene.objects):
-        outline = np.asarray(item.outline_foam_m, dtype=np.float64)
-        if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3 or not np.isfinite(outline).all():
-            raise InputError(
-                "FoamScene",
-                f"found shape {outline.shape}, expected at least 3 finite points (x, y)",
-                field=f"objects[{i}].outline_foam_m",
-            )
+        field = f"objects[{i}].outline_foam_m"
+        outline = finite_array("FoamScene", item.outline_foam_m, None, 2, field=field, least=3)
         edge = np.roll(outline, -1, axis=0) - outline
         following = np.roll(edge, -1, axis=0)
         scale = np.linalg.norm(edge, axis=1) * np.linalg.norm(following, axis=1)
@@ -132,7 +128,7 @@ def _check(scene: FoamScene) -> None:
             raise InputError(
                 "FoamScene",
                 "found an outline that is not convex",
-                field=f"objects[{i}].outline_foam_m",
+                field=field,
                 remedy="split the object into convex parts",
             )
 

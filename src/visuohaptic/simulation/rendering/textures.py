@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, UInt8, UInt32
 
 from ...core.errors import InputError
+from ...core.ranges import check_choice
 
 TILE_MEAN = 128.0
 TILE_SIGMA = 42.0
@@ -156,10 +157,7 @@ def texture_tile(material: str, seed: int = 0, size: int = TILE_TEXELS) -> UInt8
     InputError
         Unknown material, or a size that is not a power of two.
     """
-    if material not in _MAKERS:
-        raise InputError(
-            "texture_tile", f"found '{material}', expected one of {', '.join(_MAKERS)}", field="material"
-        )
+    check_choice("texture_tile", _MAKERS, material, field="material")
     if size < 16 or size & (size - 1):
         raise InputError("texture_tile", f"found {size}, expected a power of two >= 16", field="size")
     rng = np.random.default_rng([sum(material.encode()), seed])

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 
 from ...core.camera.frame import Frame
 from ...core.camera.pose import Pose
-from ...core.errors import InputError
+from ...core.ranges import finite_array
 from ..rendering.blank_frames import BlankFrames
 from .arm import SimulatedArm
 
@@ -130,9 +130,7 @@ class CrownCapCell(BlankFrames):
     duration_s: float = math.inf
 
     def __post_init__(self) -> None:
-        self.position_base_m = np.asarray(self.position_base_m, dtype=np.float64)
-        if self.position_base_m.shape != (3,) or not np.isfinite(self.position_base_m).all():
-            raise InputError("CrownCapCell", f"found position {self.position_base_m}, expected 3 numbers")
+        self.position_base_m = finite_array("CrownCapCell", self.position_base_m, 3)
         self.opened = False
         self.hook_N = 0.0  #: pull of the hook on the rim
         self.deflection = np.zeros(6)  #: of the tip against the arm, axes of the tool [m, rad]

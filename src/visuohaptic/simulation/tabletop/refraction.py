@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
+from ...core.ranges import finite_array
 
 #: Refractive indices at the 850 nm of the usual projectors [1].
 AIR, WATER, GLASS, PET = 1.0, 1.33, 1.51, 1.57
@@ -52,11 +53,7 @@ class Revolution:
     albedo: float = 0.6  #: of an opaque solid
 
     def __post_init__(self) -> None:
-        profile = np.asarray(self.profile_m, dtype=np.float64)
-        if profile.ndim != 2 or profile.shape[1] != 2 or len(profile) < 2 or not np.isfinite(profile).all():
-            raise InputError(
-                "Revolution", f"found shape {profile.shape}, expected (points, 2)", field="profile_m"
-            )
+        profile = finite_array("Revolution", self.profile_m, None, 2, field="profile_m", least=2)
         if (profile[:, 0] < 0).any() or (np.diff(profile[:, 1]) < 0).any():
             raise InputError("Revolution", "expected radii >= 0 and rising heights", field="profile_m")
         object.__setattr__(self, "profile_m", profile)

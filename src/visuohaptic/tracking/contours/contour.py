@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from ...core.errors import InputError
-from ...core.ranges import NON_NEGATIVE, POSITIVE, Ranged, at_least, within
+from ...core.ranges import NON_NEGATIVE, POSITIVE, Ranged, at_least, finite_array, within
 from . import _fit_kernels as columns
 from ._classify_kernels import classify_points
 from ._refine_kernels import refine, start_on_edge
@@ -168,7 +168,9 @@ class ContourTracker:
             )
         grey = np.ascontiguousarray(grey)
         count = len(lines)
-        guess = _fitting("predicted_px", predicted_px, count) if predicted_px is not None else self._position
+        guess = self._position
+        if predicted_px is not None:
+            guess = finite_array("ContourTracker.track", predicted_px, count, field="predicted_px")
         if guess is not None and guess.shape != (count,):
             raise InputError(
                 "ContourTracker.track",
@@ -329,12 +331,3 @@ def _first_noise(grey: UInt8[np.ndarray, "rows columns"], lines: ConstraintLines
     row = np.clip(np.rint(points[:, 1]), 0, grey.shape[0] - 1).astype(np.int64)
     left, middle, right = (grey[row, column + i].astype(np.float64) for i in (-1, 0, 1))
     return max(2.0, 1.4826 * float(np.median(np.abs(left - 2.0 * middle + right))) / float(np.sqrt(6.0)))
-
-
-def _fitting(name: str, values: Float[np.ndarray, "k"], count: int) -> Float[np.ndarray, "k"]:
-    array = np.ascontiguousarray(values, dtype=np.float64)
-    if array.shape != (count,) or not np.isfinite(array).all():
-        raise InputError(
-            "ContourTracker.track", f"found shape {array.shape}, expected {count} finite values", field=name
-        )
-    return array

@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
+from ...core.ranges import finite_array
 
 #: Relative difference of singular values below which a motion is degenerate.
 _SAME = 1e-9
@@ -80,14 +81,8 @@ def _normaliser(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "3 3"]:
 
 
 def _checked(source: object, target: object) -> tuple[np.ndarray, np.ndarray]:
-    a, b = np.asarray(source, dtype=np.float64), np.asarray(target, dtype=np.float64)
-    if a.ndim != 2 or a.shape[1:] != (2,) or a.shape != b.shape or len(a) < 4:
-        raise InputError(
-            "homography", f"found points of shapes {a.shape} and {b.shape}, expected twice (n, 2), n >= 4"
-        )
-    if not (np.isfinite(a).all() and np.isfinite(b).all()):
-        raise InputError("homography", "found points that are not finite")
-    return a, b
+    first = finite_array("homography", source, None, 2, field="source", least=4)
+    return first, finite_array("homography", target, len(first), 2, field="target")
 
 
 def estimate_homography(
@@ -220,9 +215,7 @@ def decompose_homography(homography: Float[np.ndarray, "3 3"]) -> tuple[PlaneMot
     homography
         H between points on the planes z = 1 of both cameras.
     """
-    matrix = np.asarray(homography, dtype=np.float64)
-    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
-        raise InputError("decompose_homography", "expected 3 x 3 finite numbers")
+    matrix = finite_array("decompose_homography", homography, 3, 3)
     _, singular, vectors = np.linalg.svd(matrix)
     if not singular[2] > 1e-12 * singular[0]:
         raise InputError(

@@ -17,7 +17,7 @@ from jaxtyping import UInt8
 
 from ...core.errors import InputError
 from ...core.files import atomic_path, encode_image
-from ...core.ranges import check_numbers, within
+from ...core.ranges import check_choice, check_numbers, within
 from .template import TAG_CELLS
 
 #: Width and height of supported papers [m].
@@ -89,8 +89,7 @@ def lay_out(items: Sequence[SheetItem], paper: str = "A4") -> tuple[PlacedItem, 
     InputError
         The paper is unknown or too small.
     """
-    if paper not in PAPERS_M:
-        raise InputError("sheet", f"found {paper!r}, expected one of {', '.join(PAPERS_M)}", field="paper")
+    check_choice("sheet", PAPERS_M, paper, field="paper")
     width, height = PAPERS_M[paper]
     bottom = height - _MARGIN_M - 2 * _LABEL_M - _GAP_M
     left = top = _MARGIN_M
