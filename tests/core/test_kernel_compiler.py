@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 import pytest
-from numba.core import types
+from numba.core import analysis, types
 from numba.core.caching import NullCache
 from numba.core.ir import Inst
 from numba.core.types.functions import BaseFunction
@@ -66,27 +66,61 @@ def test_other_functions_are_compiled_by_numba_alone(monkeypatch):
 
 
 @pytest.mark.skipif(
-    not numba.__version__.startswith(compiler.COMPARED), reason="numba's own search is used with this version"
+    not numba.__version__.startswith(compiler.COMPARED),
+    reason="numba's own analysis is used with this version",
 )
-def test_the_variables_of_a_statement_are_those_that_numba_finds(monkeypatch):
-    """For every statement of a kernel that is compiled, in the same order."""
-    differ, found = [], 0
+@pytest.mark.parametrize(
+    ("owner", "name", "least"),
+    [(Inst, "_rec_list_vars", 100), (analysis, "compute_use_defs", 5), (analysis, "compute_live_map", 5)],
+)
+def test_the_analysis_of_variables_is_that_of_numba(owner, name, least, monkeypatch):
+    """For every statement and every graph of blocks of a kernel that is compiled, and in the same order."""
+    (ours,) = (new for one, called, new in compiler._CHANGES if (one, called) == (owner, name))
+    theirs = getattr(owner, name)
+    results = []
 
-    def both(statement, value):
-        nonlocal found
-        ours, theirs = compiler._variables(statement, value), original(statement, value)
-        found += len(theirs)
-        differ.extend([] if ours == theirs else [value])
-        return ours
+    def both(*arguments):
+        results.append((ours(*arguments), theirs(*arguments)))
+        return results[-1][0]
 
-    original = Inst._rec_list_vars
-    changes = [
-        (owner, name, both if name == "_rec_list_vars" else new) for owner, name, new in compiler._CHANGES
-    ]
+    changes = [(*one[:2], both if one[:2] == (owner, name) else one[2]) for one in compiler._CHANGES]
     monkeypatch.setattr(compiler, "_CHANGES", changes)
+    made = kernel(_with_loops)
+    KERNELS.remove(made)
+    made._cache = NullCache()
+    made.compile((VECTOR,))
+    assert [one for one, _ in results] == [one for _, one in results]
+    assert sum(map(len, next(zip(*results, strict=True)))) > least
+
+
+def _with_loops(a):
+    found, last = 0, 0.0
+    for i in range(len(a)):
+        if a[i] < 0.0:
+            continue
+        for k in range(i, len(a)):
+            if a[k] > a[i]:
+                last = a[k]
+                break
+            found += 1
+        while last > 1.0:
+            last /= 2.0
+    return found + last
+
+
+def test_what_is_registered_later_is_found(monkeypatch):
+    """Numba's lists of functions are read again when they have grown."""
+    searched = []
+    monkeypatch.setattr(compiler, "_refresh_types", searched.append)
+    monkeypatch.setattr(compiler, "_registered", {})
     _kernel().compile((VECTOR,))
-    assert not differ
-    assert found > 100
+    assert len(searched) == 1
+    _kernel().compile((VECTOR,))
+    assert len(searched) == 1
+    registry = next(iter(searched[0]._registries))
+    monkeypatch.setattr(registry, "functions", [*registry.functions, None])
+    _kernel().compile((VECTOR,))
+    assert len(searched) == 2
 
 
 def test_the_machine_code_is_that_of_numba_alone():

@@ -6,24 +6,30 @@ import contextlib
 import gc
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, MutableMapping
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numba
 import numpy as np
-from numba.core import errors, event
+from numba.core import analysis, errors, event
+from numba.core.base import BaseContext as TargetContext
 from numba.core.codegen import CPUCodeLibrary
+from numba.core.compiler import DEFAULT_FLAGS
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.event import Listener, register
-from numba.core.ir import Assign, Expr, Inst, Loc, Var
+from numba.core.ir import Assign, Expr, Inst
 from numba.core.lowering import BaseLower
 from numba.core.targetconfig import ConfigStack
 from numba.core.typed_passes import NopythonRewrites
 from numba.core.types import Array, Type
 from numba.core.types.functions import BaseFunction
 from numba.core.types.misc import StringLiteral, unliteral
+from numba.core.typing.context import BaseContext as TypingContext
 from numba.core.untyped_passes import InlineClosureLikes
 from numba.np.ufunc.dufunc import DUFunc
+
+from .analysis import live_at_entry, uses_and_definitions, variables
 
 _log = logging.getLogger(__name__)
 
@@ -36,13 +42,16 @@ def _resolved_once(function: Any, context: Any, args: tuple[Type, ...], kws: dic
     implementations inherit from the calling kernel (``numba.core.cpu``): they are never shared beyond that.
     """
     options = ConfigStack.top_or_none()
-    inherited = options and (
+    # No arithmetic of numbers with a fraction: one implementation for all options.
+    allocates = options is not None and options.nrt and function.typing_key in _ALLOCATIONS
+    inherited = options and not allocates and (
         options.nrt, frozenset(options.fastmath.flags), str(options.error_model), options.forceinline
     )  # fmt: skip
     key = function, context, tuple(args), tuple(kws.items()), inherited
     known = _resolved.get(key)
     if known is None:
-        signature = _resolve(function, context, args, kws)
+        with ConfigStack().enter(DEFAULT_FLAGS) if allocates else contextlib.nullcontext():
+            signature = _resolve(function, context, args, kws)
         known = _resolved[key] = signature, function.get_impl_key(signature)
     # As numba does after each search: the implementation of the latest call is the one that is used.
     function._impl_keys[known[0].args] = known[1]
@@ -50,6 +59,7 @@ def _resolved_once(function: Any, context: Any, args: tuple[Type, ...], kws: dic
 
 
 _resolved: dict[Any, tuple[Any, Any]] = {}
+_ALLOCATIONS = (np.empty, np.zeros, np.ones, np.full)
 _numba: Any = BaseFunction
 _resolve = _numba.get_call_type
 
@@ -66,20 +76,23 @@ def _optimise_functions(library: Any, module: Any) -> None:
             passes.run(function, builder)
 
 
-def _variables(statement: Any, value: Any) -> list[Var]:
-    """Numba's search for the variables of a statement: the exact type decides first, since most values are of four types."""
-    kind = type(value)
-    if kind is Var:
-        return [value]
-    if kind is str or kind is Loc or kind is int or value is None:
-        return []
-    if isinstance(value, Inst):
-        return list(value.list_vars())
-    if isinstance(value, dict):
-        value = value.values()
-    elif not isinstance(value, (list, tuple)):
-        return []
-    return [found for one in value for found in _variables(statement, one)]
+def _refresh_changed(context: Any, refresh: Callable[[Any], None]) -> None:
+    """Numba's search for new functions and types, if any was registered since; it searches before each compilation."""
+    contexts = {context, getattr(context, "typing_context", context)}
+    count = sum(
+        len(items)
+        for one in contexts
+        for registry in one._registries
+        for items in vars(registry).values()
+        if isinstance(items, list)
+    )
+    if _registered.get(context) != count:
+        refresh(context)
+        _registered[context] = count
+
+
+_registered: MutableMapping[Any, int] = WeakKeyDictionary()
+_refresh_types, _refresh_code = TypingContext.refresh, TargetContext.refresh
 
 
 def _expressions(state: Any) -> list[tuple[str, Expr]]:
@@ -129,7 +142,11 @@ _CHANGES: tuple[tuple[Any, str, Any], ...] = ((BaseFunction, "get_call_type", _r
 if numba.__version__.startswith(COMPARED):
     _CHANGES += (
         (CPUCodeLibrary, "_optimize_functions", _optimise_functions),
-        (Inst, "_rec_list_vars", _variables),
+        (Inst, "_rec_list_vars", variables),
+        (analysis, "compute_use_defs", uses_and_definitions),
+        (analysis, "compute_live_map", live_at_entry),
+        (TypingContext, "refresh", lambda context: _refresh_changed(context, _refresh_types)),
+        (TargetContext, "refresh", lambda context: _refresh_changed(context, _refresh_code)),
         # Entries for callers in C, of which there are none, also of numba's own functions.
         (BaseLower, "create_cfunc_wrapper", lambda lowering: None),
         (InlineClosureLikes, "run_pass", _inline_nested),
