@@ -274,10 +274,26 @@ def test_a_second_body_counts_with_the_rays_that_miss_the_first():
     assert body is not None
     # It does not meet the first one, but where they overlap in the images it has no rays of its own.
     behind = replace(body, axis_m=body.axis_m + np.array([0.0, 0.08]))
-    alone = body_evidence(seen, behind)
+    alone = float(body_evidence(seen, behind).sum())
     assert disjoint_bodies(seen, [body, replace(body, radius_m=(0.03, 0.03))], 1.0) == [body]
     assert disjoint_bodies(seen, [body, replace(behind, evidence=alone)], 1.0) == [body]
     assert disjoint_bodies(seen, [], 1.0) == []
+
+
+@pytest.mark.parametrize(("showing", "found"), [(9, True), (2, False)])
+def test_no_two_views_alone_show_a_body(showing, found):
+    """A mirror or a black edge drops out over a whole outline in one or two views, glass in most: their evidence is bounded."""
+    turns = np.linspace(0, 6, 9)
+    seen = views(np.random.default_rng(2), turns[:showing], 1.0)
+    seen += views(np.random.default_rng(3), turns[showing:], 0.02)
+    place = np.full(2, 0.002), (RADIUS_M, RADIUS_M), 0.002, (LOW_M, HIGH_M), 90.0
+    body = UprightBody(AXIS_M, *place)
+    detector = EvidenceDetector(SpaceGrid.around((-0.1, -0.1, 0.0), (0.1, 0.1, 0.2), 0.01))
+    detector._outlines, detector._rays = seen, replace(detector._rays, weights=np.ones(9, np.float32))
+    assert body_evidence(seen, body).sum() > 30
+    # At most ln((.9 R + .1) / (.95 + .05 R)) of each view, 2.9 for a large R.
+    assert (detector._bounded(body) > 12.0) is found
+    assert detector._bounded(body) < 2.9 * showing
 
 
 def test_a_piece_of_a_rim_is_no_body_of_its_own(monkeypatch):

@@ -190,7 +190,7 @@ def reconstruct(
     low_m, high_m = (None, None) if sparse else (grid.low_m, grid.high_m)
     surface = TsdfVolume(grid.voxel_m, low_m=low_m, high_m=high_m, truncation_m=band_m, color=color)
     surface.integrate_all([mask_refracted_rays(frame, regions) for frame in frames])
-    cells = outer_voxels(detector.inside())
+    cells = outer_voxels(detector.inside)
     points_m, scores = grid.centres_m(cells), detector.score(cells)
     kept = np.zeros(len(points_m), dtype=bool)
     for region in regions:

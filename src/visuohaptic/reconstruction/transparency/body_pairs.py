@@ -56,7 +56,7 @@ def fit_pair(
                 return []
             shapes[k] = body[0].shape_m
             found += body
-    return [replace(body, evidence=body_evidence(views, body)) for body in found]
+    return [replace(body, evidence=float(body_evidence(views, body).sum())) for body in found]
 
 
 def disjoint_bodies(
@@ -80,7 +80,7 @@ def disjoint_bodies(
         beside = [body for body in bodies if not body.meets(first)] if 2 * first.evidence > most else []
         rest = without_body(views, first.shape_m) if beside else views
         for second in beside:
-            both = first.evidence + body_evidence(rest, second) - threshold
+            both = first.evidence + float(body_evidence(rest, second).sum()) - threshold
             if both > most:
                 best, most = [first, second], both
     return sorted(best, key=lambda body: -body.evidence)

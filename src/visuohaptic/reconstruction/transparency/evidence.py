@@ -18,6 +18,9 @@ of an arbitrary window, and bounded: no single view is decisive, and views count
 The sum over views is a log-likelihood ratio. The probability that it exceeds log(N / a) at any of N places without glass is
 at most a (Markov's inequality, Bonferroni), for any number of views: a is the false-alarm rate that the user specifies.
 
+A wide vessel that few views see has no single place with so much evidence. A place where glass is more probable than not is therefore
+tested as a whole: its likelihood ratio in a view is that of all windows inside the outline of a body, with the same bounds.
+
 A part has to exceed the threshold also with the rates that the surface behind it has of its own (:mod:`.surface_rates`). Its
 position and radii follow from the outlines (:mod:`.outline_fit`, :mod:`.outline_rings`). The extent of a part is the same sum with
 e = 0.85: this many rays still pass a round glass at 1.03 of its radius, 2/pi asin(1/1.03). Parts, by falling evidence, explain their rays.
@@ -42,6 +45,7 @@ from .outline_fit import OutlineView, UprightBody, body_evidence, fit_bodies
 from .outline_rings import with_rings
 from .ray_readings import (
     FAR,
+    HIDDEN,
     LOOK_ALIKE,
     NEAR,
     RayEvidence,
@@ -100,6 +104,7 @@ class EvidenceDetector:
     extent: Float32[np.ndarray, "x y z"] = field(init=False)
     #: number of independent views with evidence, of each block of voxels
     seen: Float32[np.ndarray, "a b c"] = field(init=False)
+    inside: Bool[np.ndarray, "x y z"] = field(init=False)  #: mask of the transparent voxels
     threshold: float = field(init=False)  #: minimum evidence of a part [nat]
     look_alike: float = field(init=False, default=LOOK_ALIKE)  #: fraction of windows that look like glass
     measured: TrackedNoise = field(init=False, default=TrackedNoise())  #: noise of the sequence
@@ -109,17 +114,17 @@ class EvidenceDetector:
     _rays: RayEvidence = field(init=False)
     _tables: Float32[np.ndarray, "kinds n"] = field(init=False)
     _outlines: list[OutlineView] = field(init=False)
-    _inside: Bool[np.ndarray, "x y z"] = field(init=False)
     _found: tuple[TransparentRegion, ...] = field(init=False)
+    _strongest: float = field(init=False, default=0.0)  #: largest evidence of a part [nat]
     _stride: int = field(init=False, default=1)
 
     def __post_init__(self) -> None:
         shape = self.grid.shape
         self.evidence, self.extent = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-        self.seen, self._inside = np.zeros((1, 1, 1), np.float32), np.zeros(shape, dtype=bool)
+        self.seen, self.inside = np.zeros((1, 1, 1), np.float32), np.zeros(shape, dtype=bool)
         none = np.zeros((0, 0, 0), np.float32)
         self._rays, self._tables = RayEvidence((), none.ravel(), none, none, none), none.reshape(0, 0)
-        self._images, self._outlines, self._found = [], [], ()
+        self._images, self._outlines, self._found, self._strongest = [], [], (), 0.0
         self.threshold = -math.log(self.settings.false_alarm_rate)
 
     @property
@@ -136,48 +141,39 @@ class EvidenceDetector:
             All views of one camera, in any order.
         """
         self.__post_init__()
-        self.skipped.clear()
-        self.views = len(frames)
+        self.skipped, self.views = Counter(), len(frames)
         frames, weights = self._read(frames)
         if not frames:
             return
         limit_m = np.stack([rays.limit_m for rays in self._images])
+        self._rays = replace(self._rays, frames=frames, weights=weights, limit_m=limit_m)
         whole, before = self.evidence, -1
         while before < len(self._found):
             first, before = before < 0, len(self._found)
-            self._sum(frames, weights, limit_m, limit_m > 0, first=first)
+            self._sum(limit_m > 0, first=first)
             whole = self.evidence if first else whole
             strong = np.argwhere(self.evidence >= self.threshold)
             if before and len(strong):
                 # Parts weaker than the accepted ones, as a bowl of which only the rim shows, contaminate the rates less.
                 there_m, voxel_m = self.grid.centres_m(strong), self.grid.voxel_m
                 passed = np.stack([self._rays.passed(k, there_m, voxel_m) for k in range(len(frames))])
-                self._sum(frames, weights, limit_m, (limit_m > 0) & ~passed)
+                self._sum((limit_m > 0) & ~passed)
             self._take()
         self.evidence = whole
         if self._found:
             limit_m[:] = [image.limit_m for image in self._images]
             self._found = with_rings(self._found, self._outline_views(), self.grid.low_m[2], self.threshold)
 
-    def _sum(
-        self,
-        frames: Sequence[DepthFrame],
-        weights: Float32[np.ndarray, "n"],
-        limit_m: Float32[np.ndarray, "n h w"],
-        counted: Bool[np.ndarray, "n h w"],
-        *,
-        first: bool = False,
-    ) -> None:
+    def _sum(self, counted: Bool[np.ndarray, "n h w"], *, first: bool = False) -> None:
         """Sum the unexplained evidence; the rates without glass are estimated from the ``counted`` rays."""
-        self._outlines = []
+        self._outlines, told = [], self._rays
         codes = [rays.code[some] for rays, some in zip(self._images, counted, strict=True)]
         self._tables = reading_tables(codes)
-        ratios = np.stack(
-            [self.ratios(frame, rays, self._tables) for frame, rays in zip(frames, self._images, strict=True)]
-        )
-        windows = [ratio[limit > 0][:: _STRIDE**2] for ratio, limit in zip(ratios, limit_m, strict=True)]
+        pairs = zip(told.frames, self._images, strict=True)
+        ratios = np.stack([self.ratios(frame, rays, self._tables) for frame, rays in pairs])
+        windows = [ratio[limit > 0][:: _STRIDE**2] for ratio, limit in zip(ratios, told.limit_m, strict=True)]
         self.look_alike = look_alike_fraction(np.concatenate(windows))
-        self._rays = RayEvidence.of_ratios(frames, weights, limit_m, ratios, self.look_alike)
+        self._rays = RayEvidence.of_ratios(told.frames, told.weights, told.limit_m, ratios, self.look_alike)
         self.evidence, self.extent, seen = self._rays.sums(self.grid)
         if first:
             # Rays explained by later parts still count as observations.
@@ -257,13 +253,13 @@ class EvidenceDetector:
         """Extract parts in order of falling evidence; each explains the evidence of the rays through it."""
         from scipy import ndimage
 
-        if self.evidence.max() < self.threshold:
+        if self.evidence.max() < self._even:
             return
         labels, _ = ndimage.label(self.extent > 0, np.ones((3, 3, 3)))
         boxes = ndimage.find_objects(labels)
         held, best = labels > 0, np.full(len(boxes), -np.inf)
         np.maximum.at(best, labels[held] - 1, self.evidence[held])
-        while best.max(initial=-np.inf) >= self.threshold:
+        while best.max(initial=-np.inf) >= self._even:
             number = int(best.argmax())
             box = boxes[number]
             evidence, extent, _ = self._rays.sums(self._part_grid(box))
@@ -287,15 +283,26 @@ class EvidenceDetector:
 
         labels, _ = ndimage.label(left, np.ones((3, 3, 3)))
         whole: Bool[np.ndarray, "x y z"] = labels == labels.flat[np.where(left, evidence, -np.inf).argmax()]
-        bodies = self._fit(whole, evidence, box)
-        return whole, next((body for body in bodies if self._beside(body) >= self.threshold), None)
+        told = float(evidence[whole].max())
+        for body in self._fit(whole, evidence, box):
+            outlined = told if told >= self.threshold else self._bounded(body)
+            if outlined >= self.threshold and self._beside(body) >= self.threshold:
+                self._strongest = max(self._strongest, outlined)
+                return whole, body
+        return whole, None
+
+    def _bounded(self, body: UprightBody) -> float:
+        """Evidence for a body, that of each view bounded as for a voxel: no single view is decisive [nat]."""
+        weights, shown = self._rays.weights, self.look_alike
+        ratio = np.exp(np.minimum(body_evidence(self._outlines, body) / weights, 30.0))
+        return float(weights @ np.log(((1 - HIDDEN) * ratio + HIDDEN) / ((1 - shown) + shown * ratio)))
 
     def _beside(self, body: UprightBody) -> float:
         """Evidence for a body, given the readings at the surfaces behind it of rays that pass beside it [nat]."""
         rays, body_m, size_m = self._rays, body.points_m(self.grid.voxel_m), 2 * self.settings.radius_m
         through = np.stack([rays.passed(k, body_m, self.grid.voxel_m) for k in range(self.used)])
         added = surface_ratios(rays.frames, self._images, through, rays.limit_m > 0, self._tables, size_m)
-        return body_evidence(self._outline_views(added), body)
+        return float(body_evidence(self._outline_views(added), body).sum())
 
     @property
     def _min_voxels(self) -> float:
@@ -346,7 +353,7 @@ class EvidenceDetector:
             cells = cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)]
         if len(cells):
             chosen = tuple(cells.T)
-            self._inside[chosen] = True
+            self.inside[chosen] = True
             self._found += (region_of(cells, self.score(cells), grid, body),)
         return part
 
@@ -361,6 +368,11 @@ class EvidenceDetector:
         low_m = self.grid.low_m + self.grid.voxel_m * np.array([s.start for s in box])
         return SpaceGrid(low_m, (nx, ny, nz), self.grid.voxel_m)
 
+    @property
+    def _even(self) -> float:
+        """Evidence at which glass is as probable as none: the prior expects one place with glass in the volume [nat]."""
+        return self.threshold + math.log(self.settings.false_alarm_rate)
+
     def score(self, cells: Int[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Probability of glass in voxels; the prior expects one place with glass in the volume.
 
@@ -371,12 +383,7 @@ class EvidenceDetector:
         """
         from scipy.special import expit
 
-        places = self.threshold + math.log(self.settings.false_alarm_rate)
-        return np.asarray(expit(self.evidence[tuple(cells.T)] - places), np.float64)
-
-    def inside(self) -> Bool[np.ndarray, "x y z"]:
-        """Mask of the transparent voxels."""
-        return self._inside
+        return np.asarray(expit(self.evidence[tuple(cells.T)] - self._even), np.float64)
 
     def regions(self) -> tuple[TransparentRegion, ...]:
         """Detected parts with their convex hulls, largest first."""
@@ -384,16 +391,9 @@ class EvidenceDetector:
 
     def report(self) -> SearchReport:
         """Summary of the search, with the reason if nothing was found."""
-        found = SearchReport.of_search(
-            self.evidence,
-            self.seen,
-            views=self.views,
-            compared=self.used,
-            skipped=self.skipped,
-            rate=self.look_alike,
-            threshold=self.threshold,
-            regions=len(self._found),
-        )
+        told = max(float(self.evidence.max(initial=0.0)), self._strongest)
+        counts = self.views, self.used, self.skipped, self.look_alike, self.threshold, len(self._found)
+        found = SearchReport.of_search(told, self.seen, *counts)
         if found.found or not self._images:
             return found
         eye = next_eye(self._rays.frames, self.grid, self.seen, self.look_alike, self.threshold)

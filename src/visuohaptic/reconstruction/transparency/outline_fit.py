@@ -319,8 +319,8 @@ def _bodies(
     return [UprightBody(*place, (low_r, high_r), float(sigma[2]), (low_z, high_z), -least)]
 
 
-def body_evidence(views: Sequence[OutlineView], body: UprightBody) -> float:
-    """Log-likelihood ratio of a body against no body, closed or open, whichever is likelier [nat].
+def body_evidence(views: Sequence[OutlineView], body: UprightBody) -> Float[np.ndarray, "views"]:
+    """Log-likelihood ratio of a body against no body, closed or open, whichever is likelier, of each view [nat].
 
     Parameters
     ----------
@@ -330,7 +330,7 @@ def body_evidence(views: Sequence[OutlineView], body: UprightBody) -> float:
         The body.
     """
     outlines = _Outlines(views, np.array([*body.axis_m, np.mean(body.height_m)]))
-    return max(float(outlines.log_likelihood(body.shape_m, opening).sum()) for opening in _OPEN)
+    return max((outlines.log_likelihood(body.shape_m, opening) for opening in _OPEN), key=np.sum)
 
 
 def _apart(starts: Sequence[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray, float]]:

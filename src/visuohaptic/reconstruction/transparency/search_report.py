@@ -41,7 +41,7 @@ class SearchReport:
     #: fraction of the space with evidence from 0, 1-2, 3-5 and more independent views
     seen_by: dict[str, float]
     bad_rate: float  #: fraction of windows that look like glass; NaN without rays
-    evidence: float  #: largest evidence of a voxel: log-likelihood ratio [nat]
+    evidence: float  #: largest evidence of a voxel, or of a found outline: log-likelihood ratio [nat]
     reachable: float  #: evidence of a voxel with the median number of views if all of them looked like glass
     threshold: float  #: minimum evidence of a part
     chance: float  #: detection probability of glass in the best covered part of the space
@@ -53,9 +53,8 @@ class SearchReport:
     @classmethod
     def of_search(
         cls,
-        evidence: Float[np.ndarray, "x y z"],
+        evidence: float,
         seen: Shaped[np.ndarray, "a b c"],
-        *,
         views: int,
         compared: int,
         skipped: Counter[str],
@@ -68,7 +67,7 @@ class SearchReport:
         Parameters
         ----------
         evidence
-            Evidence of every voxel (x, y, z).
+            Largest evidence of a voxel, or of an outline [nat].
         seen
             Number of independent views with evidence for a voxel, or for a block of voxels (a, b, c).
         views, compared, skipped
@@ -92,14 +91,14 @@ class SearchReport:
             cause = "no rays"
         else:
             cause = "too few rays" if reachable < threshold else "below threshold"
-            if evidence.max(initial=0.0) >= threshold:
+            if evidence >= threshold:
                 cause = "no outline"
         levels = np.histogram(seen, [0.0, 1e-9, 2.5, 5.5, np.inf])[0] / seen.size
         seen_by = dict(zip(("0", "1-2", "3-5", "6 or more"), np.round(levels, 3).tolist(), strict=True))
         best = float(np.quantile(passed, 0.9)) if len(passed) else 0.0
         chance = float(chance_of_finding(np.array([best]), rate, threshold)[0])
         known = rate if len(passed) else math.nan
-        numbers = known, float(evidence.max(initial=0.0)), reachable, threshold, chance
+        numbers = known, evidence, reachable, threshold, chance
         return cls(cause, views, compared, typical, seen_by, *numbers, dict(skipped))
 
     @property
