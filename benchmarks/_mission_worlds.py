@@ -25,6 +25,7 @@ class Robot:
 
     seed: int = 0  #: of all that is random but the house, as ``demo --seed``; 0: the number of the house
     full: bool = False  #: all views and whole pushes, as the demo has them
+    count: int = 1  #: robots that visit in turn, with one memory; each has other sensors and errors
 
 
 def worlds(
@@ -116,7 +117,7 @@ def _visits(world: int, visits: int, robot: Robot) -> list[dict[str, Any]]:
 
 
 def _run(visit: Visit, folder: Path, robot: Robot) -> dict[str, Any]:
-    start_s, seed = time.process_time(), robot.seed or visit.world
+    start_s, seed = time.process_time(), (robot.seed or visit.world) + 1000 * (visit.day % robot.count)
     try:
         story: Story | None = run_mission(
             folder, seed=seed, visit=visit, quick=not robot.full, on_message=lambda _: None

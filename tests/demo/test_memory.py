@@ -139,6 +139,18 @@ def test_what_is_kept_is_there_for_another_robot_and_refined(tmp_path: Path) -> 
         assert (kept.class_name, kept.lid) == ("smoothie", "closed")
         assert kept.fill == pytest.approx(0.4)
         np.testing.assert_allclose(kept.outline_m[:, 0], 0.03)
+    with MissionMemory(tmp_path / "memory", "house-2") as third:
+        crate = third.store_floor_object(outline, HapticTag(min_static_friction_N=3.9, explored=1))
+        third.move_floor_object(crate, (1.0, 1.5), HapticTag(fixed=False, explored=2))
+        third.move_floor_object(name, (4.0, 1.5), tag(2.0).updated(explored=2))
+        bin_, moved = (item.tag for item in third.floor_objects())
+        assert moved is not None
+        assert (moved.fixed, moved.min_static_friction_N, moved.explored) == (False, None, 2)
+        assert bin_ is not None
+        assert bin_.explored == 2
+        # One measurement is no second one because it is stored twice.
+        assert bin_.static_friction_N is not None
+        assert bin_.static_friction_N.sigma == pytest.approx(0.1)
     with MissionMemory(tmp_path / "memory", "house-4") as other:
         assert other.map() is None
         assert not other.floor_objects()

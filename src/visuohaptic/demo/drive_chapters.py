@@ -26,6 +26,7 @@ from ..tasks.mobile.travel.travel_memory import map_with_footprints
 from ..tasks.mobile.travel.travel_types import TravelSettings
 from .floor_chapters import MIN_FIT, ROBOT, SEEN_SIGMA_M, fit_fraction, map_picture, outline_m, world_map
 from .judge import Claim
+from .memory import MOVED_M
 from .push_demo import show_obstacle
 from .story import ChapterResult, Illustration, Measure, Mission, counted, done, failed
 
@@ -164,10 +165,14 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
     pushed = sorted({record.object for record in found.records if record.event in ("pushed", "brushed")})
     what = f"{', '.join(pushed)} pushed aside" if pushed else "nothing had to be pushed"
     mission.record_cost(found.duration_s, found.pushes)
-    for name, memory_name in mission.remembered.items():
-        place = senses.look(name)
-        if mission.memory is not None and place is not None:
-            mission.memory.move_floor_object(memory_name, place)
+    if mission.memory is not None:
+        for before, after in zip(problem.objects, found.problem.objects, strict=True):
+            place, memory_name = senses.look(before.id), mission.remembered.get(before.id)
+            if place is None or memory_name is None:
+                continue
+            # What has gone far is movable, whatever it withstood before.
+            far = math.dist(place[:2], tuple(before.centre_m)) > MOVED_M
+            mission.memory.move_floor_object(memory_name, place, after.tag if far else None)
     arrived = Claim("place", "platform at the table", estimated[:2], true_pose[:2], sigma=SEEN_SIGMA_M)
     return done(f"arrived after {found.duration_s:.0f} s and {found.length_m:.1f} m, {what}", arrived, *parts)
 

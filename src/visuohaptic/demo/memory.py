@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -165,8 +165,8 @@ class MissionMemory(Closing):
         )  # fmt: skip
         return name
 
-    def move_floor_object(self, name: str, place_m: Sequence[float]) -> None:
-        """Record the observed position of an object.
+    def move_floor_object(self, name: str, place_m: Sequence[float], tag: HapticTag | None = None) -> None:
+        """Record the observed position of an object, and what pushes have shown.
 
         Parameters
         ----------
@@ -174,8 +174,16 @@ class MissionMemory(Closing):
             Name of the object in this memory.
         place_m
             x, y of the centroid of its outline, map frame [m].
+        tag
+            Its tag after pushes; ``None`` leaves the stored one.
         """
-        self._keep(name, seen=self._sighting(place_m))
+        parts: dict[str, Any] = {"seen": self._sighting(place_m)}
+        if tag is not None:
+            stored = self._database.get(f"{self.kitchen}.{name}").tag or HapticTag()
+            # What was measured before is no second measurement.
+            again = [one.name for one in fields(stored) if isinstance(getattr(stored, one.name), Estimate)]
+            parts["tag"] = tag.updated(**dict.fromkeys(again))
+        self._keep(name, **parts)
 
     def _sighting(self, place_m: Sequence[float] | Float[np.ndarray, "2"]) -> Sighting:
         place = (float(place_m[0]), float(place_m[1]), 0.0)

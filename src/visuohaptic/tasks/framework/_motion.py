@@ -94,12 +94,9 @@ class Motion:
                 low = self.rises.pop()[0]
             self.rises.append((low, force_N, by))
 
-    def towards(self, force_N: float) -> object:
-        """Motion that presses; ``None`` if none is known to."""
-        if self.pressing is not None or not self.rises:
+    def towards(self, force_N: float, limit_N: float) -> object:
+        """Motion that presses; ``None`` if none is known to: neither by most of the force nor by what exceeds the limit."""
+        if self.pressing is not None:
             return self.pressing
-        low, high, by = max(self.rises, key=lambda rise: rise[1] - rise[0])
-        if high - low > 0.5 * force_N:
-            return by
-        _, high, by = self.rises[-1]
-        return by if high == force_N else None
+        known = [rise for rise in self.rises if rise[1] - rise[0] > 0.5 * force_N or rise[1] > limit_N]
+        return max(known, key=lambda rise: rise[1] - rise[0])[2] if known else None

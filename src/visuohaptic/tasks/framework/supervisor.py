@@ -263,16 +263,19 @@ class SupervisorCore(Closing):
             if motion.moving and not motion.held and (reason := self._pressed(motion)):
                 self._hold(motion, self._clock(), reason)
 
+    def _presses(self, motion: Motion) -> object:
+        return motion.towards(self._force[1], self.limits.max_force_N)
+
     def _pressed(self, motion: Motion) -> str:
         """Why the force holds a motion; empty if it may continue."""
-        return "" if motion.part.retreats(motion.towards(self._force[1])) else self._overload
+        return "" if motion.part.retreats(self._presses(motion)) else self._overload
 
     def _stale(self, motion: Motion, now_s: float) -> str:
         """Name of a stale reading on which a motion depends; empty if there is none."""
         if motion.part.only_opens():
             return ""
         max_age_s = self.limits.max_age_s
-        presses = motion.towards(self._force[1])
+        presses = self._presses(motion)
         frees = self._overload and presses is not None and motion.part.retreats(presses)
         for stream in self._streams.values():
             own, in_use = stream.name == motion.part.name, stream.read_s >= motion.since_s - max_age_s
