@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Float32, UInt16
 from ...core.errors import InputError
 from ...core.ranges import POSITIVE, check_ranges
 from ...io.maps.occupancy_map import OCCUPIED, OccupancyMap
-from ._distance_kernels import distance_rows, near_distance, vertical_cells
+from ._distance_kernels import SWEPT_REACH, distance_rows, near_distance, swept_distance, vertical_cells
 
 #: Minimum occupancy of an obstacle: occupied is then more likely than free.
 OBSTACLE_FROM = OCCUPIED // 2
@@ -21,6 +21,8 @@ MAX_SPEED_RATIO = 1000.0
 
 #: Cost of a straight step at full speed [units]; less if v_min is below v_max / 15.
 _FAST_STEP = 4096
+#: Rows of which distances are computed at a time: those of 4000 columns stay in a cache of 2 MB.
+_BAND_ROWS = 256
 #: Tolerance for a robot that touches the border of an obstacle exactly, against rounding of radius / resolution.
 _TOUCH = 1.0 - 1e-9
 
@@ -207,8 +209,14 @@ def cell_distance(
     outside_blocks
         Whether the outside counts as blocked.
     """
-    vertical = np.zeros(blocked.shape, np.uint16)
-    vertical_cells(np.ascontiguousarray(blocked).view(np.int8), 1, outside_blocks, vertical)
     distance = np.zeros(blocked.shape, np.float32)
-    near_distance(vertical, reach, outside_blocks, distance)
+    fill, rows = (swept_distance, _BAND_ROWS) if reach <= SWEPT_REACH else (near_distance, len(blocked))
+    # Obstacles beyond the rows around a band are out of reach.
+    margin = math.ceil(min(reach, SWEPT_REACH)) + 1
+    for first in range(0, len(blocked), rows):
+        low, last = max(first - margin, 0), first + rows
+        band = np.ascontiguousarray(blocked[low : last + margin])
+        vertical = np.zeros(band.shape, np.uint16)
+        vertical_cells(band.view(np.int8), 1, outside_blocks, vertical)
+        fill(vertical[first - low : last - low], reach, outside_blocks, distance[first:last])
     return distance

@@ -51,13 +51,16 @@ def largest_in_blocks(clearance: np.ndarray, block: int) -> np.ndarray:
     """The maximum clearance of each block."""
     rows, columns = clearance.shape
     out = np.zeros(((rows + block - 1) // block, (columns + block - 1) // block), np.float32)
-    for r in range(rows):
-        row = r // block
+    best = np.zeros(columns, np.float32)  # of each column, over the rows of the blocks
+    for row in range(len(out)):
+        best[:] = 0.0
+        for r in range(row * block, min((row + 1) * block, rows)):
+            line = clearance[r]
+            for c in range(columns):
+                best[c] = max(best[c], line[c])
         for column in range(out.shape[1]):
-            best = out[row, column]
             for c in range(column * block, min((column + 1) * block, columns)):
-                best = max(best, clearance[r, c])
-            out[row, column] = best
+                out[row, column] = max(out[row, column], best[c])
     return out
 
 
