@@ -6,15 +6,16 @@ exponent is computed, not assumed: the map is computed a second time with a wall
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.objects import StiffnessMap
 from ..nonlinear.contents import Contents, closed_compliance
 from ..shapes.mesher import ShellObject
-from ..shells.laminate import Laminate
-from ..shells.shell import ShellMesh, ShellModel
-from ..shells.shell_material import IsotropicMaterial
+from ..shells.shell import ShellMesh
 from ..shells.stiffness_map import DualTips, dual_tip_map, opposing_points
 
 #: Relative step of the finite differences.
@@ -76,34 +77,54 @@ def object_stiffness(
         Stiffness and standard deviation of the m pairs [N/m]; infinite where both tips are fixed, NaN where there is
         no opposite wall.
     """
-    stiffness = _stiffness(container, container.material, 1.0, tips, contents)
+    return stiffness_band(container, lambda body: _stiffness(body, tips, contents), contents, band=band)
+
+
+def stiffness_band(
+    container: ShellObject,
+    stiffness_of: Callable[[ShellObject], Float[np.ndarray, "m"]],
+    contents: Contents | None = None,
+    *,
+    band: bool = True,
+) -> tuple[Float[np.ndarray, "m"], Float[np.ndarray, "m"]]:
+    """Stiffness and its standard deviation, from the same object with a thicker wall and, if it is closed, a stiffer material.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    stiffness_of
+        Returns the stiffness of m pinches of an object [N/m].
+    contents
+        Contents; open by default.
+    band
+        False skips the other objects; sigma is NaN.
+
+    Returns
+    -------
+    tuple
+        Stiffness and standard deviation [N/m]; NaN where the stiffness is not finite.
+    """
+    stiffness = stiffness_of(container)
     if not band:
         return stiffness, np.full_like(stiffness, np.nan)
+
+    def exponent(body: ShellObject) -> Float[np.ndarray, "m"]:
+        return np.log(stiffness_of(body) / stiffness) / np.log1p(STEP)
+
+    mesh = container.mesh
+    wall = ShellMesh(mesh.vertices_m, mesh.faces, np.asarray(mesh.thickness_m) * (1 + STEP), mesh.fraction)
     with np.errstate(invalid="ignore", divide="ignore"):
-        thicker = _stiffness(container, container.material, 1 + STEP, tips, contents)
-        by_wall = np.log(thicker / stiffness) / np.log1p(STEP)
-        by_modulus = np.ones_like(stiffness)
+        by_wall, by_modulus = exponent(replace(container, mesh=wall)), np.ones_like(stiffness)
         if contents is not None and contents.closed:
-            stiffer = container.material.stiffer(1 + STEP)
-            by_modulus = np.log(_stiffness(container, stiffer, 1.0, tips, contents) / stiffness) / np.log1p(
-                STEP
-            )
+            by_modulus = exponent(replace(container, material=container.material.stiffer(1 + STEP)))
         relative = np.hypot(by_wall * container.wall_spread, by_modulus * container.youngs_modulus_spread)
         sigma = stiffness * relative
     return stiffness, np.where(np.isfinite(stiffness), sigma, np.nan)
 
 
-def _stiffness(
-    container: ShellObject,
-    constants: IsotropicMaterial | Laminate,
-    thicker: float,
-    tips: DualTips,
-    contents: Contents | None,
-) -> Float[np.ndarray, "m"]:
-    mesh = container.mesh
-    if thicker != 1.0:
-        mesh = ShellMesh(mesh.vertices_m, mesh.faces, np.asarray(mesh.thickness_m) * thicker, mesh.fraction)
-    model = ShellModel(mesh, constants, container.fixed, springs=container.springs)
+def _stiffness(container: ShellObject, tips: DualTips, contents: Contents | None) -> Float[np.ndarray, "m"]:
+    model = container.model()
     stiffness = dual_tip_map(model, tips)
     if contents is None or not contents.closed:
         return stiffness

@@ -97,6 +97,22 @@ class PinchPlane:
         )
         self._rest: dict[Contents | None, Tangent] = {}
 
+    @classmethod
+    def through(cls, container: ShellObject, vertex: int, *, symmetric: bool = True) -> PinchPlane:
+        """The plane of a pinch across the height axis at a vertex.
+
+        Parameters
+        ----------
+        container
+            The object.
+        vertex
+            Location of the first tip.
+        symmetric
+            False computes the whole object even if it is symmetric.
+        """
+        away = container.mesh.vertices_m[vertex, :2] - np.array(container.axis_point_m)
+        return cls(container, float(np.arctan2(away[1], away[0])), symmetric=symmetric)
+
     @cached_property
     def _guard(self) -> SelfContactGuard:
         return SelfContactGuard(self.part.whole)
@@ -286,8 +302,7 @@ def grasp_curve(
     (4, True)
     """
     vertex = side_vertex(container, side, height_m) if point_m is None else nearest_vertex(container, point_m)
-    away = container.mesh.vertices_m[vertex, :2] - np.array(container.axis_point_m)
-    plane = PinchPlane(container, float(np.arctan2(away[1], away[0])), symmetric=symmetric)
+    plane = PinchPlane.through(container, vertex, symmetric=symmetric)
     return plane.curve(vertex, deformation_m=deformation_m, force_N=force_N, contents=contents)
 
 

@@ -14,9 +14,8 @@ from ...core.ranges import POSITIVE, check_numbers, within
 from ..nonlinear.contents import Contents
 from ..shapes.mesher import ShellObject
 from ..shells.shell_material import YIELD_Pa
-from ..shells.stiffness_map import opposing_points
-from .confidence_band import object_stiffness
-from .grasp_curves import GraspCurve, grasp_curve, nearest_vertex, side_vertex
+from .confidence_band import stiffness_band
+from .grasp_curves import GraspCurve, PinchPlane, nearest_vertex, side_vertex
 
 #: Relative deviation of the secant stiffness from the initial stiffness, above which the curve is not linear.
 LINEAR_FRACTION = 0.1
@@ -115,12 +114,18 @@ def squeeze(
     vertex = side_vertex(container, side, height_m) if point_m is None else nearest_vertex(container, point_m)
     place = container.mesh.vertices_m[vertex]
     steps = [limit * step / points for step in range(1, points + 1)]
-    curve = grasp_curve(
-        container, side=side, height_m=height_m, point_m=point_m, deformation_m=steps,
-        force_N=None if force_N is None else steps, contents=contents,
-    )  # fmt: skip
-    tips = opposing_points(container.mesh, np.array([vertex]), axis_point_m=container.axis_point_m)
-    stiffness, sigma = (float(value[0]) for value in object_stiffness(container, tips, contents))
+    plane = PinchPlane.through(container, vertex)
+    curve = (
+        plane.curve(vertex, deformation_m=steps, contents=contents)
+        if force_N is None
+        else plane.curve(vertex, force_N=steps, contents=contents)
+    )
+
+    def initial(body: ShellObject) -> np.ndarray:
+        of_body = plane if body is container else PinchPlane.through(body, vertex)
+        return 1.0 / of_body.linear(vertex, contents).mean(keepdims=True)
+
+    stiffness, sigma = (float(value[0]) for value in stiffness_band(container, initial, contents))
     strength = YIELD_Pa.get(container.material.name, float("nan"))
     secant = np.abs(curve.force_N / (stiffness * curve.deformation_m) - 1) <= LINEAR_FRACTION
     straight = len(secant) if secant.all() else int(np.argmin(secant))
