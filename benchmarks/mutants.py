@@ -20,10 +20,12 @@ same seed contains the smaller one, and continues it.
 from __future__ import annotations
 
 import argparse
+import ast
 import hashlib
 import json
 import os
 import random
+import re
 import resource
 import signal
 import sys
@@ -254,12 +256,16 @@ def _digest(*texts: str) -> str:
     return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:12]
 
 
-def _maps(package: str, modules: dict[str, Module], journal: Journal) -> list[dict[str, Any]]:
-    """Rows of all test files of a package."""
+def _maps(
+    package: str, modules: dict[str, Module], journal: Journal, named: set[str] | None = None
+) -> list[dict[str, Any]]:
+    """Rows of all test files of a package, or of those that contain one of the names."""
     folder = package.replace(".", "/")
     own = _digest(*(one.text for one in _own(package, modules)))
     found = []
     for path in sorted((ROOT / "tests" / folder).rglob("test_*.py")):
+        if named is not None and named.isdisjoint(re.findall(r"\w+", path.read_text(encoding="utf-8"))):
+            continue
         test = path.relative_to(ROOT).as_posix()
         key = f"{test} {_digest(path.read_text(encoding='utf-8'), own)}"
         if key not in journal:
@@ -268,6 +274,12 @@ def _maps(package: str, modules: dict[str, Module], journal: Journal) -> list[di
             print(f"{test}: {len(row['tests'])} tests, {sum(row['tests'].values()):.1f} s", flush=True)
         found.append(journal.rows[key])
     return found
+
+
+def _names(module: Module) -> set[str]:
+    """The module's own name, and those of its functions and classes."""
+    kinds = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
+    return {module.path.stem} | {one.name for one in module.tree.body if isinstance(one, kinds)}
 
 
 def main() -> None:
@@ -279,6 +291,8 @@ def main() -> None:
     parser.add_argument("--sample", type=int, default=20, help="mistakes per package")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=30.0, metavar="S", help="of tests for one mistake")
+    near = "only test files that name the mistake's module or what it defines: cheaper, and a lower score"
+    parser.add_argument("--near", action="store_true", help=near)
     parser.add_argument("--report", type=Path, default=Path("results/mutants.jsonl"))
     parser.add_argument("--list", action="store_true", help="only say which mistakes there are")
     args = parser.parse_args()
@@ -291,9 +305,13 @@ def main() -> None:
         import_module(name)
     journal = Journal(args.report, {"campaign": "mutants", "seed": args.seed})
     calls = Journal(args.report.with_suffix(".tests.jsonl"), {"campaign": "mutants"})
-    maps = {package: _maps(package, modules, calls) for package in args.packages}
+    sample = list(_sample(args.packages, modules, args.sample, args.seed))
+    maps = {}
+    for name in args.packages:
+        named = {one for package, module, *_ in sample if package == name for one in _names(module)}
+        maps[name] = _maps(name, modules, calls, named if args.near else None)
     rows = {}
-    for package, module, number, found in _sample(args.packages, modules, args.sample, args.seed):
+    for package, module, number, found in sample:
         tests = _tests_of(found, module.path.relative_to(ROOT).as_posix(), maps[package], args.seconds)
         title = f"{module.name}:{found.line} {found.title}"
         key = f"{title} {_digest(module.text, str(number), *tests)}"

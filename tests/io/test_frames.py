@@ -92,6 +92,7 @@ def test_size_must_be_the_cameras(tmp_path: Path) -> None:
 def test_folder_in_natural_order_with_rate(tmp_path: Path) -> None:
     for number in (0, 1, 2, 10, 9):
         cv2.imwrite(str(tmp_path / f"img{number}.png"), picture(number))
+    (tmp_path / "._img0.png").write_bytes(b"what another system keeps beside an image")
     with open_source(tmp_path, rate_Hz=10.0) as source:
         frames = list(source)
     np.testing.assert_allclose([f.t_s for f in frames], [0, 0.1, 0.2, 0.3, 0.4])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.cli.main import main
-from visuohaptic.core import InputError, LaserScan
+from visuohaptic.core import InputError, LaserScan, Pose
 from visuohaptic.io import read_scans, write_scans
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.io.ros import header
@@ -78,6 +78,84 @@ def test_mcap_with_interpolated_odometry(recording: Path) -> None:
         assert odometry == pytest.approx((0.05 * number, 0.0, 0.0), abs=1e-6)
     with pytest.raises(InputError, match="has no sensor_msgs/msg/LaserScan on /other"):
         read_scans(recording, scan_topic="/other")
+
+
+def transform_message(t_s: float, *frames: tuple[str, str, Pose]) -> dict[str, object]:
+    """Child, parent, and the pose of the child in it."""
+    names = "xyzw"
+    return {
+        "transforms": [
+            {
+                "header": header(t_s, parent),
+                "child_frame_id": child,
+                "transform": {
+                    "translation": dict(zip(names, map(float, pose.translation_m), strict=False)),
+                    "rotation": dict(zip(names, map(float, pose.quaternion_xyzw), strict=True)),
+                },
+            }
+            for child, parent, pose in frames
+        ]
+    }
+
+
+def _points(scan: LaserScan, pose: tuple[float, float, float]) -> np.ndarray:
+    """Hits in the frame of the odometry."""
+    x, y, yaw = pose
+    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    return scan.points_m @ turn.T + [x, y]
+
+
+@pytest.mark.parametrize("turn", [[0.0, 0.0, math.pi], [math.pi, 0.0, 0.0], [0.0, 0.0, 0.4]])
+def test_the_scanner_stands_on_the_robot_where_the_recording_says(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, turn: list[float]
+) -> None:
+    """Mounted backwards, upside down or aslant, 0.1 m ahead of the foot: the walls of the room stay where they are."""
+    path = tmp_path / "run.mcap"
+    mounted = Pose.from_rotation_vector(turn, [0.1, 0.0, 0.2])
+    side = mounted.rotation[2, 2]  # -1: the beams run clockwise
+    yaw = math.atan2(mounted.rotation[1, 0], mounted.rotation[0, 0])
+    with MeasurementWriter(path) as writer:
+        writer.write(
+            "/tf_static",
+            "tf2_msgs/msg/TFMessage",
+            0.0,
+            transform_message(
+                0.0,
+                ("link", "base", Pose(np.eye(3), np.array([0.0, 0.0, 0.1]))),
+                ("laser", "/link", mounted),
+            ),
+        )
+        for number in range(3):
+            angles = yaw + side * (-np.pi + np.pi / 180 * np.arange(360))
+            c, s, x = np.cos(angles), np.sin(angles), 0.05 * number + 0.1
+            with np.errstate(divide="ignore"):
+                ranges = np.minimum(np.where(c > 0, (3 - x) / c, (-3 - x) / c), np.abs(2 / s))
+            scan = LaserScan(0.1 * number, ranges, -np.pi, np.pi / 180, 0.05, 20.0)
+            writer.write("/scan", "sensor_msgs/msg/LaserScan", scan.t_s, scan_message(scan))
+            told = odometry_message(scan.t_s, 0.05 * number, 0.0)
+            writer.write("/odom", "nav_msgs/msg/Odometry", scan.t_s, told)
+    for scan, pose in read_scans(path):
+        points = _points(scan, pose)
+        off = np.minimum(np.abs(np.abs(points[:, 0]) - 3), np.abs(np.abs(points[:, 1]) - 2))
+        assert off.max() < 1e-5
+        assert pose[0] == pytest.approx(10 * 0.05 * scan.t_s + 0.1)
+    assert "not recorded" not in caplog.text
+
+
+def test_a_scanner_on_its_side_is_refused_and_one_without_a_place_is_told(
+    recording: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert len(read_scans(recording)) == 12
+    assert "where 'laser' is on 'base' is not recorded (/tf_static)" in caplog.text
+    path = tmp_path / "tilted.mcap"
+    tilted = Pose.from_rotation_vector([0.0, 0.5, 0.0], [0.0, 0.0, 0.0])
+    with MeasurementWriter(path) as writer:
+        told = transform_message(0.0, ("laser", "base", tilted))
+        writer.write("/tf_static", "tf2_msgs/msg/TFMessage", 0.0, told)
+        writer.write("/scan", "sensor_msgs/msg/LaserScan", 0.0, scan_message(room_scan(0.0, 0.0)))
+        writer.write("/odom", "nav_msgs/msg/Odometry", 0.0, odometry_message(0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="its scanner is tilted by 29 degrees, expected a horizontal one"):
+        read_scans(path)
 
 
 def test_csv_comes_back(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -20,8 +21,9 @@ from rosbags.typesys import Stores, get_typestore
 from visuohaptic.core import Event, EventKind, InputError, Reason, Wrench
 from visuohaptic.core.camera import Camera, Frame, Pose
 from visuohaptic.io.frames import open_source
+from visuohaptic.io.frames.mcap_frames import camera_from_message
 from visuohaptic.io.maps import OccupancyMap
-from visuohaptic.io.ros import McapFile
+from visuohaptic.io.ros import McapFile, ros_messages
 from visuohaptic.io.ros._ros_definitions import _PARTS, definition
 from visuohaptic.io.sinks import MeasurementWriter
 
@@ -141,6 +143,37 @@ def test_topics_are_chosen_or_named(tmp_path: Path) -> None:
         assert source.camera is None
     with pytest.raises(InputError, match="has no images on '/up'"):
         open_source(f"{path}:/up")
+
+
+def test_a_map_among_costmaps_has_to_be_named(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with MeasurementWriter(path) as writer:
+        for number, topic in enumerate(("/map", "/local_costmap/costmap")):
+            grid = OccupancyMap(np.full((2, 3), 100 * number, np.int8), 0.05)
+            writer.write(topic, "nav_msgs/msg/OccupancyGrid", number, grid.to_message(number))
+    with pytest.raises(InputError, match="has maps on /local_costmap/costmap, /map; name one topic"):
+        OccupancyMap.from_mcap(path)
+    assert OccupancyMap.from_mcap(path, "/map").free.all()
+
+
+@pytest.mark.parametrize("topic", ["/eye/image", "/eye/image_rect", "/eye/image_rect_color/compressed"])
+def test_rectified_images_have_the_projection_and_no_distortion(topic: str) -> None:
+    """CameraInfo describes the raw image and the rectified one; no projection is given by some drivers."""
+    camera = Camera(
+        64, 48, np.array([[60.0, 0, 31], [0, 61, 23], [0, 0, 1]]), np.array([-0.2, 0.05, 0, 0, 0])
+    )
+    info = ros_messages.camera_info(1.0, camera, "eye")
+    info["p"] = [55.0, 0, 30, 0, 0, 55, 22, 0, 0, 0, 1, 0]
+    message = SimpleNamespace(**{**info, "header": SimpleNamespace(frame_id="eye")})
+    found = camera_from_message(message, "here", topic)
+    if topic == "/eye/image":
+        np.testing.assert_array_equal(found.matrix, camera.matrix)
+        np.testing.assert_array_equal(found.distortion, camera.distortion)
+    else:
+        assert found.matrix.tolist() == [[55, 0, 30], [0, 55, 22], [0, 0, 1]]
+        assert not found.distortion.any()
+        message.p = [0.0] * 12
+        np.testing.assert_array_equal(camera_from_message(message, "here", topic).matrix, camera.matrix)
 
 
 def test_measurements_are_read_by_rosbags_and_mcap(tmp_path: Path) -> None:

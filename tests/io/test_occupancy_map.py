@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from visuohaptic.core import InputError
 from visuohaptic.io.maps import OccupancyMap
@@ -138,6 +139,17 @@ def test_bad_yaml(tmp_path: Path, fields: dict[str, object], problem: str) -> No
     with pytest.raises(InputError, match=problem) as caught:
         OccupancyMap.load(path)
     assert "m.yaml" in str(caught.value)
+
+
+def test_a_transparent_entry_of_a_palette_is_refused(tmp_path: Path) -> None:
+    """Its pixels are unknown, and decoders show the colour below."""
+    indexed = Image.fromarray(np.array([[0, 1, 2]], np.uint8), "P")
+    indexed.putpalette([0, 0, 0, 255, 255, 255, 255, 255, 255])
+    indexed.save(tmp_path / "m.png")
+    assert OccupancyMap.from_image(tmp_path / "m.png", 0.05).cells.tolist() == [[100, 0, 0]]
+    indexed.save(tmp_path / "m.png", transparency=2)
+    with pytest.raises(InputError, match="transparent colour without an alpha channel; save it as RGBA"):
+        OccupancyMap.from_image(tmp_path / "m.png", 0.05)
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,28 @@ def test_trimesh_reads_what_is_written(tmp_path: Path) -> None:
     assert (points.faces.shape, points.colors) == ((0, 3), None)
 
 
+@pytest.mark.parametrize(
+    ("kind", "code", "given"),
+    [("uchar", "B", 51), ("ushort", "H", 51 * 257), ("float", "f", 0.2), ("float", "f", 51.0)],
+)
+@pytest.mark.parametrize("form", ["ascii", "binary_big_endian"])
+def test_colours_of_any_type_are_the_same(
+    tmp_path: Path, kind: str, code: str, given: float, form: str
+) -> None:
+    """A fifth of white; fractions of white in floating point, unless there are greater numbers."""
+    white = {51: 255, 0.2: 1.0}.get(given, 65535)
+    rows = [(0.0, 0.0, 0.0, given, 0, white), (1.0, 0.0, 0.0, given, 0, white)]
+    head = ["ply", f"format {form} 1.0", "element vertex 2", *(f"property float {axis}" for axis in "xyz")]
+    head += [*(f"property {kind} {name}" for name in ("red", "green", "blue")), "end_header"]
+    body = (
+        "\n".join(" ".join(map(str, row)) for row in rows).encode() + b"\n"
+        if form == "ascii"
+        else b"".join(struct.pack(f">3f3{code}", *row) for row in rows)
+    )
+    (tmp_path / "a.ply").write_bytes("\n".join(head).encode() + b"\n" + body)
+    assert read_ply(tmp_path / "a.ply").colors.tolist() == [[51, 0, 255]] * 2
+
+
 def _file(form: str, properties: list[str], faces: list[tuple[Any, ...]], codes: str) -> bytes:
     """The square with faces whose properties are given; of binary ones the codes of :mod:`struct`."""
     order = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}[form]

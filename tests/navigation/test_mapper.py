@@ -198,6 +198,25 @@ def test_the_covariance_of_a_match_covers_its_errors() -> None:
     # Three degrees of freedom: a mean of 3. Declared for walls that are not straight (2 cm), so that in this
     # office with its straight ones the covariance may be wide by a factor of two, but not too narrow.
     assert 0.75 < np.mean(distances) < 3.5
+    # Wheels that are off by five cells across or along: further than the refinement reaches without the search.
+    vague = np.diag([0.2**2, 0.2**2, 0.03**2])
+    for shift in ((0.0, -0.25, 0.0), (0.0, 0.25, 0.0), (-0.25, 0.0, 0.0), (0.25, 0.0, 0.0)):
+        points = laser.scan(tuple(pose), 0.0).points_m
+        match = match_scan(mapper._hits(), points, tuple(pose + shift), vague, 0.0)
+        assert match.valid
+        assert np.hypot(*(np.array(match.pose) - pose)[:2]) < 0.02
+
+
+def test_a_map_that_grows_keeps_its_hits() -> None:
+    """By different numbers of cells on all four sides."""
+    mapper = OccupancyMapper()
+    laser = SimulatedLaser(GRID, LaserConfig(), np.random.default_rng(0))
+    mapper.add(laser.scan((1.2, 1.6, 0.0), 0.0), (1.2, 1.6, 0.0))
+    before, size = mapper.mean_hits_m(), mapper._log_odds.shape
+    mapper._make_room(np.array([[-40.0, -25.0], [60.0, 30.0]]))
+    assert min(np.subtract(mapper._log_odds.shape, size)) > 500
+    # Places of some thousand cells of 5 cm in single precision.
+    np.testing.assert_allclose(mapper.mean_hits_m(), before, atol=2e-5)
 
 
 @pytest.mark.parametrize("cells_thick", [1, 4])

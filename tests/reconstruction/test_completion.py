@@ -28,6 +28,7 @@ from visuohaptic.reconstruction.completion import (
     support_band,
     wall_seen,
 )
+from visuohaptic.reconstruction.completion.touch import starts
 from visuohaptic.simulation.tabletop import Bottle, random_bottle
 
 SIGMA_M = 0.0003
@@ -162,6 +163,13 @@ def test_a_miss_keeps_the_surface_off_the_line_and_is_not_repeated():
     assert completion.implicit(inner[None])[0] > -0.25 * 0.05 * region.size_m
     again = completion.next_touch()
     assert np.linalg.norm(again.target_m - plan.target_m) > 0.003
+
+
+def test_lines_to_several_targets_start_outside_each_at_its_height():
+    targets = np.array([[0.13, 0.2, 0.1], [0.1, 0.24, 0.3], [0.07, 0.2, 0.2]])
+    found = starts(targets, np.array([0.1, 0.2]), np.array([[0.15, 0.2, 0.0]]), 0.01)
+    # The supports reach 5 cm and twice the clearance of 1 cm; one target is 4 cm from the axis, twice that is more.
+    np.testing.assert_allclose(found, [[0.17, 0.2, 0.1], [0.1, 0.28, 0.3], [0.03, 0.2, 0.2]])
 
 
 def test_the_line_is_level_points_at_the_axis_and_starts_outside():

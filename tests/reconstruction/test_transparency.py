@@ -116,6 +116,9 @@ def test_region_of_a_box_of_voxels():
     assert region.contains(region.centroid_m)
     assert not region.contains(region.centroid_m + np.array([0.03, 0, 0]))
     assert find_regions(score, score > 0, score > 0, grid, min_voxels=1000) == ()
+    # A part that is weak all over is none, also behind those that are found.
+    score[14:18, 14:18, 14:18] = 0.2
+    assert len(find_regions(score, score > 0.3, score > 0, grid, min_voxels=10)) == 1
 
 
 def test_refined_poses_are_better(sequence):

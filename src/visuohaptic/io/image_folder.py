@@ -99,7 +99,12 @@ class ImageFolderSource(RecordedSource):
     ) -> None:
         folder = Path(folder)
         try:
-            names = [entry.name for entry in folder.iterdir() if entry.suffix.lower() in _SUFFIXES]
+            # Systems leave hidden companions of images (._a.png), which would count as frames.
+            names = [
+                entry.name
+                for entry in folder.iterdir()
+                if entry.suffix.lower() in _SUFFIXES and not entry.name.startswith(".")
+            ]
         except OSError as error:
             raise InputError(folder, f"cannot be read ({error.strerror})") from error
         if not names:

@@ -7,16 +7,20 @@ angle_step_rad, range_min_m, range_max_m``, followed by the ranges ``r0, r1, ...
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from ..core.camera.pose import Pose
 from ..core.errors import InputError
 from ..core.files import CsvRow, read_csv, write_csv
+from ..core.geometry import compose_2d
 from ..core.laser_scan import MAX_BEAMS, LaserScan
 from .ros.sqlite_bag import is_bag, open_bag
 
@@ -25,6 +29,10 @@ OdometryScan = tuple[LaserScan, tuple[float, float, float]]
 
 _COLUMNS = ("t_s", "x_m", "y_m", "yaw_rad", "angle_min_rad", "angle_step_rad", "range_min_m", "range_max_m")
 _SCAN, _ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
+_TRANSFORMS = "tf2_msgs/msg/TFMessage"
+#: A scanner whose axis is tilted further does not measure a horizontal plane: cosine of 5 degrees.
+_UPRIGHT = 0.9962
+_log = logging.getLogger(__name__)
 #: Maximum time offset between an odometry message and a scan at the ends of a recording [s].
 _SLACK_S = 0.25
 
@@ -35,8 +43,9 @@ def read_scans(
     """Read scans with their odometry, sorted by time.
 
     From an MCAP file, the ``sensor_msgs/LaserScan`` and ``nav_msgs/Odometry``
-    messages are used, with odometry interpolated at the scans' timestamps;
-    the scanner is assumed at the origin of the odometry's body frame.
+    messages are used, with odometry interpolated at the scans' timestamps.
+    The scanner's pose on the robot is that of ``/tf_static``, also upside down; without it the scanner
+    is assumed at the origin of the odometry's body frame, with a warning.
 
     Parameters
     ----------
@@ -48,7 +57,8 @@ def read_scans(
     Raises
     ------
     InputError
-        Messages or columns are missing, or a value is invalid, with its location.
+        Messages or columns are missing, or a value is invalid, with its location; or the scanner is not
+        horizontal.
     """
     path = Path(path)
     if path.suffix == ".mcap" or is_bag(path):
@@ -109,7 +119,11 @@ def _from_mcap(path: Path, scan_topic: str | None, odometry_topic: str | None) -
     poses: list[tuple[float, float, float]] = []
     topics: dict[str, set[str]] = {_SCAN: set(), _ODOMETRY: set()}
     requested = {_SCAN: scan_topic, _ODOMETRY: odometry_topic}
+    mounted: dict[str, tuple[str, Pose]] = {}
+    scanner = body = ""
     for message in file.messages():
+        if message.datatype == _TRANSFORMS and message.topic.endswith("tf_static"):
+            mounted |= _transforms(file.decode(message), f"{path}:{message.topic}")
         if message.datatype not in topics or requested[message.datatype] not in (None, message.topic):
             continue
         topics[message.datatype].add(message.topic)
@@ -119,14 +133,65 @@ def _from_mcap(path: Path, scan_topic: str | None, odometry_topic: str | None) -
         decoded = file.decode(message)
         if message.datatype == _SCAN:
             scans.append(_scan(decoded, f"{path}:{message.topic}"))
+            scanner = decoded.header.frame_id.strip("/")
         else:
             times.append(_stamp_s(decoded))
             poses.append(_planar(decoded.pose.pose, f"{path}:{message.topic}"))
+            body = decoded.child_frame_id.strip("/")
     for kind, found in ((_SCAN, scans), (_ODOMETRY, poses)):
         if not found:
             where = f" on {requested[kind]}" if requested[kind] else ""
             raise InputError(path, f"has no {kind}{where}")
-    return _joined(path, scans, np.array(times), np.array(poses))
+    joined = _joined(path, scans, np.array(times), np.array(poses))
+    (root, T_root_scanner), (body_root, T_root_body) = (_to_root(name, mounted) for name in (scanner, body))
+    if root == body_root:
+        return _from_scanner(path, joined, T_root_body.inverse() @ T_root_scanner)
+    _log.warning(
+        "%s: where %r is on %r is not recorded (/tf_static): the scanner is taken as its origin",
+        path, scanner, body,
+    )  # fmt: skip
+    return joined
+
+
+def _transforms(message: Any, where: str) -> dict[str, tuple[str, Pose]]:
+    """Parent and pose in it, by frame."""
+    found = {}
+    for one in message.transforms:
+        q, t = one.transform.rotation, one.transform.translation
+        try:
+            pose = Pose.from_quaternion([q.x, q.y, q.z, q.w], [t.x, t.y, t.z])
+        except InputError as error:
+            raise InputError(where, f"{one.child_frame_id}: {error.problem}") from error
+        found[one.child_frame_id.strip("/")] = (one.header.frame_id.strip("/"), pose)
+    return found
+
+
+def _to_root(frame: str, mounted: dict[str, tuple[str, Pose]]) -> tuple[str, Pose]:
+    """The frame without a parent, and the pose of the given one in it."""
+    pose = Pose.identity()
+    for _ in range(len(mounted)):  # a circle ends, too
+        if frame not in mounted:
+            break
+        frame, own = mounted[frame]
+        pose = own @ pose
+    return frame, pose
+
+
+def _from_scanner(path: Path, scans: list[OdometryScan], T_body_scanner: Pose) -> list[OdometryScan]:
+    """Poses of the scanner instead of the body; upside down, its beams turn the other way."""
+    rotation, place = T_body_scanner.rotation, T_body_scanner.translation_m
+    if abs(rotation[2, 2]) < _UPRIGHT:
+        tilt = math.degrees(math.acos(abs(rotation[2, 2])))
+        raise InputError(path, f"its scanner is tilted by {tilt:.0f} degrees, expected a horizontal one")
+    mounted = (float(place[0]), float(place[1]), math.atan2(rotation[1, 0], rotation[0, 0]))
+    side = math.copysign(1.0, rotation[2, 2])
+    return [
+        (
+            replace(scan, angle_min_rad=side * scan.angle_min_rad, angle_step_rad=side * scan.angle_step_rad),
+            compose_2d(pose, mounted),
+        )
+        for scan, pose in scans
+    ]
 
 
 def _stamp_s(message: Any) -> float:

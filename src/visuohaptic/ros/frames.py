@@ -96,7 +96,7 @@ class TopicFrames(Closing):
         return None
 
     def _describe(self, received: Received) -> None:
-        self._camera = camera_from_message(received.message, info_topic(self.topic))
+        self._camera = camera_from_message(received.message, info_topic(self.topic), self.topic)
 
     def _take(self, received: Received) -> None:
         with self._new:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,8 @@ _log = logging.getLogger(__name__)
 
 _IMAGE, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 
+#: Topics of rectified images, as image_proc names them.
+_RECTIFIED = re.compile(r"(/|_)rect(_[^/]*)?$")
 #: Frames that are out of order in the file are sorted within this number of messages.
 _REORDER = 64
 
@@ -126,7 +129,7 @@ class McapSource(RecordedSource):
         if name not in infos:
             return None
         try:
-            return camera_from_message(self._file.decode(infos[name]), f"{self._file.path}:{name}")
+            return camera_from_message(self._file.decode(infos[name]), f"{self._file.path}:{name}", topic)
         except InputError as error:
             _log.warning("camera model ignored: %s", error)
             return None
@@ -185,13 +188,16 @@ def _stamp_ns(message: McapMessage) -> int:
     return seconds * 1_000_000_000 + nanoseconds
 
 
-def camera_from_message(message: Any, where: str) -> Camera:
+def camera_from_message(message: Any, where: str, topic: str = "") -> Camera:
     """Camera model of a ``sensor_msgs/CameraInfo``.
 
     Parameters
     ----------
     message, where
         As in :func:`.decode_raw`.
+    topic
+        Topic of the images. Rectified ones (``image_rect``, ``image_rect_color``) have the matrix of the projection
+        and no distortion: the message describes the raw ones, too, by ROS convention.
 
     Raises
     ------
@@ -205,10 +211,14 @@ def camera_from_message(message: Any, where: str) -> Camera:
             field="distortion_model",
         )
     distortion = np.array(message.d, dtype=np.float64)
+    matrix = np.array(message.k, dtype=np.float64).reshape(3, 3)
+    projection = np.array(message.p, dtype=np.float64).reshape(3, 4)[:, :3]
+    if _RECTIFIED.search(topic.removesuffix("/compressed")) and projection[0, 0] > 0:
+        matrix, distortion = projection, np.zeros(0)
     return Camera(
         int(message.width),
         int(message.height),
-        np.array(message.k, dtype=np.float64).reshape(3, 3),
+        matrix,
         distortion if distortion.size else np.zeros(5),
         name=str(message.header.frame_id) or "camera",
     )

@@ -183,6 +183,11 @@ def _text_pixels(path: Path, data: bytes, place: int, count: int) -> UInt[np.nda
 def _read_other(path: Path, data: bytes) -> MapImage:
     if data[:8] != b"\x89PNG\r\n\x1a\n" and data[:2] not in (b"BM", b"\xff\xd8"):
         raise InputError(path, f"begins with {data[:4]!r}, expected a PGM, PNG, BMP or JPEG image")
+    if b"tRNS" in data[: max(data.find(b"IDAT"), 0)]:
+        # OpenCV shows what is below: unknown cells would become free or occupied.
+        raise InputError(
+            path, "has a transparent colour without an alpha channel", remedy="save it as RGBA, not indexed"
+        )
     image = decode_image(data, path, "unchanged")
     if image.dtype not in (np.uint8, np.uint16):
         raise InputError(path, "is not an image of 8 or 16 bit")

@@ -332,20 +332,24 @@ class OccupancyMap:
         path
             The file.
         topic
-            Use only maps of this topic.
+            Topic of the map; may be omitted if there is only one: a local costmap is no map of the building.
 
         Raises
         ------
         InputError
-            The file contains no map.
+            The file contains no map, or maps on several topics.
         """
         from ..ros.sqlite_bag import open_bag
 
         file = open_bag(path)
-        last = None
-        for message in file.messages({topic} if topic else None):
-            if message.datatype == "nav_msgs/msg/OccupancyGrid":
-                last = message
-        if last is None:
+        found = {
+            message.topic: message
+            for message in file.messages({topic} if topic else None)
+            if message.datatype == "nav_msgs/msg/OccupancyGrid"
+        }
+        if not found:
             raise InputError(path, "has no nav_msgs/msg/OccupancyGrid" + (f" on {topic}" if topic else ""))
+        if len(found) > 1:
+            raise InputError(path, f"has maps on {', '.join(sorted(found))}", remedy="name one topic")
+        (last,) = found.values()
         return cls.from_message(file.decode(last), f"{path}:{last.topic}")

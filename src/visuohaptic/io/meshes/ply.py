@@ -74,10 +74,14 @@ def parse_ply(path: Path, data: bytes) -> PlyMesh:
     """
     try:
         kind, elements, place = _header(path, data)
-        if kind == "ascii":
-            return _assembled(path, _text_body(data[place:], elements))
         order = "<" if kind == "binary_little_endian" else ">"
-        return _assembled(path, _binary_body(path, data, place, elements, order))
+        found = (
+            _text_body(data[place:], elements)
+            if kind == "ascii"
+            else _binary_body(path, data, place, elements, order)
+        )
+        types = {name: code for one in elements if one.name == "vertex" for name, code, _ in one.properties}
+        return _assembled(path, found, types)
     except InputError:
         raise
     except (ValueError, IndexError, KeyError, OverflowError, MemoryError, TypeError) as error:
@@ -228,7 +232,7 @@ def _fans(polygons: list[np.ndarray]) -> dict[str, np.ndarray]:
     return {"corners": table[:, 1:], "number": table[:, 0]}
 
 
-def _assembled(path: Path, found: _Columns) -> PlyMesh:
+def _assembled(path: Path, found: _Columns, types: dict[str, str]) -> PlyMesh:
     vertex = found.get("vertex", {})
     if not {"x", "y", "z"} <= set(vertex):
         raise InputError(path, "has no vertices with x, y and z")
@@ -243,6 +247,10 @@ def _assembled(path: Path, found: _Columns) -> PlyMesh:
     colors = None
     if {"red", "green", "blue"} <= set(vertex):
         colors = np.column_stack([vertex[name] for name in ("red", "green", "blue")])
+        kind = types["red"]
+        if kind == "u2" or (kind[0] == "f" and colors.size and 0 < colors.max() <= 1):
+            # 16 bit, or fractions of white.
+            colors = np.rint(colors * (255.0 / (65535.0 if kind == "u2" else 1.0)))
         colors = np.clip(colors, 0, 255).astype(np.uint8)
     known = {"x", "y", "z", "red", "green", "blue"}
     fields = {name: np.asarray(values, np.float64) for name, values in vertex.items() if name not in known}

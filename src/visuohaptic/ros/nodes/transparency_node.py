@@ -64,7 +64,9 @@ class TransparentPartsNode(Component):
         host.offer("~/complete", self.complete)
 
     def _describe(self, received: Received) -> None:
-        self._camera = camera_from_message(received.message, info_topic(self.parameters.depth))
+        self._camera = camera_from_message(
+            received.message, info_topic(self.parameters.depth), self.parameters.depth
+        )
 
     def _place(self, received: Received) -> None:
         posed = message_pose(received.message.pose)
