@@ -8,7 +8,6 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from ...core.errors import InputError
 from ..rendering._finger_tag import CELLS
 from ..rendering.textures import fractal_noise
 
@@ -61,11 +60,6 @@ def print_of_image(image: UInt8[np.ndarray, "R C"], width_m: float) -> Print:
     """
     import cv2
 
-    image = np.asarray(image)
-    if image.ndim != 2 or image.dtype != np.uint8:
-        raise InputError(
-            "print_of_image", f"found {image.dtype} {image.shape}, expected uint8 (rows, columns)"
-        )
     levels = 20.0 + 205.0 / 255.0 * image.astype(np.float32)
     return Print(cv2.resize(levels, None, fx=4, fy=4, interpolation=cv2.INTER_CUBIC), width_m)
 

@@ -29,7 +29,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from ....core.errors import InputError
 from ...points.homography import apply_homography
 from .block_fit import BlockFit, fit_blocks, recover
 from .esm_pyramid import MARGIN_PX, EsmSettings, GaussNewton, Work
@@ -94,9 +93,6 @@ def align(
         Invalid, with the reason, if the template is lost.
     """
     settings = settings or EsmSettings()
-    image = np.asarray(image)
-    if image.ndim != 2:
-        raise InputError("align", f"found an image of shape {image.shape}, expected grey (rows, columns)")
     homography = np.asarray(homography, dtype=np.float64)
     if homography.shape != (3, 3) or not np.isfinite(homography).all() or abs(homography[2, 2]) < 1e-12:
         return _lost(homography, "the prediction is not a homography")
