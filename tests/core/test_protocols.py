@@ -103,7 +103,7 @@ def test_beams_that_hit_are_points_of_the_plane():
     [
         ({"ranges_m": np.zeros((2, 2))}, r"found shape \(2, 2\), expected 1 to"),
         ({"ranges_m": np.zeros(0)}, r"found shape \(0,\)"),
-        ({"range_min_m": 30.0}, "range_min_m: found 30.0, expected less than range_max_m 30.0"),
+        ({"range_min_m": 30.0}, r"range_max_m: found 30.0, expected more than range_min_m \(30.0\)"),
         ({"angle_step_rad": 0.0}, "angle_step_rad: found 0, expected a non-zero step"),
         ({"t_s": np.nan}, "t_s: found nan"),
     ],

@@ -63,7 +63,7 @@ def scan(**change: object) -> LaserScan:
         (lambda: Frame(np.zeros((2, 2, 4), np.uint8), 0.0, 0), r"found uint8 of shape \(2, 2, 4\)"),
         (lambda: scan(ranges_m=np.ones((2, 2))), r"found shape \(2, 2\), expected 1 to 100000 beams"),
         (lambda: scan(ranges_m=np.ones(0)), r"found shape \(0,\), expected 1 to"),
-        (lambda: scan(range_min_m=40.0), "range_min_m: found 40.0, expected less than range_max_m 30.0"),
+        (lambda: scan(range_min_m=40.0), r"range_max_m: found 30.0, expected more than range_min_m \(40.0\)"),
         (lambda: scan(angle_step_rad=0.0), "angle_step_rad: found 0, expected a non-zero step"),
         (lambda: scan(sigma_m=0.0), "sigma_m: found 0.0, expected more than 0"),
         (lambda: scan(t_s=NAN), "t_s: found nan, expected a finite number"),

@@ -54,15 +54,15 @@ def test_calibration_is_the_law() -> None:
 
 
 def test_reference_sensor_is_noisy_and_repeatable() -> None:
-    def read(seed: int) -> list[float]:
+    def read(sigma_N: float, seed: int) -> np.ndarray:
         rng = np.random.default_rng(seed)
-        path = np.full(200, 0.002)
-        samples = press(PressShape.PLATE_4CM, path, geometry=COARSE, reference_sigma_N=0.15, rng=rng)
-        return [x.reference_N - x.force_N for x in samples]
+        rows = calibration_press(geometry=COARSE, steps=12, runs=1, reference_sigma_N=sigma_N, rng=rng)
+        return np.array([stress_Pa for _, stress_Pa, _ in rows]) * COARSE.length_m * COARSE.height_m
 
-    noise = read(1)
-    assert noise == read(1)
+    noise = np.concatenate([read(0.15, seed) - read(0.0, seed) for seed in range(8)])
+    assert (read(0.15, 1) == read(0.15, 1)).all()
     # Standard error of a sigma from 200 samples is 5 %; four of them.
+    assert len(noise) == 200
     assert np.std(noise) == pytest.approx(0.15, rel=0.2)
 
 

@@ -426,8 +426,6 @@ def test_bad_scenes_are_refused() -> None:
     dart = SceneObject(np.array([[0.03, 0], [0.1, 0.05], [0.06, 0.0], [0.1, -0.05]]))
     with pytest.raises(InputError, match=r"objects\[0\].*not convex; split"):
         renderer.truth(FoamScene(0.0, back, front, (dart,)))
-    with pytest.raises(InputError, match="expected >= 4"):
-        SceneRenderer(camera, pose, shutter_keys=2)
     with pytest.raises(InputError, match="expected one of plain"):
         Surface(100.0, material="cheese")
     with pytest.raises(InputError, match="finite start_s"):

@@ -23,7 +23,7 @@ def test_every_cell_once(cells):
 def test_a_block_is_one_box_and_its_inside_is_left_out():
     cells = np.zeros((40, 40), dtype=bool)
     cells[5:35, 10:30] = True
-    boxes = wall_boxes(OccupancyMap(cells, 0.1), depth_cells=2)
+    boxes = wall_boxes(OccupancyMap(cells, 0.1))
     # A frame of two cells: below, above, left, right.
     assert len(boxes) == 4
     assert np.allclose(boxes[:, :2].min(axis=0), [1.0, 0.5])

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from .errors import InputError
 from .measurement import Reason
-from .ranges import FINITE, NON_NEGATIVE, POSITIVE, check_ranges
+from .ranges import FINITE, NON_NEGATIVE, POSITIVE, check_order, check_ranges
 
 MAX_BEAMS = 100_000
 
@@ -33,12 +33,7 @@ class LaserScan:
         if ranges.ndim != 1 or not 1 <= len(ranges) <= MAX_BEAMS:
             raise InputError("LaserScan", f"found shape {ranges.shape}, expected 1 to {MAX_BEAMS} beams")
         check_ranges(self)
-        if self.range_min_m >= self.range_max_m:
-            raise InputError(
-                "LaserScan",
-                f"found {self.range_min_m}, expected less than range_max_m {self.range_max_m}",
-                field="range_min_m",
-            )
+        check_order(self, "range_min_m", "range_max_m")
         if self.angle_step_rad == 0:
             raise InputError("LaserScan", "found 0, expected a non-zero step", field="angle_step_rad")
         object.__setattr__(self, "ranges_m", ranges)

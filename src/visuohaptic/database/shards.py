@@ -15,10 +15,7 @@ import numpy as np
 
 from ..core.codec import DTYPES, Arrays, dtype_name
 from ..core.errors import DatabaseError, InputError
-from ..core.files import atomic_path
-
-#: Larger arrays are rejected [bytes].
-MAX_ARRAY_BYTES = 1 << 30
+from ..core.files import MAX_ARRAY_BYTES, atomic_path
 
 #: Objects in a row group: one per group took half of an import, and the larger groups are, the longer it takes to read one.
 _GROUP = 16

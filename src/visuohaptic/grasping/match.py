@@ -166,8 +166,6 @@ def match_shape(
 def _checked(observed_m: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, "n"]]:
     """Points as array, and mask of the finite ones."""
     points = np.asarray(observed_m, dtype=float)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise InputError("match_shape", f"found shape {points.shape}, expected (n, 3)", field="observed_m")
     finite = np.isfinite(points).all(axis=1)
     if np.count_nonzero(finite) < MIN_POINTS:
         raise InputError(

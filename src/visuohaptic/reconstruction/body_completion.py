@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.errors import InputError
+from .completion.surface_completion import MIN_TOUCHES
 from .completion.touch import Touch, TouchPlan
 from .mesh import SurfaceMesh
 from .profile_mixture import ProfileMixture
@@ -36,8 +37,6 @@ _DRAWS = 2000
 #: Standard deviation of the lower and upper radius of a cone from those of the vessel, in radii: rms of 16 vessels of open scenes of the
 #: ray tracer. The cone is up to a matching window too wide and does not follow a neck.
 _CONE = np.array([0.14, 0.17])
-#: Minimum number of contacts before an exploration is complete.
-_MIN_TOUCHES = 3
 
 
 @dataclass(slots=True)
@@ -261,7 +260,7 @@ class BodyCompletion:
             Every line is obstructed by the visible surface.
         """
         theta, z_m = self._places(*_PLACES, _END_M)
-        if len(self.touches) >= _MIN_TOUCHES and self.reach_z_m - self._wall_to_m > 2 * _END_M:
+        if len(self.touches) >= MIN_TOUCHES and self.reach_z_m - self._wall_to_m > 2 * _END_M:
             # The rim is less certain than the wall: probe at its estimated height.
             z_m = np.full_like(z_m, self._top_m)
         rho_m, sigma_m = self.wall(theta, z_m)
@@ -297,4 +296,4 @@ class BodyCompletion:
             Accepted root mean square error of the wall [m].
         """
         met = sum(touch.contact_m is not None for touch in self.touches)
-        return met >= _MIN_TOUCHES and self.expected_error_m() < bound_m
+        return met >= MIN_TOUCHES and self.expected_error_m() < bound_m

@@ -26,7 +26,7 @@ from ..simulation.rendering._finger_tag import FingerTag
 from ..simulation.rendering.appearance import Occluder
 from ..simulation.rendering.effects import CameraEffects
 from ..simulation.rendering.scene import FoamScene, SceneObject
-from ..simulation.tabletop.gripper import VirtualGripper
+from ..simulation.tabletop.gripper import STEP_M, VirtualGripper
 from ..simulation.tabletop.gripper_setup import (
     GRIPPER_RIG,
     ROD,
@@ -135,8 +135,6 @@ class GripperSensor:
 TRACKING = {"base_is": "brighter", "foam_is": "darker"}
 #: The strip, measured every two millimetres [m].
 STRIP = {"length_m": 0.06, "spacing_m": 0.002}
-#: Maximum step of the finger in the simulation [m]: the foam has hysteresis.
-STEP_M = 1e-4
 #: Height of the container above the foam, and distance of the table below it [m].
 TOP_M, FLOOR_M = 0.05, 0.12
 

@@ -9,11 +9,10 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ..core.errors import InputError, brief
 from ..core.files import load_yaml, load_yaml_model
+from ..sensing.config_fields import Positive
 from .transports.open_node import Transport
 from .transports.session import ROUTER, RosOptions
 from .wire.graph import check_node, resolve_name
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class _Section(BaseModel):

@@ -6,8 +6,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
-import numpy as np
-
 from ..core.camera.frame import Frame
 from ..core.camera.model import Camera
 from ..core.errors import InputError
@@ -74,9 +72,7 @@ class Sensor(Protocol[Reading]):
         """Release threads; may be called repeatedly."""
 
 
-def load_sensor(
-    path: Path | str, *, threaded: bool = False, rng: np.random.Generator | None = None
-) -> Sensor[Any]:
+def load_sensor(path: Path | str, *, threaded: bool = False) -> Sensor[Any]:
     """Load the sensor described by a YAML file, with its zero reference if there is one.
 
     Parameters
@@ -85,8 +81,6 @@ def load_sensor(
         ``sensor.yaml`` or ``scene.yaml``; its field ``kind`` is ``foam`` (the default), ``beam`` or ``scene``.
     threaded
         Whether lost templates are searched in a thread, so that a frame never waits (live use of a beam).
-    rng
-        Random generator of the scene's consensus sampling; default a fixed seed.
 
     Returns
     -------
@@ -112,5 +106,5 @@ def load_sensor(
     if kind == "scene":
         from .scene.scene_file import SceneSensor
 
-        return SceneSensor.load(path, rng=rng)
+        return SceneSensor.load(path)
     raise InputError(path, f"found {str(kind)[:40]!r}, expected one of {', '.join(_KINDS)}", field="kind")

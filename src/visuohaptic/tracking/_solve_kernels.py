@@ -8,10 +8,11 @@ import numpy as np
 
 from ..core.kernels import kernel
 
-_JIT = {"fastmath": True, "error_model": "numpy", "nogil": True}
+#: Flags of kernels without infinities and without the checks of Python's division.
+FAST = {"fastmath": True, "error_model": "numpy", "nogil": True}
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def solve_step(matrix, vector, active, damping, step):
     """Solve the damped system for the active unknowns by Cholesky; False if it is singular.
 

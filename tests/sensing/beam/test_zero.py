@@ -53,16 +53,12 @@ def test_noise_that_is_not_declared_is_no_motion_but_a_creep_in_it_is():
     rng = np.random.default_rng(4)
     sigma = np.tile([2e-5, 2e-5, 2e-5, 4e-4, 4e-4, 4e-4], 2)
     for _ in range(200):
-        _refuse_motion("zero", ["a", "b"], 2.2 * sigma * rng.standard_normal((30, 12)), np.diag(sigma**2))
+        _refuse_motion(["a", "b"], 2.2 * sigma * rng.standard_normal((30, 12)), np.diag(sigma**2))
     # Two deviations between the means of the halves are nothing, six are a creep.
     ramp = sigma * np.linspace(-1.0, 1.0, 30)[:, None]
-    _refuse_motion(
-        "zero", ["a", "b"], 2 * ramp + 0.2 * sigma * rng.standard_normal((30, 12)), np.diag(sigma**2)
-    )
+    _refuse_motion(["a", "b"], 2 * ramp + 0.2 * sigma * rng.standard_normal((30, 12)), np.diag(sigma**2))
     with pytest.raises(CalibrationError, match="moved while zeroing"):
-        _refuse_motion(
-            "zero", ["a", "b"], 6 * ramp + 0.2 * sigma * rng.standard_normal((30, 12)), np.diag(sigma**2)
-        )
+        _refuse_motion(["a", "b"], 6 * ramp + 0.2 * sigma * rng.standard_normal((30, 12)), np.diag(sigma**2))
 
 
 def test_a_hidden_template_is_left_out_and_no_template_is_refused(bench):

@@ -68,9 +68,6 @@ def normalised(feature: Float[np.ndarray, "16 4"], scheme: str = "centre") -> Fl
         ``norm``: ``F' / |F'|`` with ``F' = F - median(F)``, Eq. (6.4); ``centre``: ``F / mean(F at
         x8+, x8-, y8+, y8-) - 1``, Eq. (6.5); ``point``: the same with F at x8+ alone.
     """
-    feature = np.asarray(feature, dtype=float)
-    if feature.shape != (HEIGHTS, len(SIDES)):
-        raise InputError("normalised", f"found shape {feature.shape}, expected ({HEIGHTS}, {len(SIDES)})")
     if scheme == "norm":
         moved = feature - np.nanmedian(feature)
         length = float(np.sqrt(np.nansum(moved**2)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.errors import InputError
+from ...core.ranges import check_numbers, within
 from .container import ContainerDescription
 from .wall_profile import WallProfile
 
@@ -48,10 +49,7 @@ def draw_variant(container: ContainerDescription, index: int, seed: int) -> Cont
     """
     from scipy.stats import qmc
 
-    if not 0 <= index < MAX_VARIANTS:
-        raise InputError(
-            f"class {container.name}", f"found {index}, expected 0 to {MAX_VARIANTS - 1}", field="variant"
-        )
+    check_numbers(f"class {container.name}", within(0, MAX_VARIANTS - 1), variant=index)
     names = container.free_parameters
     if not names:
         return container.middle()

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 from ...core.errors import InputError
 from ...core.geometry import area_vectors
 from ...core.objects import Material
-from ...core.ranges import finite_array
+from ...core.ranges import POSITIVE, above, check_numbers, finite_array
 from .factor import Factor, factorise, sparse_matrix
 from .laminate import Laminate, wall_directions
 from .ordering import FrontTree, front_tree
@@ -64,13 +64,9 @@ class ShellMesh:
                 remedy="remesh or merge vertices",
             )
         thickness = np.broadcast_to(np.asarray(self.thickness_m, dtype=float), len(faces)).copy()
-        if not (np.isfinite(thickness).all() and (thickness > 0).all()):
-            raise InputError(where, f"found {thickness.min()} m, expected > 0", field="thickness_m")
+        check_numbers(where, POSITIVE, thickness_m=thickness)
         fraction = np.broadcast_to(np.asarray(self.fraction, dtype=float), len(faces)).copy()
-        if not ((fraction > 0) & (fraction <= 1)).all():
-            raise InputError(
-                where, f"found {fraction.min()}, expected more than 0 and at most 1", field="fraction"
-            )
+        check_numbers(where, above(0, 1), fraction=fraction)
         object.__setattr__(self, "vertices_m", vertices)
         object.__setattr__(self, "faces", faces)
         object.__setattr__(self, "thickness_m", thickness)

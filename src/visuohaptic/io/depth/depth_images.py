@@ -10,7 +10,7 @@ from jaxtyping import Float, UInt16
 
 from ...core.errors import InputError
 from ...core.files import MAX_IMAGE_BYTES, decode_image, image_size, read_bytes, write_image
-from ...core.ranges import NON_NEGATIVE, POSITIVE, check_ranges, within
+from ...core.ranges import NON_NEGATIVE, POSITIVE, check_order, check_ranges, within
 from ._exr import decode_exr
 
 #: Supported file formats.
@@ -30,10 +30,7 @@ class DepthEncoding:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if not self.min_m < self.max_m:
-            raise InputError(
-                "DepthEncoding", f"found {self.min_m}, expected less than max_m {self.max_m}", field="min_m"
-            )
+        check_order(self, "min_m", "max_m")
 
 
 def read_depth(

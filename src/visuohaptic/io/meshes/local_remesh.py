@@ -142,15 +142,13 @@ def split_edges(
             break
         number = np.full(len(edges), -1)
         number[chosen] = len(vertices) + np.arange(int(chosen.sum()))
-        vertices = np.concatenate([vertices, _middles(vertices, faces, edges[chosen], opposite, chosen)])
+        vertices = np.concatenate([vertices, _middles(vertices, faces, edges[chosen])])
         still = np.concatenate([still, np.zeros(len(vertices) - len(still), dtype=bool)])
         faces = _divided(vertices, faces, number[opposite])
     return vertices, faces
 
 
-def _middles(
-    vertices: np.ndarray, faces: np.ndarray, edges: np.ndarray, opposite: np.ndarray, chosen: np.ndarray
-) -> Float[np.ndarray, "e 3"]:
+def _middles(vertices: np.ndarray, faces: np.ndarray, edges: np.ndarray) -> Float[np.ndarray, "e 3"]:
     """Midpoints of edges; on an arc if the surface is smooth at both ends."""
     normal = vertex_normals(vertices, faces)
     area = area_vectors(vertices, faces)

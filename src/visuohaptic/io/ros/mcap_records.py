@@ -190,7 +190,7 @@ class McapFile:
 
     def _chunk(self, body: bytes, topics: set[str] | None, place: int) -> Iterator[McapMessage]:
         try:
-            data = self._unpacked(body, place)
+            data = self._unpacked(body)
         except (ValueError, struct.error, UnicodeDecodeError) as error:
             self.spoilt(f"chunk at byte {place}: {error}")
             return
@@ -204,7 +204,7 @@ class McapFile:
         if start < len(data) and not self.damage.cut:
             self.spoilt(f"chunk at byte {place}: its last {len(data) - start} bytes are not a record")
 
-    def _unpacked(self, body: bytes, place: int) -> bytes:
+    def _unpacked(self, body: bytes) -> bytes:
         """Records of a chunk; from a truncated chunk, as much as can be decompressed."""
         unpacked, checksum = struct.unpack_from("<QI", body, 16)
         compression, start = _text(body, 28)

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Int, Int32
 
-from ...core.errors import InputError
+from ...core.ranges import NON_NEGATIVE, check_numbers
 from ..grid.cost_grid import GridLayers
 from .tracing._lines import skeleton_lines, speeds
 from .tracing._path_kernels import measure
@@ -93,10 +93,7 @@ def build_graph(
     >>> graph.nodes > 0, graph.edges.shape[1]
     (True, 2)
     """
-
-    for name, value in (("stub_length_m", stub_length_m), ("spacing_m", spacing_m)):
-        if value is not None and not (np.isfinite(value) and value >= 0):
-            raise InputError("build_graph", f"found {value}, expected at least 0", field=name)
+    check_numbers("build_graph", NON_NEGATIVE, stub_length_m=stub_length_m, spacing_m=spacing_m)
     raw = skeleton_lines(layers, skeleton_marks(layers))
     stub = -1.0 if stub_length_m is None else stub_length_m
     left = prune(raw.clearance_m, raw.ends, raw.measures[:, 0].copy(), stub)

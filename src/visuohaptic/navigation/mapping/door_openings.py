@@ -213,7 +213,7 @@ def measure(space: DoorSpace, place: Int[np.ndarray, "2"]) -> Opening | None:
     recess, end = (np.minimum(front - here, other).max() for other in ((back - here)[::-1], back - here))
     width, half = np.log(max(width_m, r) / SINGLE_WIDTH_M), max(0.5 * width_m, 0.1)
     turn = np.arctan2(u[0], u[1]) - space.direction_rad
-    ends = [_window(free.shape, jamb, 2) for jamb in jambs]
+    ends = [_window(jamb, 2) for jamb in jambs]
     wall, bridged = (min(float(extent[end].max()) for end in ends) for extent in space.extent_m)
     measures = [
         width,
@@ -227,7 +227,7 @@ def measure(space: DoorSpace, place: Int[np.ndarray, "2"]) -> Opening | None:
     return Opening(jambs, width_m, np.array(measures, dtype=np.float64))
 
 
-def _window(shape: tuple[int, ...], place: np.ndarray, reach: int) -> tuple[slice, slice]:
+def _window(place: np.ndarray, reach: int) -> tuple[slice, slice]:
     row, column = (round(float(value)) for value in place)
     return slice(max(row - reach, 0), row + reach + 1), slice(max(column - reach, 0), column + reach + 1)
 
@@ -236,7 +236,7 @@ def _jambs(
     free: Bool[np.ndarray, "rows columns"], place: Int[np.ndarray, "2"], resolution_m: float
 ) -> Float[np.ndarray, "2 2"] | None:
     """The nearest non-free cell, the nearest on the other side, and from these the closest pair."""
-    window = _window(free.shape, place, round(_REACH_M / resolution_m))
+    window = _window(place, round(_REACH_M / resolution_m))
     walls = np.argwhere(~free[window]) + np.array([window[0].start, window[1].start])
     if len(walls) == 0:
         return None
@@ -277,7 +277,7 @@ def _free_length(free: np.ndarray, start: np.ndarray, towards: np.ndarray, resol
 
 def _widening(free: np.ndarray, middle: np.ndarray, passage: np.ndarray, resolution_m: float) -> float:
     """Maximum clearance along the passage within 2 m, on the side where it is smaller [m]."""
-    window = _window(free.shape, middle, round(1.5 * _REACH_M / resolution_m))
+    window = _window(middle, round(1.5 * _REACH_M / resolution_m))
     distance = distance_cells(free[window])
     corner = np.array([window[0].start, window[1].start])
     best = []

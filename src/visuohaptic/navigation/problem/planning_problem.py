@@ -11,7 +11,7 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ...core.geometry import polygon_centroid
 from ...core.objects import HapticTag
-from ...core.ranges import finite_array
+from ...core.ranges import NON_NEGATIVE, check_numbers, finite_array
 from ...io.maps.occupancy_map import OccupancyMap
 from .outlines import outline_of
 from .passages import Passage
@@ -51,10 +51,7 @@ class MovableObject:
     pose_sigma: tuple[float, float] = (0.01, 0.05)
 
     def __post_init__(self) -> None:
-        if not all(0.0 <= value < np.inf for value in self.pose_sigma):
-            raise InputError(
-                self.where, f"found {self.pose_sigma}, expected 0 or more [m, rad]", field="pose_sigma"
-            )
+        check_numbers(self.where, NON_NEGATIVE, pose_sigma=self.pose_sigma)
         object.__setattr__(self, "footprint_m", outline_of(self.footprint_m, self.where))
 
     @property

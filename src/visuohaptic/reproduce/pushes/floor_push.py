@@ -12,8 +12,8 @@ from jaxtyping import Bool, Float
 
 from ...core.errors import InputError, needs
 from ...core.measurement import GRAVITY_M_S2
+from ...simulation.mobile.obstacles import FOOT_M
 
-FOOT_M = 0.004
 #: Deformation of the feet's springs under the object's weight (m), and mass of a foot (kg).
 #: With more than three rigid feet, the load distribution would be indeterminate; springs determine it.
 SAG_M, FOOT_KG = 5e-4, 0.01

@@ -55,7 +55,6 @@ class BeamZero:
         frames: Sequence[RelativePoses],
         *,
         shared: Float[np.ndarray, "6 6"] | None = None,
-        where: str = "zero",
     ) -> BeamZero:
         """Average frames of an unloaded sensor; templates missing in most frames are omitted.
 
@@ -67,8 +66,6 @@ class BeamZero:
             Poses of the templates in the reference template, frame by frame.
         shared
             Covariance of a reference that was the same in all frames, which averaging does not reduce.
-        where
-            Name in error messages.
 
         Raises
         ------
@@ -77,7 +74,7 @@ class BeamZero:
         """
         if not frames:
             raise CalibrationError(
-                where, "no frame shows the reference and a template", remedy="free the view"
+                "zero", "no frame shows the reference and a template", remedy="free the view"
             )
         counts: dict[str, int] = {}
         for frame in frames:
@@ -88,7 +85,7 @@ class BeamZero:
         if not names or 2 * len(whole) < len(frames):
             seen = ", ".join(f"{name} in {count}" for name, count in counts.items()) or "none"
             raise CalibrationError(
-                where,
+                "zero",
                 f"templates seen in too few of {len(frames)} frames: {seen}",
                 remedy="make sure that nothing covers them",
             )
@@ -103,7 +100,7 @@ class BeamZero:
         covariance, noise = covariance - common, 1.0  # of the independent part of each frame
         scatter = np.hstack(offsets)
         if len(whole) >= 4:
-            _refuse_motion(where, names, scatter, covariance)
+            _refuse_motion(names, scatter, covariance)
             # Noise that the tracker does not declare, as from compressed video, is in the zero and in every frame.
             noise = max(1.0, float(np.mean(scatter.var(axis=0, ddof=1) / np.diag(covariance))))
             covariance = covariance * noise
@@ -183,7 +180,7 @@ def _creep(scatter: Float[np.ndarray, "frames n"]) -> Float[np.ndarray, "n"]:
     return np.abs(scatter[half:].mean(axis=0) - scatter[:half].mean(axis=0))
 
 
-def _refuse_motion(where: str, names: Sequence[str], scatter: np.ndarray, covariance: np.ndarray) -> None:
+def _refuse_motion(names: Sequence[str], scatter: np.ndarray, covariance: np.ndarray) -> None:
     sigma = np.sqrt(np.diag(covariance))
     limit = np.maximum(MAX_SCATTER * sigma, np.tile(FINE_SCATTER, len(names)))
     spread = scatter.std(axis=0, ddof=1)
@@ -203,7 +200,7 @@ def _refuse_motion(where: str, names: Sequence[str], scatter: np.ndarray, covari
             else (creep, allowed)
         )
         raise CalibrationError(
-            where,
+            "zero",
             f"template {names[worst // 6]} moved while zeroing: {factor * shown[0][worst]:.0f} "
             f"{unit}, expected below {factor * shown[1][worst]:.0f} {unit}",
             remedy="zero while nothing touches or shakes the sensor",

@@ -62,8 +62,8 @@ class OutlineFit:
     model_m: Float[np.ndarray, "K"]  #: deflection of the model [m]
     touched: Bool[np.ndarray, "K"]  #: points in contact with the object
     ends_m: tuple[float, float]  #: ends of the contact along u [m]
-    deviance: float  #: -2 log likelihood, including the flank prior
-    criterion: float  #: Bayesian information criterion: deviance + free parameters x (log K + parsimony)
+    #: Bayesian information criterion: -2 log likelihood, including the flank prior, + free parameters x (log K + parsimony)
+    criterion: float
     chi2: float  #: weighted squared residuals of the touched points
 
     @property
@@ -242,7 +242,6 @@ def fit_outline(
         model_m=problem.delta.copy(),
         touched=touched,
         ends_m=(float(problem.ends[0]), float(problem.ends[1])),
-        deviance=deviance,
         criterion=deviance + len(hypothesis.free) * (float(np.log(k)) + prior.parsimony),
         chi2=float(residual[:k][touched] @ residual[:k][touched]),
     )

@@ -22,6 +22,7 @@ from jaxtyping import Bool, Float
 from ...core.errors import InputError
 from ...core.measurement import Contact
 from ...core.objects import Primitive, PrimitiveKind
+from ...core.ranges import POSITIVE, check_numbers, finite_array
 from .contact_outline import FlankPrior, OutlineFit, fit_outline, integrate_drop
 from .outline_hypotheses import Impression, hypotheses
 from .outline_primitive import outline_kind, outline_primitive
@@ -183,17 +184,18 @@ def fit_primitive(
     'line'
     """
     settings = settings or PrimitiveSettings()
-    points = np.asarray(points_m, dtype=float)
-    sigma = _checked(points, sigma_m, delta_m)
+    points = finite_array("fit_primitive", points_m, None, 2, field="points_m", least=0)
     k = len(points)
+    sigma = finite_array("fit_primitive", sigma_m, k, field="sigma_m", least=0)
+    check_numbers("fit_primitive", POSITIVE, sigma_m=sigma)
+    if delta_m is not None:
+        delta_m = finite_array("fit_primitive", delta_m, k, field="delta_m", least=0)
     down = np.array(settings.press_direction) / np.hypot(*settings.press_direction)
     frame = np.stack([np.array([down[1], -down[0]]), down])  # rows: u, v in the frame of the points
     used = np.argsort(points @ frame[0], kind="stable")
     if len(used) < settings.min_points:
         return PrimitiveFit(None, (), 0.0)
-    impression = _impression(
-        points[used] @ frame.T, sigma[used], None if delta_m is None else np.asarray(delta_m)[used]
-    )
+    impression = _impression(points[used] @ frame.T, sigma[used], None if delta_m is None else delta_m[used])
     if impression.scale_m <= 3.0 * float(np.median(impression.sigma_m)):
         return PrimitiveFit(None, (), 0.0)
     fits = sorted(
@@ -219,23 +221,6 @@ def fit_primitive(
         order = list(candidates.values())
     margin = order[1].criterion - order[0].criterion if len(order) > 1 else 0.0
     return PrimitiveFit(good[0].primitive if good else None, tuple(order), float(margin))
-
-
-def _checked(points: np.ndarray, sigma_m: np.ndarray, delta_m: np.ndarray | None) -> Float[np.ndarray, "K"]:
-    """Validate the points; returns the standard deviation of each [m]."""
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise InputError("points_m", f"found shape {points.shape}, expected (K, 2)")
-    k = len(points)
-    sigma = np.broadcast_to(np.asarray(sigma_m, dtype=float), (k,)) if np.ndim(sigma_m) == 0 else sigma_m
-    for name, values in (("sigma_m", sigma), ("delta_m", delta_m)):
-        if values is not None and np.shape(values) != (k,):
-            raise InputError(name, f"found shape {np.shape(values)}, expected ({k},)")
-    given = [points, sigma] if delta_m is None else [points, sigma, delta_m]
-    if not all(np.all(np.isfinite(values)) for values in given):
-        raise InputError("points_m", "found values that are not finite, expected finite points and sigma")
-    if not np.all(np.asarray(sigma) > 0):
-        raise InputError("sigma_m", f"found {np.min(sigma)}, expected standard deviations > 0")
-    return np.asarray(sigma)
 
 
 def _candidate(

@@ -22,7 +22,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.camera.plane import PlaneView
-from ...core.errors import InputError
 from ...core.geometry import compose_2d, relative_2d, rotation_2d
 from ...core.measurement import Motion, Reason
 from ...core.ranges import Ranged, at_least, within
@@ -94,12 +93,6 @@ def fit_planar_motion(
     """
     s = settings or FloorMotionSettings()
     count = len(before_m)
-    if before_m.shape != (count, 2) or after_m.shape != (count, 2) or covariance_m2.shape != (count, 2, 2):
-        raise InputError(
-            "fit_planar_motion",
-            f"found shapes {before_m.shape}, {after_m.shape}, {covariance_m2.shape}; "
-            "expected (n, 2), (n, 2), (n, 2, 2)",
-        )
     failed = PlanarFit(np.full(3, np.nan), np.full((3, 3), np.inf), np.zeros(count, dtype=bool), False)
     if count < s.min_points:
         return failed

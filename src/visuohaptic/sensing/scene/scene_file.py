@@ -128,50 +128,33 @@ class SceneSensor:
     ----------
     setup
         Result of :meth:`SceneConfig.load`.
-    odometry
-        Newest state of the platform at a time [s], as :meth:`Odometry.at`; without it the motion is estimated from the floor
-        alone.
     rng
         Source of RANSAC's random samples; a fixed seed by default.
     """
 
-    def __init__(
-        self,
-        setup: SceneSetup,
-        *,
-        odometry: Callable[[float], BaseState | None] | None = None,
-        rng: np.random.Generator | None = None,
-    ) -> None:
-        self.setup, self.odometry, self._rng = setup, odometry, rng
+    def __init__(self, setup: SceneSetup, *, rng: np.random.Generator | None = None) -> None:
+        self.setup, self._rng = setup, rng
+        #: newest state of the platform at a time [s], as :meth:`Odometry.at`; without it the floor alone gives the motion
+        self.odometry: Callable[[float], BaseState | None] | None = None
         self.foam = None if setup.sensor is None else FoamSensor.of_setup(setup.sensor)
         self.tracker = setup.tracker(rng)
         self.profile: ForceProfile | None = None  #: reading of the foam in the last frame
 
     @classmethod
-    def load(
-        cls,
-        path: Path | str,
-        *,
-        odometry: Callable[[float], BaseState | None] | None = None,
-        rng: np.random.Generator | None = None,
-    ) -> Self:
+    def load(cls, path: Path | str) -> Self:
         """A sensor as described by ``scene.yaml``; its foam with the zero reference if there is one.
 
         Parameters
         ----------
         path
             The file; those that it names are relative to its folder.
-        odometry
-            Newest state of the platform at a time [s].
-        rng
-            Source of RANSAC's random samples; a fixed seed by default.
 
         Raises
         ------
         InputError
             A file or field cannot be used.
         """
-        return cls(SceneConfig.load(path), odometry=odometry, rng=rng)
+        return cls(SceneConfig.load(path))
 
     @property
     def camera(self) -> Camera:

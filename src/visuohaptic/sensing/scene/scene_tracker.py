@@ -182,7 +182,7 @@ class SceneTracker:
         base_state, gyroscope_rad_s
             Odometry and turn rate of the platform, if there are any.
         primitive
-            Shape fitted to the contact; without it the contact is assumed to be straight.
+            Shape of the contact, if it is known; by default it is fitted here.
         """
         if frame.image.shape[:2] != (self.camera.height, self.camera.width):
             raise InputError(

@@ -8,11 +8,9 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from ...core.errors import InputError
+from ..rendering._finger_tag import CELLS
 from ..rendering.textures import fractal_noise
 
-#: Cells of a tag of family 36h11 along its side, with its black border; half a cell of white around it.
-_CELLS = 8
 #: Subpixels per cell.
 _CELL_PX = 48
 
@@ -43,11 +41,11 @@ def print_of_tag(tag_id: int, size_m: float) -> Print:
     import cv2
 
     family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-    cells = cv2.aruco.generateImageMarker(family, tag_id, _CELLS * 4)[2::4, 2::4] > 127
+    cells = cv2.aruco.generateImageMarker(family, tag_id, CELLS * 4)[2::4, 2::4] > 127
     fine = np.kron(cells, np.ones((_CELL_PX, _CELL_PX), bool))
     fine = np.pad(fine, _CELL_PX // 2, constant_values=True)
     levels = np.where(fine, 215.0, 25.0).astype(np.float32)
-    return Print(levels, size_m * (_CELLS + 1) / _CELLS)
+    return Print(levels, size_m * (CELLS + 1) / CELLS)
 
 
 def print_of_image(image: UInt8[np.ndarray, "R C"], width_m: float) -> Print:
@@ -62,11 +60,6 @@ def print_of_image(image: UInt8[np.ndarray, "R C"], width_m: float) -> Print:
     """
     import cv2
 
-    image = np.asarray(image)
-    if image.ndim != 2 or image.dtype != np.uint8:
-        raise InputError(
-            "print_of_image", f"found {image.dtype} {image.shape}, expected uint8 (rows, columns)"
-        )
     levels = 20.0 + 205.0 / 255.0 * image.astype(np.float32)
     return Print(cv2.resize(levels, None, fx=4, fy=4, interpolation=cv2.INTER_CUBIC), width_m)
 

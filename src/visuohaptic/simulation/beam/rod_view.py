@@ -28,7 +28,8 @@ _FINE = 3
 #: Rows computed together: the arrays of 900 numbers of 4 bytes in a row, the rays through a print, fit the processor's cache.
 _BAND_ROWS = 64
 _ROD_LEVEL, _BASE_LEVEL, _TABLE_LEVEL = 45.0, 70.0, 120.0
-_TABLE_TILE_M = 0.3
+#: The table below the rod, as a distance along -Z of the sensor, and the size of its texture [m].
+_TABLE_M, _TABLE_TILE_M = 0.06, 0.3
 #: Ends of the base along X and across it, in the sensor frame [m].
 _BASE_M = (-0.075, 0.0, 0.02)
 
@@ -49,8 +50,6 @@ class RodRenderer:
         Prints on the reference and on the rod, by the names of the rig.
     effects
         Blur, light and noise.
-    table_m
-        The table below the rod, as a distance along -Z of the sensor.
     """
 
     def __init__(
@@ -59,8 +58,6 @@ class RodRenderer:
         camera: Camera,
         prints: Mapping[str, Print],
         effects: CameraEffects | None = None,
-        *,
-        table_m: float = 0.06,
     ) -> None:
         expected = {rig.reference, *rig.mounts}
         if set(prints) != expected:
@@ -69,7 +66,6 @@ class RodRenderer:
             )
         self.rig, self.camera, self.prints = rig, camera, dict(prints)
         self.effects = effects or CameraEffects()
-        self.table_m = table_m
         self._coarser: dict[tuple[int, int], np.ndarray] = {}
         #: What did not move since the last image: table and base under one view, prints at one pose.
         self._ground: tuple[bytes, np.ndarray] | None = None
@@ -134,7 +130,7 @@ class RodRenderer:
 
         tile = _table_tile()
         normal = view.rotation[:, 2]
-        origin = view.translation_m - self.table_m * normal
+        origin = view.translation_m - _TABLE_M * normal
         scale = len(tile) / _TABLE_TILE_M
         texture = np.zeros((self.camera.height, self.camera.width), np.float32)
         seen = np.zeros(texture.shape, bool)

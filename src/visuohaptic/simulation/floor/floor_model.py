@@ -23,6 +23,8 @@ FOAM_S = 0.03
 #: Time constant of the feet (s): they sink in by 4 mm, so that sliding, which lifts an object in MuJoCo's
 #: convex contacts, does not make it hop.
 SINK_S = 0.02
+#: Time step of the physics (s).
+STEP_S = 0.004
 #: Walls are as hard as furniture: friction of outlines against them and each other.
 WALL_FRICTION = 0.3
 
@@ -70,7 +72,6 @@ def floor_mjcf(
     boxes: Float[np.ndarray, "n 4"],
     objects: Sequence[FloorObject],
     robot: FloorRobot,
-    step_s: float,
 ) -> str:
     """MuJoCo model; contact bit 1 is the floor with the feet, bit 2 the objects on it.
 
@@ -84,8 +85,6 @@ def floor_mjcf(
         Objects with different names.
     robot
         Size of the robot.
-    step_s
-        Time step of the physics [s].
     """
     x, y, yaw = map.origin
     height = PUSH_HEIGHT_M
@@ -97,7 +96,7 @@ def floor_mjcf(
     )
     bodies = "".join(_object_mjcf(obj) for obj in objects)
     return f"""<mujoco><compiler angle="radian" inertiafromgeom="false"/>
-    <option timestep="{step_s}" cone="elliptic" impratio="5" integrator="implicitfast"
+    <option timestep="{STEP_S}" cone="elliptic" impratio="5" integrator="implicitfast"
       gravity="0 0 {-GRAVITY_M_S2}"/>
     <default><geom condim="3" solref="0.01 1" solimp="0.95 0.99 0.001"/></default>
     <worldbody>
@@ -124,7 +123,7 @@ def _object_mjcf(obj: FloorObject) -> str:
         angle = np.arange(6) * (math.pi / 3)
         feet = 0.7 * obj.round_m * np.column_stack([np.cos(angle), np.sin(angle)])
     else:
-        inner = _inset(own, EDGE_M)
+        inner = _inset(own)
         parts = "".join(
             f'<geom type="capsule" size="{EDGE_M}" fromto="{a[0]} {a[1]} {height} {b[0]} {b[1]} {height}" '
             f"{shape}/>"
@@ -149,11 +148,11 @@ def _object_mjcf(obj: FloorObject) -> str:
     )
 
 
-def _inset(outline: Float[np.ndarray, "p 2"], by_m: float) -> Float[np.ndarray, "q 2"]:
-    """The outline moved inwards, so that capsules along it end at the outline."""
+def _inset(outline: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "q 2"]:
+    """The outline moved inwards by the radius of its capsules, so that capsules along it end at the outline."""
     import shapely
 
-    inner = shapely.Polygon(outline).buffer(-by_m, join_style="mitre")
+    inner = shapely.Polygon(outline).buffer(-EDGE_M, join_style="mitre")
     if inner.is_empty or inner.geom_type != "Polygon":
         return outline
     return np.array(inner.exterior.coords)[:-1]

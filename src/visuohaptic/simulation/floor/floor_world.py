@@ -28,8 +28,6 @@ from .floor_model import FloorObject, FloorRobot, floor_mjcf
 NEAR_M = 0.03
 #: The drive stalls when the reaction is too large for this time (s).
 STALL_S = 0.1
-#: Time step of the physics (s).
-STEP_S = 0.004
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +68,7 @@ class FloorWorld:
         self.objects = tuple(objects)
         self._map, self._boxes = map, wall_boxes(map)
         self._model: Any = mujoco.MjModel.from_xml_string(
-            floor_mjcf(map, self._boxes, self.objects, self.robot, STEP_S)
+            floor_mjcf(map, self._boxes, self.objects, self.robot)
         )
         self._data: Any = mujoco.MjData(self._model)
         self._pose = np.array(start_m, dtype=np.float64)
@@ -260,15 +258,13 @@ class FloorBase(CommandedBase):
         return BaseState(world.t_s, x, y, heading, world.speed_m_s, world.turn_rate_rad_s)
 
 
-def wall_boxes(map: OccupancyMap, *, depth_cells: int = 2) -> Float[np.ndarray, "n 4"]:
-    """Occupied cells that can be touched, merged.
+def wall_boxes(map: OccupancyMap) -> Float[np.ndarray, "n 4"]:
+    """Occupied cells that can be touched, merged; those farther than two cells from every other cell are omitted.
 
     Parameters
     ----------
     map
         Cells of 50 and more are walls.
-    depth_cells
-        Cells farther than this from every other cell are omitted: they cannot be reached.
 
     Returns
     -------
@@ -278,7 +274,7 @@ def wall_boxes(map: OccupancyMap, *, depth_cells: int = 2) -> Float[np.ndarray, 
     from scipy.ndimage import binary_dilation
 
     wall = map.cells >= 50
-    near = binary_dilation(~wall, iterations=depth_cells)
+    near = binary_dilation(~wall, iterations=2)
     return merged_rectangles(wall & near) * map.resolution_m
 
 

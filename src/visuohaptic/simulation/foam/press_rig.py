@@ -41,7 +41,6 @@ class PressSample:
     depth_m: float  #: travel of the shape after first touch
     direction: str  #: "loading" or "unloading"
     force_N: float  #: true force of the foam on the shape, along the direction of travel
-    reference_N: float  #: the same, measured by a force sensor with noise
     strip: StripState  #: true profiles
     scene: FoamScene  #: view of the camera
 
@@ -107,8 +106,6 @@ def press(
     *,
     geometry: FoamStripGeometry | None = None,
     law: StripLaw = SOFT_FOAM,
-    reference_sigma_N: float = 0.0,
-    rng: np.random.Generator | None = None,
 ) -> Iterator[PressSample]:
     """Move a shape at 1 cm/s through a path of depths, in the middle of the strip; a sample at every one of them.
 
@@ -120,10 +117,6 @@ def press(
         Path [m], see :func:`press_path`.
     geometry, law
         The foam strip and its material.
-    reference_sigma_N
-        Standard deviation of the force sensor [N] (0.15 N in Alt 2016, Sec. 3.6.1).
-    rng
-        Source of the force sensor's noise; seed 0 by default.
 
     Raises
     ------
@@ -135,7 +128,6 @@ def press(
     path = finite_array("press", depths_m, None, field="depths_m", least=0)
     if path.max(initial=0.0) > 0.9 * width:
         raise InputError("press", f"found depths {path}, expected a list of at most {0.9 * width:.4f} m")
-    rng = rng if rng is not None else np.random.default_rng(0)
     t_s, now, direction = 0.0, 0.0, "loading"
     back = strip.geometry.back_m(strip.s_m)
     for target in path:
@@ -147,14 +139,12 @@ def press(
             outline = press_outline(shape, float(depth), width_m=width)
             state = strip.press([outline], elapsed)
         now, t_s = float(target), t_s + elapsed * count
-        force = float(state.force_N[0])
         body = SceneObject(outline.polygon_m(), top_m=0.01)
         yield PressSample(
             t_s=t_s,
             depth_m=now,
             direction=direction,
-            force_N=force,
-            reference_N=force + reference_sigma_N * float(rng.standard_normal()),
+            force_N=float(state.force_N[0]),
             strip=state,
             scene=FoamScene(t_s=t_s, back_m=back, front_m=state.front_m, objects=(body,)),
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import UInt8
@@ -10,23 +10,21 @@ from jaxtyping import UInt8
 from ...core.errors import InputError
 from ...core.geometry import rotation_2d
 from ...core.laser_scan import LaserScan
+from ...core.ranges import Ranged, above, at_least, within
 from ...io.maps.occupancy_map import OccupancyMap
 
 
 @dataclass(frozen=True, slots=True)
-class LaserConfig:
+class LaserConfig(Ranged):
     """The scanner of Alt 2016, Sec. 4.2: 240 degrees; number, noise and range of a small Hokuyo."""
 
-    beams: int = 341
-    field_of_view_rad: float = 4.18879
+    beams: int = field(default=341, metadata=at_least(2))
+    field_of_view_rad: float = field(default=4.18879, metadata=above(0, 2 * np.pi))
     range_min_m: float = 0.05
     range_max_m: float = 8.0
     sigma_m: float = 0.01
-    lost_fraction: float = 0.01  #: fraction of beams that randomly lack an echo
-
-    def __post_init__(self) -> None:
-        if not (self.beams >= 2 and 0 < self.field_of_view_rad <= 2 * np.pi and 0 <= self.lost_fraction < 1):
-            raise InputError("LaserConfig", f"found {self}, expected 2 beams or more, at most a full turn")
+    #: fraction of beams that randomly lack an echo
+    lost_fraction: float = field(default=0.01, metadata=within(0, 1))
 
 
 class SimulatedLaser:

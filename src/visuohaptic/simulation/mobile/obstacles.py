@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.camera.pose import Pose
-from ...core.errors import InputError
 from ...core.measurement import GRAVITY_M_S2
+from ...core.ranges import FINITE, NON_NEGATIVE, POSITIVE, Ranged, at_least
 from ..foam.outline import Outline
 from ..rendering.scene import Solid
 
@@ -33,7 +33,7 @@ class ObstacleKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class SimulatedObstacle:
+class SimulatedObstacle(Ranged):
     """One obstacle: its pose in the world, and its physical properties.
 
     A box, table or wall is placed by its centre, a door by its hinge: the
@@ -42,15 +42,15 @@ class SimulatedObstacle:
 
     name: str
     kind: ObstacleKind
-    x_m: float
-    y_m: float
-    yaw_rad: float = 0.0
-    length_m: float = 0.3  #: along its x; diameter of a cylinder
-    width_m: float = 0.3  #: along its y; thickness of a door
-    height_m: float = 0.3
-    mass_kg: float = 1.0
-    friction: float = 0.4  #: dynamic, with the floor
-    static_ratio: float = 1.1  #: static over dynamic friction
+    x_m: float = field(metadata=FINITE)
+    y_m: float = field(metadata=FINITE)
+    yaw_rad: float = field(default=0.0, metadata=FINITE)
+    length_m: float = field(default=0.3, metadata=POSITIVE)  #: along its x; diameter of a cylinder
+    width_m: float = field(default=0.3, metadata=POSITIVE)  #: along its y; thickness of a door
+    height_m: float = field(default=0.3, metadata=POSITIVE)
+    mass_kg: float = field(default=1.0, metadata=POSITIVE)
+    friction: float = field(default=0.4, metadata=NON_NEGATIVE)  #: dynamic, with the floor
+    static_ratio: float = field(default=1.1, metadata=at_least(1))  #: static over dynamic friction
     fixed: bool = False  #: cannot move at all
     edge_m: float = 0.002  #: radius of its upright edges
     leg_m: float = 0.04  #: side or diameter of a table's legs
@@ -62,16 +62,6 @@ class SimulatedObstacle:
     seed: int = 0
     material: str = "cardboard"  #: kind of texture, a name of ``textures.MATERIALS``
     bgr: tuple[float, float, float] | None = None  #: mean colour in a colour image; ``None`` = grey
-
-    def __post_init__(self) -> None:
-        sizes = (self.length_m, self.width_m, self.height_m, self.mass_kg)
-        if not (np.isfinite([self.x_m, self.y_m, self.yaw_rad]).all() and min(sizes) > 0):
-            raise InputError(f"obstacle {self.name!r}", f"found sizes and mass {sizes}, expected all > 0")
-        if not (self.friction >= 0 and self.static_ratio >= 1):
-            raise InputError(
-                f"obstacle {self.name!r}",
-                f"found friction {self.friction}, static_ratio {self.static_ratio}; expected >= 0 and >= 1",
-            )
 
     @property
     def movable(self) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from ...core.errors import InputError
+from ...core.ranges import POSITIVE, check_ranges
 from ...core.robots import BaseState, MobileBase
 from ..foam.strip_geometry import FoamStripGeometry
 
@@ -18,20 +19,21 @@ class PlatformConfig:
     x_m: float = 0.0  #: start in the world
     y_m: float = 0.0
     heading_rad: float = 0.0
-    radius_m: float = 0.17  #: of a round platform; half length of a box
+    #: of a round platform; half length of a box
+    radius_m: float = field(default=0.17, metadata=POSITIVE)
     round: bool = False  #: round with a bent strip, or a box with a straight one
-    width_m: float = 0.3  #: of a box
-    mass_kg: float = 10.0
+    width_m: float = field(default=0.3, metadata=POSITIVE)  #: of a box
+    mass_kg: float = field(default=10.0, metadata=POSITIVE)
     max_acceleration_m_s2: float = 0.5
     max_turn_acceleration_rad_s2: float = 2.0
-    max_force_N: float = 40.0  #: of the drive
+    max_force_N: float = field(default=40.0, metadata=POSITIVE)  #: of the drive
     kinematic: bool = False  #: moves as commanded, independent of reaction forces
     strip: FoamStripGeometry = field(default_factory=lambda: FoamStripGeometry(spacing_m=0.001))
-    floor_below_m: float = 0.05  #: height of the foam's visible edge above the floor
+    #: height of the foam's visible edge above the floor
+    floor_below_m: float = field(default=0.05, metadata=POSITIVE)
 
     def __post_init__(self) -> None:
-        if min(self.radius_m, self.width_m, self.mass_kg, self.max_force_N, self.floor_below_m) <= 0:
-            raise InputError("PlatformConfig", f"found {self}, expected sizes, mass and force > 0")
+        check_ranges(self)
         if self.round and not math.isclose(self.strip.radius_m, self.radius_m):
             raise InputError(
                 "PlatformConfig",

@@ -17,7 +17,6 @@ from jaxtyping import Float, Float32, UInt8
 
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
-from ...core.errors import InputError
 from ._canvas import Canvas, Coverage, Hole, Parts, Plane
 from ._solids import (
     at_height,
@@ -42,6 +41,10 @@ _LIGHT = np.array([-0.5, 0.3, 1.0])
 _MEAN_LIGHT = 0.5
 _SIDE_LIGHT = 0.8
 
+#: States that are computed over the readout of a frame when something moves; between them pixels are interpolated by
+#: cubics. Motion of frequency f and amplitude A px causes an error of about ``0.02 (2 pi f T / (keys - 1))^4 A`` for a
+#: readout of T.
+_SHUTTER_KEYS = 9
 #: Solids with more visible faces than this count as round.
 _MAX_FACES = 6
 
@@ -60,11 +63,6 @@ class SceneRenderer:
         Maps frame F of the sensor to the resting camera.
     look, effects
         Surfaces, and imperfections of lens and sensor.
-    shutter_keys
-        Number of states that are computed over the readout of a frame when something moves;
-        between them pixels are interpolated by cubics. Motion of frequency f and
-        amplitude A px causes an error of about ``0.02 (2 pi f T / (keys - 1))^4 A`` for
-        a readout of T.
 
     Examples
     --------
@@ -90,16 +88,11 @@ class SceneRenderer:
         T_camera_foam: Pose,
         look: Look | None = None,
         effects: CameraEffects | None = None,
-        *,
-        shutter_keys: int = 9,
     ) -> None:
-        if shutter_keys < 4:
-            raise InputError("SceneRenderer", f"found {shutter_keys}, expected >= 4", field="shutter_keys")
         self.camera = camera
         self.T_camera_foam = T_camera_foam
         self.look = look or Look()
         self.effects = effects or CameraEffects()
-        self.shutter_keys = shutter_keys
         self._canvas = Canvas(
             camera,
             3 if self.look.colour else 1,
@@ -113,8 +106,6 @@ class SceneRenderer:
         *,
         rng: np.random.Generator,
         t_s: float | None = None,
-        camera_shake: CameraShake | None = None,
-        occluders: Sequence[Occluder] = (),
     ) -> UInt8[np.ndarray, "rows columns *colour"]:
         """Image as delivered by the camera.
 
@@ -126,12 +117,8 @@ class SceneRenderer:
             Source of the noise; the same state gives the same image.
         t_s
             Exposure of the first row [s]; by default the scene's time, needed for a function.
-        camera_shake
-            Motion of the camera, maps the resting camera's frame to the moved one.
-        occluders
-            Objects in front of the scene, the last one is nearest.
         """
-        exact, row_times_s = self._exact(scene, t_s, camera_shake, occluders)
+        exact, row_times_s = self._exact(scene, t_s, None, ())
         image = self.effects.developed(exact, row_times_s, rng)
         return image if self.look.colour else image[..., 0]
 
@@ -167,8 +154,12 @@ class SceneRenderer:
 
         Parameters
         ----------
-        scene, t_s, camera_shake, occluders
+        scene, t_s
             As in :meth:`render`.
+        camera_shake
+            Motion of the camera, maps the resting camera's frame to the moved one.
+        occluders
+            Objects in front of the scene, the last one is nearest.
         """
         exact, _ = self._exact(scene, t_s, camera_shake, occluders)
         return (exact if self.look.colour else exact[..., 0]).copy()
@@ -181,7 +172,7 @@ class SceneRenderer:
         Parameters
         ----------
         scene, t_s, camera_shake
-            As in :meth:`render`.
+            As in :meth:`render_exact`.
         """
         shot = self._observe(scene, t_s, camera_shake)
         back, front = shot.points("back_m"), shot.points("front_m")
@@ -197,7 +188,7 @@ class SceneRenderer:
         )
 
     def _observe(self, scene: SceneLike, t_s: float | None, shake: CameraShake | None) -> ExposedScene:
-        return observe(self.camera, self.T_camera_foam, scene, t_s, shake, max_keys=self.shutter_keys)
+        return observe(self.camera, self.T_camera_foam, scene, t_s, shake, max_keys=_SHUTTER_KEYS)
 
     def _exact(
         self,

@@ -9,8 +9,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from ...core.errors import InputError
 from ...core.measurement import ForceProfile
+from ...core.ranges import POSITIVE, check_numbers
 from ...sensing.push.push_record import reaches_limit
 from ..framework.supervisor import CHECK_RATE_HZ, SafetyLimits
 from .explore_records import ExploreSettings
@@ -55,10 +55,7 @@ class ForceGuard:
     def __init__(
         self, max_force_N: float, *, median_of: int = MEDIAN_OF, max_unread: int = MAX_UNREAD
     ) -> None:
-        if not max_force_N > 0:
-            raise InputError(
-                "ForceGuard", f"found {max_force_N} N, expected more than 0", field="max_force_N"
-            )
+        check_numbers("ForceGuard", POSITIVE, max_force_N=max_force_N)
         self.max_force_N = max_force_N
         self._above: deque[bool] = deque(maxlen=median_of)
         self._needed = median_of // 2 + 1

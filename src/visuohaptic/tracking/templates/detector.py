@@ -74,11 +74,6 @@ def detect_templates(
         Seed of the random sampling.
     """
     settings = settings or DetectorSettings()
-    image = np.asarray(image)
-    if image.ndim != 2 or image.dtype != np.uint8:
-        raise InputError(
-            "detect_templates", f"found {image.dtype} {image.shape}, expected uint8 (rows, columns)"
-        )
     x0, y0 = 0, 0
     if region is not None:
         x0, y0 = max(region[0], 0), max(region[1], 0)

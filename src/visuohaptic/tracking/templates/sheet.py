@@ -17,7 +17,7 @@ from jaxtyping import UInt8
 
 from ...core.errors import InputError
 from ...core.files import atomic_path, encode_image
-from ...core.ranges import check_choice, check_numbers, within
+from ...core.ranges import POSITIVE, check_choice, check_numbers, within
 from .template import TAG_CELLS
 
 #: Width and height of supported papers [m].
@@ -96,8 +96,7 @@ def lay_out(items: Sequence[SheetItem], paper: str = "A4") -> tuple[PlacedItem, 
     row_height = 0.0
     placed = []
     for item in items:
-        if not (np.isfinite(item.width_m) and item.width_m > 0):
-            raise InputError("sheet", f"found {item.width_m}, expected > 0", field=f"{item.label}: width_m")
+        check_numbers(f"sheet: {item.label}", POSITIVE, width_m=item.width_m)
         if left > _MARGIN_M and left + item.width_m > width - _MARGIN_M:
             left, top, row_height = _MARGIN_M, top + row_height + _LABEL_M + _GAP_M, 0.0
         place = PlacedItem(item, left, top)

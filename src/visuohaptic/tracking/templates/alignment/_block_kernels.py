@@ -9,15 +9,14 @@ import math
 import numpy as np
 
 from ....core.kernels import kernel
-from ..._solve_kernels import solve_step
+from ..._solve_kernels import FAST, solve_step
 from ._esm_row_kernels import row_bilinear, row_cubic, row_positions
 
-_JIT = {"fastmath": True, "error_model": "numpy", "nogil": True}
 #: Indices of the diagonal in an upper triangle of seven rows.
 _DIAGONAL = np.array([0, 7, 13, 18, 22, 25, 27], dtype=np.int64)
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def block_sums(image, template, gradient_x, gradient_y, offset, h, cubic, side, border, sums):
     """Sums over the pixels of every block of a template, needed to fit illumination and motion.
 
@@ -145,7 +144,7 @@ def block_sums(image, template, gradient_x, gradient_y, offset, h, cubic, side, 
             s[27] += s66
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def _block_fit(s, m, fit):
     """Motion of one block, estimated jointly with its gain, its slopes and its bias.
 
@@ -193,7 +192,7 @@ def _block_fit(s, m, fit):
     fit[3], fit[4] = -x / gain, -y / gain
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def _fields(x, y, softened, field):
     """The eight velocity fields at one point, and the apparent motion of three blurs there, (11, 2)."""
     field[0, 0], field[1, 0], field[2, 0] = 1.0, x, y
@@ -204,7 +203,7 @@ def _fields(x, y, softened, field):
         field[8 + k, 0], field[8 + k, 1] = softened[0, k], softened[1, k]
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def block_step(sums, x, y, softened, independent, full, noise, blur, passes, step, matrix, probability, fits):
     """Robust step of the homography from all blocks: expectation-maximisation over template or other content.
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 import numpy as np
 
 from ....core.kernels import kernel
-from ..._solve_kernels import solve_step
+from ..._solve_kernels import FAST, solve_step
 from ._esm_row_kernels import (
     row_bilinear,
     row_correlation,
@@ -35,8 +35,6 @@ from ._esm_row_kernels import (
     row_residual,
     row_vector,
 )
-
-_JIT = {"fastmath": True, "error_model": "numpy", "nogil": True}
 
 # Field k: coefficient and powers of x and y that multiply gx, then those that multiply gy.
 _FIELDS = np.array(
@@ -54,7 +52,7 @@ _FIELDS = np.array(
 )
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def _assemble(xx, xy, yy, vx, vy, light, matrix, vector):
     """The 10 x 10 system from the moments; moments are indexed by the powers of y, then x."""
     f = _FIELDS
@@ -84,7 +82,7 @@ def _assemble(xx, xy, yy, vx, vy, light, matrix, vector):
     vector[9] = -light[3]
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def gauss_newton_sums(
     image, template, gradient_x, gradient_y, x, y, rows, offset, h, gain, bias, cut, margin, fraction, unit,
     cubic, matrix, vector, stats, histogram,
@@ -205,7 +203,7 @@ def gauss_newton_sums(
     _assemble(xx, xy, yy, vx, vy, stats, matrix, vector)
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def exponential(step, result):
     """Homography of SL(3) that flows along the eight fields for unit time, by scaling and squaring.
 
@@ -246,7 +244,7 @@ def exponential(step, result):
                 result[i, j] = spare[i, j]
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def _product(a, b, scale, out):
     """out = scale a b for (3, 3)."""
     for i in range(3):
@@ -254,7 +252,7 @@ def _product(a, b, scale, out):
             out[i, j] = scale * (a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j])
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def _spread(histogram, fraction, sigmas):
     """Standard deviation of a normal distribution with ``fraction`` within ``sigmas``, from the |residual| histogram."""
     total = 0
@@ -271,7 +269,7 @@ def _spread(histogram, fraction, sigmas):
     return 190.0
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def _corner_shift(before, after, x_end, y_end):
     """Largest motion [px] of the four corners (+-x_end, +-y_end) between two homographies."""
     largest = 0.0
@@ -290,7 +288,7 @@ def _corner_shift(before, after, x_end, y_end):
     return np.sqrt(largest)
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def refine_level(
     image, template, gradient_x, gradient_y, x, y, rows, offset, h, light, fraction, unit, cubic, cut_factor,
     margin, damping, passes, tolerance, matrix, stats,

@@ -11,11 +11,10 @@ from __future__ import annotations
 import numpy as np
 
 from ....core.kernels import kernel
+from ..._solve_kernels import FAST
 
-_JIT = {"fastmath": True, "error_model": "numpy", "nogil": True}
 
-
-@kernel(**_JIT)
+@kernel(**FAST)
 def row_positions(h, y, columns, width, height, offset_x, offset_y, index, fx, fy, inside):
     """Image positions of one template row: cell index, fractions, and 1 inside / 0 outside.
 
@@ -55,7 +54,7 @@ def row_positions(h, y, columns, width, height, offset_x, offset_y, index, fx, f
         index[i] = iy * np.int32(width) + ix
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def row_bilinear(image, width, columns, index, fx, fy, value, energy):
     """Bilinear samples of one row, and the sum of the squared weights of each.
 
@@ -84,7 +83,7 @@ def row_bilinear(image, width, columns, index, fx, fy, value, energy):
         energy[i] = (one - two * f * (one - f)) * (one - two * g * (one - g))
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def row_cubic(coefficients, width, columns, index, fx, fy, weights, value, energy):
     """Cubic-spline samples of one row from B-spline coefficients, and the variance of each.
 
@@ -148,7 +147,7 @@ def row_cubic(coefficients, width, columns, index, fx, fy, weights, value, energ
         value[i] = wx[0, i] * t0 + wx[1, i] * t1 + wx[2, i] * t2 + wx[3, i] * t3
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def row_correlation(columns, value, template, inside, sums):
     """Unweighted sums for the correlation: n, I, T, I I, I T, T T.
 
@@ -179,7 +178,7 @@ def row_correlation(columns, value, template, inside, sums):
     sums[5] += s5
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def row_residual(columns, value, template, inside, gain, bias, cut, margin, residual, weight):
     """Residual I - (gain T + bias) and its robust weight: 1 up to ``cut``, then (cut/r)^4.
 
@@ -213,7 +212,7 @@ def row_residual(columns, value, template, inside, gain, bias, cut, margin, resi
         weight[i] = inside[i] * z * z if (p >= low) & (p <= high) else zero
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def row_gradient(columns, gain, fraction, before, here, after, tx, ty, scale, gx, gy):
     """Jacobian directions: (1 - fraction) gain grad T + fraction grad I of the warped image.
 
@@ -245,7 +244,7 @@ def row_gradient(columns, gain, fraction, before, here, after, tx, ty, scale, gx
     gx[columns - 1] = c * tx[columns - 1]
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def row_matrix(columns, x, gx, gy, w, xx, xy, yy):
     """Sums over one row of w gx gx x^i, w gx gy x^i, w gy gy x^i, i = 0..4.
 
@@ -290,7 +289,7 @@ def row_matrix(columns, x, gx, gy, w, xx, xy, yy):
     yy[0], yy[1], yy[2], yy[3], yy[4] = c0, c1, c2, c3, c4
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def row_vector(columns, x, g, r, t, w, out):
     """Sums over one row of w g {r, T, 1} x^i, i = 0..2, for one direction of the gradient.
 
@@ -327,7 +326,7 @@ def row_vector(columns, x, g, r, t, w, out):
     out[2, 0], out[2, 1], out[2, 2] = c0, c1, c2
 
 
-@kernel(**_JIT)
+@kernel(**FAST)
 def row_light(columns, r, t, w, energy, sums):
     """Sums of w {1, T, T T, r, T r, r r, energy}.
 

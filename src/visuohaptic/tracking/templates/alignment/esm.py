@@ -29,7 +29,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from ....core.errors import InputError
 from ...points.homography import apply_homography
 from .block_fit import BlockFit, fit_blocks, recover
 from .esm_pyramid import MARGIN_PX, EsmSettings, GaussNewton, Work
@@ -94,18 +93,15 @@ def align(
         Invalid, with the reason, if the template is lost.
     """
     settings = settings or EsmSettings()
-    image = np.asarray(image)
-    if image.ndim != 2:
-        raise InputError("align", f"found an image of shape {image.shape}, expected grey (rows, columns)")
     homography = np.asarray(homography, dtype=np.float64)
     if homography.shape != (3, 3) or not np.isfinite(homography).all() or abs(homography[2, 2]) < 1e-12:
-        return _lost(template, homography, "the prediction is not a homography")
+        return _lost(homography, "the prediction is not a homography")
     homography = homography / homography[2, 2]
     if not is_proper(homography, template.corners):
-        return _lost(template, homography, "the prediction mirrors the template")
+        return _lost(homography, "the prediction mirrors the template")
     work = Work(template, image, homography, settings, offset, blur)
     if not work.enough:
-        return _lost(template, homography, "outside the image")
+        return _lost(homography, "outside the image")
 
     start = work.homography
     even = _descend(work)
@@ -219,7 +215,7 @@ def _peaks(work: Work, k: int, homography: np.ndarray, count: int = 6) -> list[n
     return result
 
 
-def _lost(template: EsmTemplate, homography: np.ndarray, reason: str) -> Alignment:
+def _lost(homography: np.ndarray, reason: str) -> Alignment:
     """An invalid alignment with a reason."""
     nothing = np.full((8, 8), np.nan)
     return Alignment(
@@ -251,7 +247,7 @@ def _judged(work: Work, fit: BlockFit | None, start: Float[np.ndarray, "3 3"]) -
         if moved > work.settings.search_px + MARGIN_PX:
             reason = f"moved by {moved:.0f} px, looked for within {work.settings.search_px:g} px"
     if reason or fit is None:
-        return _lost(work.template, homography, reason)
+        return _lost(homography, reason)
     level, _, _ = work.pair(0)
     s1, n = work.stats[0], work.stats[7]
     return Alignment(

@@ -117,7 +117,7 @@ class Work:
         chain = int(np.floor(2.0 * (np.log2(_COARSER) - halves)))
         self.chain = min(max(chain, 0), len(template.chains) - 1)
         self.block = template.blocks[self.chain]
-        self.blur = template.first_blur(self.chain) if blur is None else template.blur_index(self.chain, blur)
+        self.blur = template.first_blur if blur is None else template.blur_index(self.chain, blur)
         self.finest = template.finest(self.chain, self.blur)
         self.levels = template.chains[self.chain]
         self.image_base = min(max(round(halves), 0), 4)

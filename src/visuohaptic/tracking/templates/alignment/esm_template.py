@@ -252,14 +252,9 @@ class EsmTemplate:
         off = [abs(self.variance(chain, blur) - variance) for blur in range(len(BLUR_VARIANCES))]
         return int(np.argmin(off))
 
-    def first_blur(self, chain: int) -> int:
-        """Index of the initial blur: for sharp prints that of a typical lens, half a pixel of variance.
-
-        Parameters
-        ----------
-        chain
-            Index of the chain of levels.
-        """
+    @property
+    def first_blur(self) -> int:
+        """Index of the initial blur: for sharp prints that of a typical lens, half a pixel of variance."""
         return BLUR_VARIANCES.index(LENS) if self.sharp else 0
 
     def finest(self, chain: int, blur: int) -> Level:
