@@ -158,12 +158,7 @@ def run_reconstruction() -> None:
     from visuohaptic.core.camera import Camera
     from visuohaptic.io.depth import DepthFrame
     from visuohaptic.reconstruction import reconstruct
-    from visuohaptic.reconstruction._hull_kernels import (
-        hull_distance,
-        mask_through,
-        seen_fraction,
-        within_hull,
-    )
+    from visuohaptic.reconstruction._hull_kernels import hull_distance, mask_through, seen_fraction
     from visuohaptic.reconstruction.fusion import SENSOR_NOISE, SpaceGrid
     from visuohaptic.reconstruction.surfaces import Grid, RbfSurface, isosurface
     from visuohaptic.reconstruction.transparency.outline_fit import OutlineView, fit_bodies
@@ -199,7 +194,6 @@ def run_reconstruction() -> None:
     ways = np.eye(3)
     seen_fraction(np.zeros((2, 2, 2), dtype=bool), np.ones((1, 3)), np.eye(3)[:1].copy(), ways, np.empty(1))
     hull_distance(corners_m, np.ascontiguousarray(planes.T), np.empty(8))
-    within_hull(corners_m, np.ascontiguousarray(planes.T), 0.0, np.empty(8, dtype=np.bool_))
 
 
 def run_deformation() -> None:

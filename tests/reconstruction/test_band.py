@@ -44,7 +44,7 @@ def views(camera: Camera, up_deg: float, count: int, spheres=(), half_m=None) ->
 
 def noisy(frames, seed: int) -> list[DepthFrame]:
     """With the depth noise of a Kinect, and poses off by 2 mm and 0.3 degrees."""
-    rng, device = np.random.default_rng(seed), SENSOR_NOISE["kinect"].with_tracking(0.0)
+    rng, device = np.random.default_rng(seed), replace(SENSOR_NOISE["kinect"], tracking_m=0.0)
     poses = [disturb_pose(frame.T_world_camera, rng, 0.002, np.radians(0.3)) for frame in frames]
     noise = [device.sigma_m(f.depth_m) * rng.normal(size=f.depth_m.shape) for f in frames]
     return [

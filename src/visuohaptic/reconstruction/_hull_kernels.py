@@ -32,31 +32,6 @@ def hull_distance(points, planes, out):
 
 
 @kernel
-def within_hull(points, planes, reach, out):
-    """Whether points are inside a convex hull grown by ``reach``; most outside points fail at one of the first planes.
-
-    Parameters
-    ----------
-    points
-        Points (n, 3) [m].
-    planes
-        Unit outward normals and offsets in columns (4, p).
-    reach
-        Growth of the hull [m].
-    out
-        Result (n), filled.
-    """
-    a, b, c, d = planes[0], planes[1], planes[2], planes[3]
-    for r in range(points.shape[0]):
-        x, y, z = points[r, 0], points[r, 1], points[r, 2]
-        out[r] = True
-        for p in range(a.size):
-            if a[p] * x + b[p] * y + c[p] * z + d[p] > reach:
-                out[r] = False
-                break
-
-
-@kernel
 def mask_through(depth, planes, rows, columns, fx, fy, cx, cy, min_m):
     """Invalidate depth readings whose ray runs inside a hull for more than ``min_m`` before it ends.
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from .completion.radial_model import matern
 from .transparency.outline_fit import UprightBody
 from .vessel_shapes import drawn_vessels, vessel_profiles
 
@@ -188,9 +189,8 @@ class ProfileMixture:
 
     def _near(self, z_m: np.ndarray, z2_m: np.ndarray, length: float) -> np.ndarray:
         """Correlation between heights (Matern 5/2); ``length`` in heights of the body."""
-        length_m = length * (self.body.height_m[1] - self.foot_z_m)
-        gap = np.sqrt(5) * np.abs(z_m[:, None] - z2_m) / length_m
-        return np.asarray((1 + gap + gap**2 / 3) * np.exp(-gap))
+        height_m = self.body.height_m[1] - self.foot_z_m
+        return matern((z_m[:, None] - z2_m) / height_m, length, 5)
 
     def wall(
         self, way: Float[np.ndarray, "n 2"], z_m: Float[np.ndarray, "n"]

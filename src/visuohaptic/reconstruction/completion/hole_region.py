@@ -89,7 +89,7 @@ class HoleRegion:
         return result
 
     def within(self, points_m: Float[np.ndarray, "n 3"], reach_m: float = 0.0) -> Bool[np.ndarray, "n"]:
-        """Whether points are inside the grown hull; much faster than :meth:`distance_m`.
+        """Whether points are inside the grown hull.
 
         Parameters
         ----------
@@ -98,14 +98,7 @@ class HoleRegion:
         reach_m
             Growth of the hull [m].
         """
-        from .._hull_kernels import within_hull
-
-        points = np.ascontiguousarray(points_m, dtype=np.float64)
-        result = np.empty(len(points), dtype=np.bool_)
-        # Neighbouring planes have similar normals: in random order an outside point fails after a few planes.
-        order = np.random.default_rng(0).permutation(len(self.planes))
-        within_hull(points, np.ascontiguousarray(self.planes[order].T), reach_m, result)
-        return result
+        return self.distance_m(points_m) <= reach_m
 
     def with_surface(self, points_m: Float[np.ndarray, "n 3"], gap_m: float, floor_m: float) -> HoleRegion:
         """Convex hull of the hull grown by ``gap_m`` and the surface points, cut off below a floor.

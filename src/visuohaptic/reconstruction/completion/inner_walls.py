@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float
 
 from ..mesh import SurfaceMesh
 from .hole_region import HoleRegion
+from .symmetry import polar
 from .visibility import open_sight
 
 #: Minimum radial component of the unit normal of an outer wall.
@@ -77,10 +78,10 @@ def _behind(
 
     if not len(points_m):
         return np.zeros(0, dtype=bool)
-    theta, rho_m = _polar(points_m, axis)
+    theta, rho_m = polar(points_m, axis)
     corners = mesh.vertices_m[mesh.faces[walls]]
-    angle, far_m = _polar(corners, axis)
-    middle, _ = _polar(corners.mean(axis=1), axis)
+    angle, far_m = polar(corners, axis)
+    middle, _ = polar(corners.mean(axis=1), axis)
     scale = float(np.median(far_m))
     tree = cKDTree(_around(middle, corners[..., 2].mean(axis=1), scale))
     _, found = tree.query(_around(theta, points_m[:, 2], scale), k=min(_WALLS, len(walls)))
@@ -100,12 +101,6 @@ def _behind(
     with np.errstate(divide="ignore", invalid="ignore"):
         wall_m = (fraction * far_m[found]).sum(axis=-1) / area
     return (inside & (wall_m > rho_m[:, None] + 1e-4)).any(axis=1)
-
-
-def _polar(points_m: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Angle [rad] around the axis and distance from it [m]."""
-    offset = points_m[..., :2] - axis
-    return np.arctan2(offset[..., 1], offset[..., 0]), np.hypot(offset[..., 0], offset[..., 1])
 
 
 def _around(theta: np.ndarray, z_m: np.ndarray, scale: float) -> np.ndarray:

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from ..mesh import SurfaceMesh
 from .hole import SupportBand
-from .symmetry import MAX_WALL_NZ, ShapePrior
+from .symmetry import MAX_WALL_NZ, ShapePrior, polar
 
 #: Minimum z component of the unit normal of a wall face: fusion closes the lower edge of a label.
 MIN_NORMAL_Z = -0.3
@@ -101,7 +101,7 @@ def wall_seen(prior: ShapePrior, band: SupportBand) -> VisibleWall:
         Known points around the hole.
     """
     points_m = band.walls_m
-    theta, rho_m = polar(points_m, prior)
+    theta, rho_m = polar(points_m, prior.axis_m)
     logs = np.log(rho_m) - prior.section(theta, points_m[:, 2])
     sector = np.floor((theta + np.pi) / (2 * np.pi) * ANGLES).astype(int) % ANGLES
     nearest = np.abs(points_m[:, 2:] - prior.heights_m).argmin(axis=1)
@@ -128,17 +128,3 @@ def wall_seen(prior: ShapePrior, band: SupportBand) -> VisibleWall:
     z_m, sigma = np.array(rows_of).T
     near = np.exp(-np.abs(z_m[:, None] - z_m) / band.cell_m) + 1e-8 * np.eye(len(z_m))
     return VisibleWall(turns, row.astype(int), z_m, means, sigma[:, None] * np.linalg.cholesky(near))
-
-
-def polar(points_m: Float[np.ndarray, "n 3"], prior: ShapePrior) -> tuple[np.ndarray, np.ndarray]:
-    """Angle [rad] around the axis and distance from it [m].
-
-    Parameters
-    ----------
-    points_m
-        Points (n, 3) [m].
-    prior
-        Of the axis.
-    """
-    offset = points_m[:, :2] - prior.axis_m
-    return np.arctan2(offset[:, 1], offset[:, 0]), np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-6)

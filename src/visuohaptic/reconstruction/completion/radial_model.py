@@ -34,8 +34,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.resources import one_blas_thread
-from .outline import ANGLES, VisibleWall, polar
-from .symmetry import ShapePrior
+from .outline import ANGLES, VisibleWall
+from .symmetry import ShapePrior, polar
 
 #: Grids of correlation lengths (in sizes of the region) and of deviations of p, for both orders.
 _LENGTHS, _DEVIATIONS = (0.15, 0.3, 0.6), (0.01, 0.02, 0.05, 0.1, 0.2)
@@ -97,7 +97,7 @@ class RadialModel:
         points_m
             Points (n, 3) whose angles and heights are used [m].
         """
-        theta, z_m = polar(points_m, self.prior)[0], points_m[:, 2]
+        theta, z_m = polar(points_m, self.prior.axis_m)[0], points_m[:, 2]
         at = _upper_fraction(self.prior, z_m)
         own = _MEAN**2 + self.prior.residual**2 + at * (1 - at) * _difference(self.prior, theta) ** 2
         mean_m, square_m2 = np.zeros(len(z_m)), np.zeros(len(z_m))
@@ -149,11 +149,11 @@ class RadialModel:
         leading = cross.T @ self.picked
         for profile in self.profiles:
             shape = (profile.length, profile.order)
-            near = _solved(profile.lower, _matern((z_m[:, None] - self.z_m) / self.size_m, *shape).T)
+            near = _solved(profile.lower, matern((z_m[:, None] - self.z_m) / self.size_m, *shape).T)
             # Contribution of p, without the part that the other terms already explain at the known places.
             weight = _solved(profile.lower, near, transposed=True).T - leading
             along = (weight @ profile.root).T
-            between = profile.deviation**2 * (_matern(gap, *shape) - product(near))
+            between = profile.deviation**2 * (matern(gap, *shape) - product(near))
             # Errors at rims are not those of the process that the contacts scale.
             at_rims = product(self.rim.T @ cross + (self.rim.T @ self.picked @ profile.root) @ along)
             whole = own - product(cross) + between + product(along)
@@ -177,7 +177,7 @@ class RadialMixture:
         """
         if not len(points_m):
             return np.zeros(0)
-        rho_m, square_m2 = polar(points_m, self.models[0].prior)[1], np.zeros(len(points_m))
+        rho_m, square_m2 = polar(points_m, self.models[0].prior.axis_m)[1], np.zeros(len(points_m))
         for model, fraction in zip(self.models, self.fractions, strict=True):
             expected_m, sigma_m = model.expected(points_m)
             square_m2 += fraction * ((rho_m - expected_m) ** 2 + sigma_m**2)
@@ -242,7 +242,7 @@ def fit_radial_model(
     noise = np.full(len(logs), _BAND**2)
     if contacts:
         touched = np.array([contact for contact, _ in contacts])
-        angle, rho_m = polar(touched, prior)
+        angle, rho_m = polar(touched, prior.axis_m)
         row = np.append(row, len(z_m) + np.arange(len(touched)))
         theta, z_m = np.append(theta, angle), np.append(z_m, touched[:, 2])
         logs = np.append(logs, np.log(rho_m) - prior.section(angle, touched[:, 2]))
@@ -262,7 +262,7 @@ def fit_radial_model(
     found = []
     for order in (3, 5):
         for length in _LENGTHS:
-            shape = _matern((z_m[:, None] - z_m) / size_m, length, order)
+            shape = matern((z_m[:, None] - z_m) / size_m, length, order)
             found.extend(_given(shape, picked, whitened, order, length))
     found.sort(key=lambda one: -one[0])
     best = found[0][0]
@@ -338,8 +338,18 @@ def _solved(lower: np.ndarray, right: np.ndarray, *, transposed: bool = False) -
     return found
 
 
-def _matern(gap: np.ndarray, length: float, order: int = 3) -> np.ndarray:
-    """Matern's correlation of order 3/2 or 5/2."""
+def matern(gap: np.ndarray, length: float, order: int = 3) -> np.ndarray:
+    """Matern's correlation.
+
+    Parameters
+    ----------
+    gap
+        Distances, of any shape.
+    length
+        Correlation length, in the unit of the distances.
+    order
+        Twice the order: 3 or 5.
+    """
     reach = np.sqrt(float(order)) / length * np.abs(gap)
     near: np.ndarray = (1 + reach if order == 3 else 1 + reach + reach**2 / 3) * np.exp(-reach)
     return near
@@ -352,7 +362,7 @@ def _residual_covariance(prior: ShapePrior, size_m: float, here: _Places, there:
     """Covariance of log rho between places from all terms except the profile."""
     (theta, z_m, row), (theta2, z2_m, row2) = here, there
     turned = np.cos(theta)[:, None] * np.cos(theta2) + np.sin(theta)[:, None] * np.sin(theta2)
-    near = prior.residual**2 * _matern((z_m[:, None] - z2_m) / size_m, _OVER_HEIGHT)
+    near = prior.residual**2 * matern((z_m[:, None] - z2_m) / size_m, _OVER_HEIGHT)
     found = np.exp((turned - 1) / _OVER_ANGLE_RAD**2) * near[row[:, None], row2]
     found += _MEAN**2
     if len(prior.heights_m) > 1:

@@ -138,8 +138,7 @@ def fit_prior(
         Height that divides lower and upper band [m].
     """
     axis = height_axis(points_m, normals)
-    offset = points_m[:, :2] - axis
-    rho, theta = np.hypot(offset[:, 0], offset[:, 1]), np.arctan2(offset[:, 1], offset[:, 0])
+    theta, rho = polar(points_m, axis)
     wall = (np.abs(normals[:, 2]) < MAX_WALL_NZ) & (rho > 1e-6)
     parts = []
     for below in (True, False):
@@ -166,6 +165,24 @@ def fit_prior(
         _probability(np.hypot(difference, residual)),
         uneven,
         mirror_rad,
+    )
+
+
+def polar(
+    points_m: Float[np.ndarray, "*n 3"], axis_m: Float[np.ndarray, "2"]
+) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
+    """Angle [rad] around an upright axis and distance from it, at least 1e-6 [m].
+
+    Parameters
+    ----------
+    points_m
+        Points (..., 3) [m].
+    axis_m
+        x and y of the axis [m].
+    """
+    offset = points_m[..., :2] - axis_m
+    return np.arctan2(offset[..., 1], offset[..., 0]), np.maximum(
+        np.hypot(offset[..., 0], offset[..., 1]), 1e-6
     )
 
 

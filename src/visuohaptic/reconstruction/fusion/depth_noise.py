@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -59,16 +59,6 @@ class DepthNoise:
             Subsampling of the image: every n-th pixel of the camera is kept.
         """
         return (2 * self.edge_px(stride * focal_px) + 3) / stride
-
-    def with_tracking(self, tracking_m: float) -> DepthNoise:
-        """The same camera with a different pose accuracy.
-
-        Parameters
-        ----------
-        tracking_m
-            Standard deviation of pose and calibration errors, sigma_t [m].
-        """
-        return replace(self, tracking_m=tracking_m)
 
 
 #: Noise models by the sensor name in ``sequence.yaml``.

@@ -11,7 +11,7 @@ itself (:mod:`.evidence`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8, UInt16
@@ -116,10 +116,7 @@ class TrackedNoise:
         depth_m
             Depths along the optical axis [m].
         """
-        found: Float[np.ndarray, "*n"] = self.factor * self.device.with_tracking(self.tracking_m).sigma_m(
-            depth_m
-        )
-        return found
+        return self.factor * replace(self.device, tracking_m=self.tracking_m).sigma_m(depth_m)
 
     def pixels(self, focal_px: float) -> float:
         """Standard deviation of the image position of a point, per axis, from rounding and pose errors [px].
@@ -197,7 +194,7 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
     warped = np.empty_like(depths)
     warp_views(depths, motions(pose, poses), *camera, warped)
     there = back_motions(pose, poses)
-    deepest_m = np.float32(noise.factor * noise.device.with_tracking(0.0).sigma_m(np.array(1.0)))
+    deepest_m = np.float32(noise.factor * replace(noise.device, tracking_m=0.0).sigma_m(np.array(1.0)))
     numbers = np.float32(_WIDTH), deepest_m, np.float32(noise.factor * noise.tracking_m)
     shape = view.depth_m.shape
     predicted_m = np.empty(shape, np.float32)
