@@ -151,6 +151,19 @@ def test_what_is_kept_is_there_for_another_robot_and_refined(tmp_path: Path) -> 
         # One measurement is no second one because it is stored twice.
         assert bin_.static_friction_N is not None
         assert bin_.static_friction_N.sigma == pytest.approx(0.1)
+        # Touched again because the laser was not sure: the same one, refined; not one of another friction, nor another one there.
+        assert third.store_floor_object(outline, tag(2.1), (crate,)) == name
+        refined = next(item.tag for item in third.floor_objects() if item.id.endswith(name))
+        assert refined is not None
+        assert refined.static_friction_N is not None
+        assert refined.static_friction_N.value == pytest.approx(2.05)
+        assert refined.static_friction_N.sigma == pytest.approx(0.1 / np.sqrt(2.0))
+        heavier = third.store_floor_object(outline, tag(3.0), (crate,))
+        assert third.store_floor_object(outline, tag(2.1), (name, crate, heavier)) not in (
+            name,
+            crate,
+            heavier,
+        )
     with MissionMemory(tmp_path / "memory", "house-4") as other:
         assert other.map() is None
         assert not other.floor_objects()

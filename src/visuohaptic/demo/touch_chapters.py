@@ -179,7 +179,8 @@ def _take(mission: Mission, one: DemoObject, seen: FloorOutline) -> MovableObjec
     outline = _moved(outline, true, known.pose)
     ready = felt.fixed is not None or felt.min_static_friction_N is not None
     if ready and mission.memory is not None:
-        mission.remembered[one.name] = mission.memory.store_floor_object(outline, felt)
+        others = set(mission.remembered.values())
+        mission.remembered[one.name] = mission.memory.store_floor_object(outline, felt, others)
     mission.log(f"  {one.name}: {_felt_text(felt) if ready else one.exploration.outcome.value}")
     return MovableObject(one.name, outline.corners_m, felt if ready else None)
 

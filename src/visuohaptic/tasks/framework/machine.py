@@ -253,18 +253,6 @@ class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
             self.end(False, outcome, f"{self._blind} successive frames were not valid")
         return self._blind >= max_frames
 
-    def interrupt(self, outcome: str, why: str) -> None:
-        """Finish from outside, for example if the camera delivers no more frames.
-
-        Parameters
-        ----------
-        outcome
-            A value of the task's enumeration of outcomes.
-        why
-            One sentence.
-        """
-        self.end(False, outcome, why)
-
     @property
     def ended(self) -> bool:
         """Whether the task has ended."""

@@ -49,10 +49,10 @@ def run_machine(
             if task.ended:
                 break
     except DeviceError as error:
-        task.interrupt(outcome, str(error))
+        task.end(False, outcome, str(error))
     finally:
         for stop in stops:
             # A device without a pose cannot hold it; the reason is in the ending.
             with contextlib.suppress(DeviceError):
                 stop()
-    task.interrupt("source_ended", "the camera delivers no more frames")
+    task.end(False, "source_ended", "the camera delivers no more frames")

@@ -73,14 +73,6 @@ class SqueezeCurve:
             return math.nan
         return float(np.polyfit(self.deformation_m, self.force_N, 1)[0])
 
-    def coefficients(self) -> tuple[float, float]:
-        """k1 [N/m] and k2 [N/m^2] of F = k1 d + k2 d^2, by least squares; NaN with fewer than three levels."""
-        if len(self.force_N) < 3:
-            return math.nan, math.nan
-        d = self.deformation_m
-        k, *_ = np.linalg.lstsq(np.column_stack([d, d**2]), self.force_N, rcond=None)
-        return float(k[0]), float(k[1])
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Squeezing:

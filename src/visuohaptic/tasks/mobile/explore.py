@@ -191,7 +191,7 @@ class _Senses:
             else:  # late or repeated: the task stops the platform until there is a new one
                 seen = replace(seen, t_s=frame.t_s)
             if stopped := clock.update(self.newest.state.t_s):
-                task.interrupt(ExploreOutcome.CLOCK_STOPPED, stopped)
+                task.end(False, ExploreOutcome.CLOCK_STOPPED, stopped)
                 return
             yield seen
 

@@ -343,7 +343,7 @@ def map_by_touch(
             pressing = command.speed_m_s > 0.0 or command.turn_rate_rad_s != 0.0
             allowed = guard.update(profile.force_N, profile.force_sigma_N, pressing=pressing)
             if allowed is GuardState.UNREAD:
-                task.interrupt(MapOutcome.SENSOR_FAILED, "the force is not read")
+                task.end(False, MapOutcome.SENSOR_FAILED, "the force is not read")
                 return
             if pressing:
                 execute(command)  # slower as the foam fills
@@ -354,7 +354,7 @@ def map_by_touch(
                 exploration = explore_obstacle(base, source, sensor, limit.settings)
                 limit = FoamLimit(replace(explore, reaction_s=exploration.reaction_s), full_m)
                 if exploration.outcome in _ENDINGS:
-                    task.interrupt(_ENDINGS[exploration.outcome], exploration.ending.why)
+                    task.end(False, _ENDINGS[exploration.outcome], exploration.ending.why)
                     return
                 yield found.add(exploration, base.state(), once_more=task.once_more)
 
