@@ -317,7 +317,8 @@ def main() -> None:
         key = f"{title} {_digest(module.text, str(number), *tests)}"
         if key not in journal:
             result, by = judge(module, number, tests)
-            journal.put(key, {"package": package, "result": result, "by": by, "tests": len(tests)})
+            label = f"{package} (near)" if args.near else package
+            journal.put(key, {"package": label, "result": result, "by": by, "tests": len(tests)})
             print(f"{result:10}{title}", flush=True)
         rows[key] = journal.rows[key]
     print(score(rows))

@@ -172,6 +172,10 @@ def test_csv_comes_back(tmp_path: Path) -> None:
         (lambda t: t.replace("angle_min_rad", "angle"), "missing: angle_min_rad"),
         (lambda t: t.replace("0.2,3.0", "0.2,nan", 1), "line 2, yaw_rad: found 'nan', expected a finite"),
         (lambda t: t.replace("0.2,3.0", "0.2,x", 1), "line 2, yaw_rad: found 'x', expected a number"),
+        (
+            lambda t: t.replace(repr(np.pi / 180), "1.0"),
+            "line 2: found 360 beams over 57.1 turns, expected at most 2",
+        ),
         (lambda t: "\n".join(t.splitlines()[:1]), "has a header but no rows"),
         (lambda t: t[:-200], "fields, expected"),
     ],

@@ -36,6 +36,12 @@ class LaserScan:
         check_order(self, "range_min_m", "range_max_m")
         if self.angle_step_rad == 0:
             raise InputError("LaserScan", "found 0, expected a non-zero step", field="angle_step_rad")
+        turns = abs(self.angle_step_rad) * (len(ranges) - 1) / (2 * np.pi)
+        if turns > 2:  # some scanners repeat the first beams
+            problem = (
+                f"found {len(ranges)} beams over {turns:.3g} turns, expected at most 2 (angles in radians)"
+            )
+            raise InputError("LaserScan", problem, field="angle_step_rad")
         object.__setattr__(self, "ranges_m", ranges)
 
     @property
