@@ -8,6 +8,7 @@ End to end on rendered images (``_beam_view``), and from poses alone for the fig
 from __future__ import annotations
 
 import numpy as np
+from tests.sensing.beam.pose_noise import POSE_NOISE, PoseNoise, noisy_pose
 
 from visuohaptic.sensing.beam import (
     Beam,
@@ -19,7 +20,7 @@ from visuohaptic.sensing.beam import (
     relative_poses,
     section_motion,
 )
-from visuohaptic.simulation.beam import POSE_NOISE, ElasticRod, PoseNoise, RodRig, noisy_pose
+from visuohaptic.simulation.beam import ElasticRod, RodRig
 
 from . import _beam_view
 from .harness import cpu_seconds

@@ -15,7 +15,7 @@ from visuohaptic.navigation.mapping._mapper_kernels import add_beams, correlate,
 from visuohaptic.simulation.mobile import LaserConfig, SimulatedLaser, furnished_office
 
 OFFICE = furnished_office()
-GRID = OccupancyMap(OFFICE.cells, OFFICE.resolution_m, OFFICE.origin)
+GRID = OFFICE.map
 LOOP = [(1.2, 1.6), (4.2, 1.4), (6.2, 2.9), (7.0, 1.6), (6.0, 2.9), (4.2, 3.0), (2.5, 4.8), (1.2, 1.6)]
 
 

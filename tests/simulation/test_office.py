@@ -55,13 +55,13 @@ def check(
 
 def test_own_office(tmp_path: Path) -> None:
     office = furnished_office()
-    check(office.paths, office.cells, office.resolution_m, office.origin)
+    check(office.paths, office.map.cells, office.map.resolution_m, office.map.origin)
     assert len(office.furniture) == 4
     path = tmp_path / "map.yaml"
-    OccupancyMap(office.cells, office.resolution_m, office.origin).save(path)
+    office.map.save(path)
     cells, resolution, origin = read_map(path)
-    assert np.array_equal(cells, office.cells)
-    assert (resolution, origin) == (office.resolution_m, office.origin)
+    assert np.array_equal(cells, office.map.cells)
+    assert (resolution, origin) == (office.map.resolution_m, office.map.origin)
 
 
 @pytest.mark.data
@@ -77,14 +77,14 @@ def test_own_office(tmp_path: Path) -> None:
 )
 def test_real_maps(data: Path, name: str) -> None:
     cells, resolution, origin = read_map(data / "navigation" / "dev" / "maps" / f"{name}.yaml")
-    check(obstacles_for_map(cells, resolution, origin), cells, resolution, origin)
+    check(obstacles_for_map(OccupancyMap(cells, resolution, origin)), cells, resolution, origin)
 
 
 def test_turned_map_is_the_same_place_turned() -> None:
-    office = furnished_office()
-    turned = obstacles_for_map(office.cells, 0.05, (1.0, 2.0, 0.5))
-    check(turned, office.cells, 0.05, (1.0, 2.0, 0.5))
-    flat = obstacles_for_map(office.cells, 0.05, (0.0, 0.0, 0.0))
+    cells = furnished_office().map.cells
+    turned = obstacles_for_map(OccupancyMap(cells, 0.05, (1.0, 2.0, 0.5)))
+    check(turned, cells, 0.05, (1.0, 2.0, 0.5))
+    flat = obstacles_for_map(OccupancyMap(cells, 0.05))
     c, s = math.cos(0.5), math.sin(0.5)
     for a, b in zip(turned, flat, strict=True):
         x, y = b.obstacle.x_m, b.obstacle.y_m
@@ -93,6 +93,6 @@ def test_turned_map_is_the_same_place_turned() -> None:
 
 def test_maps_without_room_are_refused() -> None:
     with pytest.raises(InputError, match="no free place wider than"):
-        obstacles_for_map(np.full((20, 20), 100, np.int8), 0.05)
+        obstacles_for_map(OccupancyMap(np.full((20, 20), 100, np.int8), 0.05))
     with pytest.raises(InputError, match="no room for obstacle"):
-        obstacles_for_map(np.zeros((16, 16), np.int8), 0.05)
+        obstacles_for_map(OccupancyMap(np.zeros((16, 16), np.int8), 0.05))

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
+from tests.sensing.beam.pose_noise import POSE_NOISE, noisy_pose
 
 from visuohaptic.core import InputError
-from visuohaptic.simulation.beam import POSE_NOISE, ElasticRod, RodRig, noisy_pose
+from visuohaptic.simulation.beam import ElasticRod, RodRig
 
 ROD = ElasticRod()
 EI = ROD.youngs_Pa * np.pi / 4 * (0.5 * ROD.diameter_m) ** 4

@@ -11,6 +11,7 @@ from .errors import InputError
 from .measurement import Reason
 from .ranges import FINITE, NON_NEGATIVE, POSITIVE, check_order, check_ranges
 
+#: Maximum number of beams of a scan; more indicate damage.
 MAX_BEAMS = 100_000
 
 

@@ -151,7 +151,7 @@ def _placed(
     """A user's map with three obstacles."""
     grid = OccupancyMap.load(map_path)
     try:
-        paths = obstacles_for_map(grid.cells, grid.resolution_m, grid.origin)
+        paths = obstacles_for_map(grid)
     except InputError as error:
         raise InputError(map_path, error.problem, remedy=error.remedy) from error
     on_message(f"map {map_path}: {grid.size_m[0]:.1f} m x {grid.size_m[1]:.1f} m")

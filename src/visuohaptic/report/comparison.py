@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import NormalDist
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -13,9 +14,9 @@ from .charts import ForceRun, force_against_truth, force_over_time
 from .html_report import Report
 
 #: Half width of the 90 % interval of a normal distribution, in standard deviations.
-_BAND_90 = 1.6449
+_BAND_90 = NormalDist().inv_cdf(0.95)
 #: Deviation of a normal distribution that is exceeded once in a thousand, in standard deviations.
-_RARE = 3.2905
+_RARE = NormalDist().inv_cdf(1.0 - 0.5e-3)
 #: Maximum number of clock offsets tried: an hour in half frames at 30 Hz, some seconds of computation.
 MAX_STEPS = 250_000
 

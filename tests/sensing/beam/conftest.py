@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.sensing.beam.pose_noise import POSE_NOISE, noisy_pose
 
 from visuohaptic.sensing.beam import Beam, BeamSensor, BeamSetup, TemplateMeasurement
-from visuohaptic.simulation.beam import POSE_NOISE, RodRig, noisy_pose
+from visuohaptic.simulation.beam import RodRig
 
 
 class Bench:

@@ -122,8 +122,9 @@ _BENT = {}
 
 def observe_fast(bench, wrench, rng):
     """As observe with noise, bending the rod only once."""
+    from tests.sensing.beam.pose_noise import noisy_pose
+
     from visuohaptic.sensing.beam import TemplateMeasurement
-    from visuohaptic.simulation.beam import noisy_pose
 
     key = tuple(wrench)
     if key not in _BENT:

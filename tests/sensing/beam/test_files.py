@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+from tests.sensing.beam.pose_noise import noisy_pose
 
 from visuohaptic.cli.main import main
 from visuohaptic.core import CalibrationError, InputError, Reason
@@ -23,7 +24,6 @@ from visuohaptic.sensing.beam import (
     read_template_poses,
     save_beam,
 )
-from visuohaptic.simulation.beam import noisy_pose
 
 AXES = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 

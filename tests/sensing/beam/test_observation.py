@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.sensing.beam.pose_noise import noisy_pose
 
 from visuohaptic.core import InputError, Reason
 from visuohaptic.core.camera import Pose
 from visuohaptic.sensing.beam import TemplateMeasurement, relative_poses, section_motion
-from visuohaptic.simulation.beam import noisy_pose
 
 WRENCH = np.array([1.0, 1.5, -0.7, 0.03, 0.02, 0.05])
 

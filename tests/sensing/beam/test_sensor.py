@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.sensing.beam.pose_noise import POSE_NOISE, noisy_pose
 
 from visuohaptic.core import CalibrationError, InputError, Reason
 from visuohaptic.core.camera import Pose
@@ -15,7 +16,7 @@ from visuohaptic.sensing.beam import (
     SteadyReference,
     TemplateMeasurement,
 )
-from visuohaptic.simulation.beam import POSE_NOISE, RodRig, noisy_pose
+from visuohaptic.simulation.beam import RodRig
 
 
 def shaken(templates, rng):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.sensing.beam.pose_noise import noisy_pose
 
 from visuohaptic.core import CalibrationError, InputError
 from visuohaptic.sensing.beam import BeamDriftSettings, BeamZero, BeamZeroWatch, TemplateMeasurement
 from visuohaptic.sensing.beam.zero import _refuse_motion
-from visuohaptic.simulation.beam import noisy_pose
 
 
 def shaken(templates, rng):

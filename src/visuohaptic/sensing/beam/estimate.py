@@ -19,6 +19,7 @@ BeamModel = Literal["auto", "linear", "exact"]
 #: The exact rod is used if the error of the linear beam exceeds this many standard deviations of any component.
 #: A quarter, so that the error is not visible in the mean of ten frames either.
 LINEAR_LIMIT = 0.25
+#: Maximum number of Gauss-Newton steps of the exact rod.
 _MAX_STEPS = 30
 
 

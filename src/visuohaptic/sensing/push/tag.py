@@ -22,6 +22,7 @@ Foam that saturates at an edge has measured a few newtons only: that is a lower 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -47,7 +48,8 @@ SHEAR_M = 1e-4
 OBSERVED = 4.0
 #: Accepted error rate of "fixed". The lower bound of the withstood force is this many standard deviations below the
 #: measured one, with this probability.
-FALSE_FIXED, BOUND_SIGMAS, BOUND_PROBABILITY = 0.1, 2.0, 0.977
+FALSE_FIXED, BOUND_SIGMAS = 0.1, 2.0
+BOUND_PROBABILITY = 0.5 * math.erfc(-BOUND_SIGMAS / math.sqrt(2.0))
 
 
 @dataclass(frozen=True, slots=True)

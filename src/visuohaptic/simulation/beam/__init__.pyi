@@ -4,9 +4,6 @@ from .rod_prints import Print as Print
 from .rod_prints import collage as collage
 from .rod_prints import print_of_image as print_of_image
 from .rod_prints import print_of_tag as print_of_tag
-from .rod_rig import POSE_NOISE as POSE_NOISE
-from .rod_rig import PoseNoise as PoseNoise
 from .rod_rig import RodRig as RodRig
-from .rod_rig import noisy_pose as noisy_pose
 from .rod_view import RodRenderer as RodRenderer
 from .rod_view import hand_held as hand_held

@@ -91,7 +91,7 @@ def office_house(rng: np.random.Generator) -> House:
         (3.6, 2.95),
     )  # fmt: skip
     return House(
-        OccupancyMap(office.cells, office.resolution_m, office.origin),
+        office.map,
         tour,
         (6.6, 2.9),
         0.0,

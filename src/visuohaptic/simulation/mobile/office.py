@@ -1,9 +1,4 @@
-"""A furnished office of this project, and positions for obstacles in any occupancy map.
-
-A map is an array of cells, row 0 at the bottom: -1 unknown, 0 free, 100
-occupied; ``origin`` is the pose (x, y, yaw) of its lower left corner in the
-world, as in map_server.
-"""
+"""A furnished office of this project, and positions for obstacles in any occupancy map."""
 
 from __future__ import annotations
 
@@ -11,13 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int8
+from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
 from ...core.geometry import compose_2d, wrap_angle
+from ...io.maps.occupancy_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from .obstacles import SimulatedObstacle, box, cylinder, table
 
-FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 #: Clearance on both sides of a path, free gap between foam and obstacle at its start, and free length behind [m].
 ROBOT_RADIUS_M, APPROACH_M, PUSH_M = 0.2, 0.35, 0.35
 
@@ -35,9 +30,7 @@ class ApproachPath:
 class Office:
     """Map and obstacles."""
 
-    cells: Int8[np.ndarray, "rows columns"]
-    resolution_m: float
-    origin: tuple[float, float, float]
+    map: OccupancyMap
     paths: tuple[ApproachPath, ...]  #: light, heavy, fixed
     furniture: tuple[SimulatedObstacle, ...] = ()  #: already drawn in the map
 
@@ -50,9 +43,7 @@ class Office:
 def furnished_office() -> Office:
     """An office of 8 m x 6 m with two rooms, desks, shelves and a meeting table."""
     resolution = 0.05
-    columns, rows = 168, 128
-    origin = (-0.2, -0.2, 0.0)
-    cells = np.full((rows, columns), UNKNOWN, dtype=np.int8)
+    cells = np.full((128, 168), UNKNOWN, dtype=np.int8)
 
     def fill(x0: float, y0: float, x1: float, y1: float, value: int) -> None:
         a, b = (round((v + 0.2) / resolution) for v in (x0, x1))
@@ -77,15 +68,11 @@ def furnished_office() -> Office:
             x, y = np.asarray(leg.vertices_m).mean(axis=0) + np.array([desk.x_m, desk.y_m])
             half = 0.5 * desk.leg_m
             fill(x - half, y - half, x + half, y + half, OCCUPIED)
-    paths = obstacles_for_map(cells, resolution, origin)
-    return Office(cells, resolution, origin, paths, desks)
+    map = OccupancyMap(cells, resolution, (-0.2, -0.2, 0.0))
+    return Office(map, obstacles_for_map(map), desks)
 
 
-def obstacles_for_map(
-    cells: Int8[np.ndarray, "rows columns"],
-    resolution_m: float,
-    origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> tuple[ApproachPath, ApproachPath, ApproachPath]:
+def obstacles_for_map(map: OccupancyMap) -> tuple[ApproachPath, ApproachPath, ApproachPath]:
     """Three reachable positions for a light, a heavy and a fixed obstacle, each at the end of a straight path.
 
     A corridor as wide as the platform, from behind the start of the path to the
@@ -94,8 +81,8 @@ def obstacles_for_map(
 
     Parameters
     ----------
-    cells, resolution_m, origin
-        The map, see the module docstring.
+    map
+        Any map.
 
     Raises
     ------
@@ -104,12 +91,8 @@ def obstacles_for_map(
     """
     import cv2
 
-    cells = np.asarray(cells)
-    if cells.ndim != 2 or cells.size == 0 or not resolution_m > 0:
-        raise InputError(
-            "map", f"found cells of shape {cells.shape} at {resolution_m} m, expected rows x columns"
-        )
-    free = (cells == FREE).astype(np.uint8)
+    resolution_m = map.resolution_m
+    free = (map.cells == FREE).astype(np.uint8)
     # A border of obstacles: the world ends at the edge of the map.
     padded = np.pad(free, 1)
     clearance = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1] * resolution_m
@@ -146,7 +129,8 @@ def obstacles_for_map(
             )
         heading, points = way
         taken += points
-        x, y, yaw = _world(place, heading, resolution_m, origin)
+        x, y, yaw = compose_2d(map.origin, (place[0] * resolution_m, place[1] * resolution_m, heading))
+        yaw = wrap_angle(yaw)
         start = (x - before * math.cos(yaw), y - before * math.sin(yaw), yaw)
         found.append(ApproachPath(obstacle.moved(x, y, yaw), start, before))
     return found[0], found[1], found[2]
@@ -204,11 +188,3 @@ def _way(
             continue
         return float(heading), [(float(u), float(v), need) for u, v in zip(x[::4], y[::4], strict=True)]
     return None
-
-
-def _world(
-    place: tuple[float, float], heading: float, resolution_m: float, origin: tuple[float, float, float]
-) -> tuple[float, float, float]:
-    """Convert cells to world coordinates."""
-    x, y, yaw = compose_2d(origin, (place[0] * resolution_m, place[1] * resolution_m, heading))
-    return x, y, wrap_angle(yaw)

@@ -28,10 +28,7 @@ CAPPED = 1e-3 * np.array(
      (14.5, -40.0), (30.0, -70.0), (30.0, -200.0), (0.0, -200.0)]
 )  # fmt: skip
 #: The same without the cap.
-BARE = 1e-3 * np.array(
-    [(0.0, -0.5), (12.0, -0.5), (13.0, -1.5), (13.0, -16.0), (14.5, -18.0), (14.5, -40.0), (30.0, -70.0),
-     (30.0, -200.0), (0.0, -200.0)]
-)  # fmt: skip
+BARE = np.vstack([1e-3 * np.array([(0.0, -0.5), (12.0, -0.5), (13.0, -1.5)]), CAPPED[5:]])
 #: Sensor axes (columns) in the tool: the rod (x of S) points forward, z of S up.
 ROTATION_TOOL_SENSOR = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 

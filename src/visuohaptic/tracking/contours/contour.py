@@ -18,12 +18,12 @@ from ...core.errors import InputError
 from ...core.ranges import NON_NEGATIVE, POSITIVE, Ranged, at_least, finite_array, within
 from . import _fit_kernels as columns
 from ._classify_kernels import classify_points
-from ._refine_kernels import refine, start_on_edge
+from ._refine_kernels import SHARED, refine, start_on_edge
 from ._search_kernels import search
 from .lines import ConstraintLines
 
 #: Number of points on each side over which the levels beside the edge are fitted jointly ...
-SHARED_POINTS = 10
+SHARED_POINTS = SHARED
 #: ... and the resulting correlation between the noise of two of them: the fraction by which
 #: unknown levels increase the variance of a point (5 % above the bound with known levels).
 SHARED_NOISE = 0.05

@@ -20,7 +20,8 @@ from ...core.files import atomic_path, read_npz
 from .lines import ConstraintLines
 
 #: Cells of the table per colour channel, and their width in grey levels.
-CELLS, CELL = 32, 8
+CELLS = 32
+CELL = 256 // CELLS
 FORMAT = 1
 #: Maximum number of training pixels per class.
 MAX_TRAINING = 20_000
