@@ -142,6 +142,16 @@ MISUSES = {
     "a map's picture for a map": Misuse(
         "plan rooms.pgm --robot robot.yaml --start 1 1 --goal 2 1", ("is an image", "image: rooms.pgm, resolution:"), first=()
     ),
+    "an output that is the input": Misuse(
+        CALIBRATE.replace("foam.yaml", "strain_stress.csv"), ("--out would overwrite strain_stress.csv, which is read",), first=()
+    ),
+    "two outputs of one name": Misuse(
+        CALIBRATE + " --plot foam.yaml", ("--plot would overwrite foam.yaml, which --out writes",), first=()
+    ),
+    "a turned map in degrees": Misuse(
+        "map inspect rooms.yaml", ("found a yaw of 90, expected -6.28 to 6.28 rad", "1.5708 rad"),
+        edit("rooms.yaml", lambda data: data.update(origin=[0.0, 0.0, 90.0])), first=(),
+    ),
 }  # fmt: skip
 
 

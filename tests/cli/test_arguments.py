@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import re
 from pathlib import Path
 
 import pytest
 
+from visuohaptic.cli._arguments import overwritten_file
 from visuohaptic.cli._console import Arguments
 from visuohaptic.cli.main import VERBS, verb_parser
 
@@ -22,3 +24,22 @@ def test_a_verb_reads_only_arguments_that_it_declares(verb):
     text = Path(module.__file__).read_text(encoding="utf-8")
     used = set(re.findall(r"\bargs\.([a-z_A-Z]+)", text))
     assert used - declared - COMMON == set()
+
+
+@pytest.mark.parametrize(
+    ("names", "found"),
+    [
+        ({"data": "a.csv", "out": "sub/../a.csv"}, ("out", "a.csv, which is read")),
+        ({"scans": ["b.csv", "a.csv"], "out": "a.csv"}, ("out", "a.csv, which is read")),
+        ({"data": "b.csv", "out": "new.csv", "plot": "new.csv"}, ("plot", "new.csv, which --out writes")),
+        ({"data": "a.csv", "out": "b.csv"}, None),
+        ({"beam": "a.csv", "data": "b.csv", "out": "a.csv"}, None),  # updated in its place
+        ({"data": "sub", "out": "sub"}, None),  # folders
+    ],
+)
+def test_an_output_that_is_an_input_is_found(tmp_path, monkeypatch, names, found):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sub").mkdir()
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).touch()
+    assert overwritten_file(argparse.Namespace(**names, tag=30.0, json=False)) == found

@@ -214,6 +214,12 @@ def test_files_that_cannot_be_read_or_written(tmp_path: Path, monkeypatch: pytes
     write_text(path, "\ufeffa: 1\r\nb: 2\r")
     assert read_text(path, 100) == "a: 1\nb: 2\n"
     assert read_head(path, 4) == b"\xef\xbb\xbfa"
+    with pytest.raises(InputError, match=r"it is a folder, expected a file; it has map\.yaml$"):
+        read_text(tmp_path, 100)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match=r"it is a folder, expected a file$"):
+        read_text(tmp_path / "empty", 100)
+    (tmp_path / "empty").rmdir()
     assert similar_names(tmp_path / "mop.yaml") == f"did you mean {path}?"
     assert similar_names(tmp_path / "none" / "mop.yaml") == ""
     assert similar_names(tmp_path / "zzzzzz") == ""

@@ -66,7 +66,15 @@ def test_the_unit_is_guessed_said_and_can_be_given(
     container = import_container(path)
     assert container.height_m == pytest.approx(0.2, rel=1e-4)
     assert any(f"unit taken as {unit}" in note for note in container.notes)
-    assert import_container(path, convention=MeshConvention(unit)).height_m == pytest.approx(0.2, rel=1e-4)
+    given = import_container(path, convention=MeshConvention(unit))
+    assert given.height_m == pytest.approx(0.2, rel=1e-4)
+    assert not any("largest extent" in note for note in given.notes)
+
+
+def test_a_given_unit_that_makes_no_container_is_said(tmp_path: Path) -> None:
+    path = write(tube().apply_scale(10), tmp_path / "t.stl")
+    notes = import_container(path, convention=MeshConvention("m")).notes
+    assert "the largest extent is 2 m with the unit m, of a container 0.03 to 0.6 m" in notes
 
 
 def test_the_height_axis_can_be_given(tmp_path: Path, reference: float) -> None:

@@ -90,3 +90,35 @@ def _number(kind: Callable[[str], Any], low: float, high: float, above: bool) ->
 
     number.__name__ = getattr(kind, "__name__", "number")
     return number
+
+
+#: Arguments that name a file to write.
+_OUTPUTS = ("out", "csv", "plot", "page", "sheet")
+#: Arguments that name a file that may be updated in its place.
+_UPDATED = ("beam", "config")
+
+
+def overwritten_file(args: argparse.Namespace) -> tuple[str, str] | None:
+    """An argument that names a file to write, and what else the same file is; None if there is no such argument.
+
+    Parameters
+    ----------
+    args
+        Of a verb.
+    """
+    files: dict[Path, str] = {}
+    for name, value in sorted(vars(args).items(), key=lambda item: item[0] in _OUTPUTS):
+        for one in value if isinstance(value, list) else [value]:
+            is_output = name in _OUTPUTS and isinstance(one, (str, Path)) and not Path(one).is_dir()
+            if is_output and Path(one).resolve() in files:
+                return name, files[Path(one).resolve()]
+            if is_output:
+                files[Path(one).resolve()] = f"{one}, which --{name} writes"
+            elif (
+                name not in _UPDATED
+                and isinstance(one, (str, Path))
+                and 0 < len(str(one)) < 4096
+                and Path(one).is_file()
+            ):
+                files[Path(one).resolve()] = f"{one}, which is read"
+    return None

@@ -34,7 +34,7 @@ from typing import NoReturn
 
 from .._version import __version__
 from ..core.errors import VisuohapticError
-from ._arguments import Add
+from ._arguments import Add, overwritten_file
 from ._console import Arguments, Console, OutputClosedError
 
 #: Heading of the overview -> room of ``cli.verbs``, verb and one line of help; kept here so that the overview imports
@@ -247,6 +247,8 @@ def _run(words: list[str], console: Console, verbs: Mapping[str, tuple[str, str]
         return int(stop.code or 0)
     if getattr(args, "seed", None) is not None and args.seed < 0:
         raise UsageError(f"{verb}: --seed: found {args.seed}, expected 0 or more")
+    if overwritten := overwritten_file(args):
+        raise UsageError(f"{verb}: --{overwritten[0]} would overwrite {overwritten[1]}, choose another name")
     console = Console(json=args.json, quiet=args.quiet, verbose=args.verbose)
     console.start_logging()
     args.console = console

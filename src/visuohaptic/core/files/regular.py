@@ -46,7 +46,8 @@ def file_size(path: Path | str, max_bytes: int | None = None, *, error: type[Inp
     except (OSError, ValueError) as problem:
         raise error(path, _unreadable(problem), remedy=similar_names(path)) from problem
     if not stat.S_ISREG(found.st_mode):
-        raise error(path, f"cannot be read: it is {_kind(found.st_mode)}, expected a file")
+        what = f"cannot be read: it is {_kind(found.st_mode)}, expected a file"
+        raise error(path, what, remedy=_files_in(Path(path)))
     if max_bytes is not None and found.st_size > max_bytes:
         raise error(path, f"has {found.st_size} bytes, expected at most {max_bytes}")
     return found.st_size
@@ -101,6 +102,15 @@ def check_name(path: Path | str) -> Path:
 
 def _kind(mode: int) -> str:
     return next((name for check, name in _KINDS if check(mode)), "a special file")
+
+
+def _files_in(folder: Path) -> str:
+    """Suggestion for a folder that was named for a file: some files in it; empty if there are none."""
+    try:
+        names = sorted(one.name for one in islice(folder.iterdir(), MAX_BESIDE) if one.is_file())
+    except OSError:
+        return ""
+    return f"it has {', '.join(names[:3])}{', ...' if names[3:] else ''}" if names else ""
 
 
 def similar_names(path: Path | str) -> str:

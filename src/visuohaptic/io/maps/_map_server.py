@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -70,9 +71,16 @@ def load(path: Path) -> tuple[Int8[np.ndarray, "rows columns"], float, tuple[flo
             f"found {info.free_thresh}, expected less than occupied_thresh {info.occupied_thresh}",
             field="free_thresh",
         )
+    x, y, yaw = info.origin
+    if abs(yaw) > 2.0 * math.pi:  # more than a turn is an angle in degrees
+        raise InputError(
+            path,
+            f"found a yaw of {yaw:g}, expected -6.28 to 6.28 rad",
+            field="origin",
+            remedy=f"{yaw:g} degrees are {math.radians(yaw):.4f} rad",
+        )
     image = read_map_image(_image_beside(path, info.image))
     cells = cells_from_image(image, info.mode, info.negate, info.occupied_thresh, info.free_thresh)
-    x, y, yaw = info.origin
     return cells, info.resolution, (x, y, yaw)
 
 
