@@ -226,8 +226,12 @@ class World:
         return 1.0 - (1.0 - grey_fraction) ** self.sensor.gamma
 
     def tables(self, moment: Moment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Front and body over y, ends over x [m]."""
-        press = moment.press
+        """Front and body over y, ends over x [m].
+
+        The mechanics are those of a strip of even width. A column that is wider or narrower is shortened in proportion: it has
+        the same strain, hence the same stress, and the body meets the foam wherever it presses, with no floor between them.
+        """
+        press, cut = moment.press, self._front0 / self.foam.width_m
         half = 0.5 * self.foam.length_m
         delta, ends = 0.0, np.array([np.full(45, -half), np.full(45, half)])
         if press is not None:
@@ -237,8 +241,8 @@ class World:
         if moment.body is not None:
             outline = self.foam.width_m - moment.body_low_m + moment.body(self.y_m)[0]
             inside = (self.y_m >= moment.body_side_m[0]) & (self.y_m <= moment.body_side_m[1])
-            body = np.where(inside, outline, 10.0)
-        return self._front0 - delta, body, ends
+            body = np.where(inside, cut * outline, 10.0)
+        return self._front0 - cut * delta, body, ends
 
     def _seen_from(self, camera: tuple[float, float, float]) -> np.ndarray:
         """Pixels to metres of a camera that has moved."""

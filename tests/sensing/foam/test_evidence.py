@@ -202,6 +202,17 @@ def test_forces_are_those_of_the_simulated_depths_and_of_the_stiffness(one_press
         assert shot.force_N == pytest.approx(scale * step.force_N, rel=1e-9)
 
 
+def test_a_body_meets_foam_of_uneven_width_and_strains_it_as_the_mechanics_say(one_press) -> None:
+    sequence = disturbances.forces(0)
+    world, moment, step = sequence.world, sequence.moments[-1][1][0], one_press.steps[-1]
+    world._front0 += np.where(world.y_m < 0.02, -2e-4, 2e-4)
+    front, body, _ = world.tables(moment)
+    touched = np.abs(world.y_m - 0.02) < 0.005
+    assert np.abs(body - front)[touched].max() < 3e-6  # the penalty of the contact
+    strain = np.interp(world.y_m, step.y_m, step.delta_m) / world.foam.width_m
+    assert front == pytest.approx(world._front0 * (1.0 - strain))
+
+
 def test_presses_are_kept(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(presses.tempfile, "tempdir", str(tmp_path))
     states = press(Foam(), cylinder(0.03), np.array([0.001]), spans_m=[(0.0, 0.0)], fine_m=3e-3, layers=3)
@@ -279,7 +290,7 @@ def test_two_soft_shadows_that_creep_along_the_front_press_nothing() -> None:
     assert not phantom.any()
 
 
-@pytest.mark.parametrize(("gamma", "limit"), [(1.0, 0.17), (2.2, 0.18)])
+@pytest.mark.parametrize(("gamma", "limit"), [(1.0, 0.10), (2.2, 0.15)])
 def test_a_narrow_gap_before_a_dark_body_does_not_hide_the_flanks(gamma, limit, monkeypatch) -> None:
     """Floor that is seen through a gap of a pixel between foam and cylinder: its edges lie up to 1.3 px beyond the front."""
     monkeypatch.setattr(disturbances, "draw_world", lambda seed: foam.draw_world(seed, gamma=gamma))
@@ -288,8 +299,8 @@ def test_a_narrow_gap_before_a_dark_body_does_not_hide_the_flanks(gamma, limit, 
     frames = foam_evidence.frames_of([foam_evidence.run_sequence(sequence)])
     assert frames["valid"].all()
     error = frames["force_N"] - frames["truth_N"]
-    # From two thirds of a millimetre on; 0.30 with the edges as they look.
-    assert np.abs(error[2:] / frames["truth_N"][2:]).max() < limit
+    # From two thirds of a millimetre on; 0.22 and 0.20 with the edges as they look.
+    assert np.sqrt(np.mean((error[2:] / frames["truth_N"][2:]) ** 2)) < limit
     assert np.abs(error / frames["sigma_N"]).max() < 3.0
 
 
