@@ -208,7 +208,7 @@ def test_a_base_that_stood_at_the_limit_does_not_press_further(command, back):
 
 
 def test_a_base_pressed_by_another_moves_until_the_force_rises():
-    """It has never moved: which motion presses is unknown, and felt within one reading."""
+    """It has never moved: which motion presses is unknown, and felt within a tenth of the limit."""
     base = Rolling()
     with Supervisor(SafetyLimits(max_force_N=20.0), clock=lambda: base.now) as guard:
         watched = guard.base(base)
@@ -219,7 +219,9 @@ def test_a_base_pressed_by_another_moves_until_the_force_rises():
         watched.state()
         watched.drive(0.2, 0.0)
         assert base.velocity.any()
-        guard.note_force(2 * PERIOD_S, 26.0)
+        guard.note_force(2 * PERIOD_S, 26.9)
+        assert base.velocity.any()  # less than a tenth of the limit may be noise
+        guard.note_force(3 * PERIOD_S, 27.1)
         assert not base.velocity.any()
         watched.drive(0.2, 0.0)
         assert not base.velocity.any()
@@ -227,13 +229,11 @@ def test_a_base_pressed_by_another_moves_until_the_force_rises():
         assert base.velocity.any()
         base.wait(PERIOD_S)
         watched.state()
-        guard.note_force(3 * PERIOD_S, 26.1)  # by its noise
+        guard.note_force(4 * PERIOD_S, 27.3)  # by its noise
         assert base.velocity.any()
-        for k, force_N in enumerate(
-            (25.9, 25.95, 26.0)
-        ):  # it stands: the foam creeps, and readings have noise
+        for k, force_N in enumerate((27.1, 27.15, 27.2)):  # it stands: the foam creeps
             watched.drive(0.2, 0.0)
-            guard.note_force((4 + k) * PERIOD_S, force_N)
+            guard.note_force((5 + k) * PERIOD_S, force_N)
             assert not base.velocity.any()
 
 
@@ -453,3 +453,35 @@ def test_force_of_what_sensors_say():
     # Foam that is full and not read: any force, at which only a retreat passes.
     Reading.force_N = math.nan
     assert force_of(Reading()) == math.inf
+
+
+def test_whatever_a_task_commands_the_force_grows_by_a_tenth_of_the_limit_at_most():
+    """A wall before or behind, random commands, and something that leans on the robot: beyond the limit it presses no further."""
+    step_m = 0.05 * PERIOD_S
+    for seed in (33, 121, 263, 273, 287, 348, 392):
+        rng, base = np.random.default_rng(seed), Rolling()
+        wall_N_per_m, side, command, leans_N, begun_N = (
+            rng.uniform(1e3, 2e4),
+            rng.choice([-1, 1]),
+            0.0,
+            0.0,
+            None,
+        )
+        with Supervisor(
+            SafetyLimits(max_force_N=20.0, max_hold_s=60.0), clock=lambda base=base: base.now
+        ) as guard:
+            watched = guard.base(base)
+            for k in range(250):
+                if rng.random() < 0.15:
+                    command = rng.choice([-1, 0, 1]) * rng.uniform(0.005, 0.05)
+                if k == 100:
+                    leans_N, begun_N = rng.uniform(5.0, 19.0), None
+                watched.state()
+                watched.drive(command, 0.0)
+                base.wait(PERIOD_S)
+                watched.state()
+                force_N = wall_N_per_m * max(base.pose[0] * side - 0.01, 0.0) + leans_N
+                guard.note_force(base.now, force_N + 0.05 * rng.standard_normal())
+                begun_N = None if force_N <= 20.0 else force_N if begun_N is None else begun_N
+                if begun_N is not None:
+                    assert force_N <= begun_N + 2.0 + 2.0 * wall_N_per_m * step_m, seed

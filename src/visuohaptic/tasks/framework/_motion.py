@@ -54,7 +54,15 @@ class Stream:
         self._t_s, self._ahead_s = -math.inf, -math.inf
 
     def note(self, now_s: float, t_s: float, frozen: bool) -> str:
-        """Record a reading; returns a description of a clock error, or an empty string."""
+        """Record a reading; returns a description of a clock error, or an empty string.
+
+        Parameters
+        ----------
+        now_s, t_s
+            Time of the supervisor, and time stamp of the reading [s].
+        frozen
+            Whether it is a copy of the last one although the value should have changed.
+        """
         self.read_s = now_s
         if not math.isfinite(t_s):
             return ""
@@ -71,32 +79,63 @@ class Stream:
 
 
 @dataclass(slots=True)
-class Motion:
-    """Motion state of a part."""
+class PartMotion:
+    """Motion of a part, requested and executed."""
 
     part: SupervisedPart
     moving: bool = False  #: whether a motion is requested
     held: str = ""  #: why it is not executed; empty if it is
     since_s: float = -math.inf  #: time of the request [s]
     held_since_s: float = math.nan
-    halted_s: float = -math.inf  #: time of the last stop [s]
+    executed: object = None  #: last motion that was executed
+    halted_s: float = -math.inf  #: time of its end [s]; it brakes after it
     pressing: object = None  #: motion at which the force reached the limit; None: it stood
     #: motions by which the present force rose, from and to [N]
     rises: list[tuple[float, float, object]] = field(default_factory=list)
 
-    def feel(self, before_N: float, force_N: float, moves: bool) -> None:
-        """Keep which motions raised the force, up to the present one."""
-        self.rises = [(low, min(high, force_N), by) for low, high, by in self.rises if low < force_N]
-        by = self.part.pressing() if moves and force_N > before_N else None
-        if by is not None:
-            low = before_N
-            if self.rises and self.rises[-1][1] == before_N and not self.part.retreats(self.rises[-1][2]):
-                low = self.rises.pop()[0]
-            self.rises.append((low, force_N, by))
+    def execute(self) -> None:
+        """Execute the requested motion."""
+        self.held, self.held_since_s, self.executed = "", math.nan, self.part.pressing()
+        self.part.execute()
 
-    def towards(self, force_N: float, limit_N: float) -> object:
-        """Motion that presses; ``None`` if none is known to: neither by most of the force nor by what exceeds the limit."""
+    def feel(self, before_N: float, force_N: float, brakes: bool) -> None:
+        """Keep which motions raised the force, up to the present one.
+
+        Parameters
+        ----------
+        before_N, force_N
+            Last and present force [N].
+        brakes
+            Whether the part may still move after it was stopped.
+        """
+        runs = self.moving and not self.held
+        if runs:
+            self.executed = self.part.pressing()
+        self.rises = [(low, min(high, force_N), by) for low, high, by in self.rises if low < force_N]
+        if self.executed is None or force_N <= before_N or not (runs or brakes):
+            return
+        low = before_N
+        if self.rises and self.rises[-1][1] == before_N:
+            _, _, by = self.rises[-1]
+            goes_on = not self.part.retreats(by) if runs else by is self.executed
+            low = self.rises.pop()[0] if goes_on else before_N
+        self.rises.append((low, force_N, self.executed))
+
+    def towards(self, force_N: float, over_N: float, excess_N: float) -> object:
+        """Motion that presses; ``None`` if none is known to.
+
+        What has raised the force since the limit was reached counts first, then the motion there, then that of most of the force.
+
+        Parameters
+        ----------
+        force_N, over_N
+            Present force, and that when the limit was reached [N].
+        excess_N
+            Rise beyond it that is no noise any more [N].
+        """
+        for low, high, by in reversed(self.rises):
+            if high - max(low, over_N) > excess_N:
+                return by
         if self.pressing is not None:
             return self.pressing
-        known = [rise for rise in self.rises if rise[1] - rise[0] > 0.5 * force_N or rise[1] > limit_N]
-        return max(known, key=lambda rise: rise[1] - rise[0])[2] if known else None
+        return next((by for low, high, by in self.rises if high - low > 0.5 * force_N), None)

@@ -7,8 +7,8 @@ The supervisor is independent of the tasks. It wraps the parts of a robot and it
 - Speeds are reduced to the limits, both velocities of a base by the same factor; targets out of reach are refused.
 - A force at the limit, or predicted to reach it before the robot has stopped, stops moving parts within the same reading.
   Then only a retreat is permitted, until the force is below the limit again; it needs no fresh sensors. A retreat is
-  opposed to the motion at the limit; of a part that stood there, to the motion by which most of the force rose. If
-  most of it came from elsewhere, a motion is permitted until the force rises further.
+  opposed to the motion at the limit; of a part that stood there, to the motion by which most of the force rose. A motion
+  that raises the force further, because it came from elsewhere, is no retreat.
 - A reading is *fresh* if its own time is newer than before and its content is not a frozen copy. While a part
   moves, its own state and every sensor in use must be fresh; otherwise the part is held, and resumes when they are.
 - Fingers may always open and every part may always stop, whatever is read, so that nothing stays clamped.
@@ -30,12 +30,14 @@ from typing import TypeVar
 from ...core.errors import DeviceError
 from ...core.ranges import POSITIVE, Ranged
 from ...core.resources import Closing
-from ._motion import Motion, Stream, SupervisedPart
+from ._motion import PartMotion, Stream, SupervisedPart
 
 RequestT = TypeVar("RequestT")
 Point = tuple[float, float, float]
 #: Rate of the checks by the supervisor's own thread [Hz].
 CHECK_RATE_HZ = 50.0
+#: Fraction of the force limit by which a permitted motion may raise a force beyond it, so that noise does not refuse a retreat.
+EXCESS = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,10 +95,13 @@ class SupervisorCore(Closing):
         self.fault = ""  #: cause of a permanent stop; empty without one
         self._clock, self._lock = clock, threading.RLock()
         self._streams: dict[str, Stream] = {}
-        self._motions: dict[str, Motion] = {}
+        self._motions: dict[str, PartMotion] = {}
         self._force = (-math.inf, -math.inf)  #: time of the newest reading [s], and its force [N]
         self._rate_N_s, self._felt_s = 0.0, math.nan
-        self._overload = ""
+        self._overload, self._over_N = (
+            "",
+            math.inf,
+        )  #: why motion is restricted, and the force when that began [N]
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
         if clock is time.monotonic:
@@ -152,7 +157,7 @@ class SupervisorCore(Closing):
         """
         number = sum(name.partition(" #")[0] == part.name for name in self._motions)
         part.name += f" #{number + 1}" if number else ""
-        self._motions[part.name] = Motion(part)
+        self._motions[part.name] = PartMotion(part)
 
     def release(self, part: SupervisedPart) -> None:
         """Stop a part; always executed.
@@ -192,8 +197,7 @@ class SupervisorCore(Closing):
             if reason:
                 self._hold(motion, now_s, reason)
             else:
-                motion.held, motion.held_since_s = "", math.nan
-                part.execute()
+                motion.execute()
 
     def note(self, name: str, t_s: float, *, frozen: bool = False, jumped: str = "") -> None:
         """Record a reading of a sensor or of the state of a part.
@@ -243,7 +247,7 @@ class SupervisorCore(Closing):
                 self._force, self._felt_s = (t_s, force_N), self._clock()
                 for motion in self._motions.values():
                     brakes = self._felt_s - motion.halted_s <= self.limits.brake_s
-                    motion.feel(max(last_N, 0.0), force_N, (motion.moving and not motion.held) or brakes)
+                    motion.feel(max(last_N, 0.0), force_N, brakes)
                 # Predict until the next reading, expected after the same interval as this one.
                 self._check_force(t_s - last_s if self._rate_N_s else 0.0)
         self.note("the force", math.nan if math.isnan(force_N) else t_s, frozen=frozen)
@@ -257,20 +261,22 @@ class SupervisorCore(Closing):
         if max(force_N, soon_N) >= limit_N:
             more = "" if force_N >= limit_N else f", and {soon_N:.1f} N before it stands"
             self._overload = f"the force is {force_N:.1f} N{more}, the limit {limit_N:g} N"
+        if self._overload and not was:
+            self._over_N = force_N
         for motion in self._motions.values():
             if self._overload and not was:
                 motion.pressing = motion.part.pressing() if motion.moving and not motion.held else None
             if motion.moving and not motion.held and (reason := self._pressed(motion)):
                 self._hold(motion, self._clock(), reason)
 
-    def _presses(self, motion: Motion) -> object:
-        return motion.towards(self._force[1], self.limits.max_force_N)
+    def _presses(self, motion: PartMotion) -> object:
+        return motion.towards(self._force[1], self._over_N, EXCESS * self.limits.max_force_N)
 
-    def _pressed(self, motion: Motion) -> str:
+    def _pressed(self, motion: PartMotion) -> str:
         """Why the force holds a motion; empty if it may continue."""
         return "" if motion.part.retreats(self._presses(motion)) else self._overload
 
-    def _stale(self, motion: Motion, now_s: float) -> str:
+    def _stale(self, motion: PartMotion, now_s: float) -> str:
         """Name of a stale reading on which a motion depends; empty if there is none."""
         if motion.part.only_opens():
             return ""
@@ -291,7 +297,7 @@ class SupervisorCore(Closing):
             return f"{motion.part.name} has never been read"
         return ""
 
-    def _hold(self, motion: Motion, now_s: float, reason: str) -> None:
+    def _hold(self, motion: PartMotion, now_s: float, reason: str) -> None:
         if not motion.held:
             motion.held_since_s = motion.halted_s = now_s
             self.holds.append(SafetyHold(now_s, motion.part.name, reason))
@@ -307,8 +313,7 @@ class SupervisorCore(Closing):
                 and not self._stale(motion, now_s)
                 and not self._pressed(motion)
             ):
-                motion.held, motion.held_since_s = "", math.nan
-                motion.part.execute()
+                motion.execute()
 
     def _fail(self, reason: str) -> None:
         self.fault = self.fault or reason
