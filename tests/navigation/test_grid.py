@@ -8,6 +8,8 @@ import pytest
 from visuohaptic.core import InputError
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers, window_distance
+from visuohaptic.navigation.grid._distance_kernels import SWEPT_REACH
+from visuohaptic.navigation.grid.cost_grid import cell_distance
 
 from .random_maps import RADII_M, random_map
 
@@ -138,3 +140,13 @@ def test_a_robot_keeps_off_the_border_as_off_an_unknown_cell_beyond_it():
     inside[3:6, 3:6] = True  # cells of the border are half a cell from the outside
     np.testing.assert_array_equal(grid_layers(room, SpeedLimits(0.3)).reachable, inside)
     assert grid_layers(room, SpeedLimits(0.3), unknown_is_free=True).reachable.all()
+
+
+@pytest.mark.parametrize("reach", [3.5, SWEPT_REACH, SWEPT_REACH + 0.5])
+@pytest.mark.parametrize("outside_blocks", [True, False])
+def test_a_limited_reach_clips_the_distances(reach: float, outside_blocks: bool) -> None:
+    blocked = np.random.default_rng(0).random((600, 210)) < 3e-5  # more rows than are swept at a time
+    whole = cell_distance(blocked, outside_blocks=outside_blocks)
+    near = cell_distance(blocked, reach, outside_blocks=outside_blocks)
+    assert blocked.any()
+    np.testing.assert_array_equal(near, np.minimum(whole, np.float32(reach)))

@@ -64,7 +64,6 @@ def _envelope(
     height: np.ndarray,
     border: np.ndarray,
     outside_blocks: bool,
-    deepest: int,
 ) -> int:
     """Lower envelope over a run of cells ``column..end - 1`` between two obstacles of a row; returns its number of pieces.
 
@@ -73,7 +72,7 @@ def _envelope(
     left of column k, each with the nearer obstacle of its two columns.
     Piece k is the parabola of source ``vertex[k]`` with minimum ``height[k] - vertex[k]^2``
     [cells^2, multiples of a quarter], for cells from ``border[k]`` on. With ``outside_blocks`` there are
-    obstacles before the first and after the last column. Obstacles farther than ``deepest`` rows are left out.
+    obstacles before the first and after the last column.
     """
     columns = len(line)
     beyond = np.int64(0) if outside_blocks else np.int64(FAR)
@@ -82,7 +81,7 @@ def _envelope(
     for u in range(column, end + 1):
         left, right = right, np.int64(line[u]) if u < columns else beyond
         away = min(left, right)
-        if away > deepest:
+        if away >= FAR:
             continue
         value = max(float(away) - 0.5, 0.0)
         top = value * value + float(u) * float(u)
@@ -136,7 +135,7 @@ def distance_rows(
     step
         Cost of a straight step onto each cell [units], (rows, columns) uint16; filled.
     """
-    near_distance(vertical, np.inf, outside_blocks, distance)
+    exact_distance(vertical, outside_blocks, distance)
     last = len(steps) - 1
     for row in range(distance.shape[0]):
         for column in range(distance.shape[1]):
@@ -148,14 +147,16 @@ def distance_rows(
 
 @kernel(error_model="numpy")
 def swept_distance(vertical: np.ndarray, reach: float, outside_blocks: bool, distance: np.ndarray) -> None:
-    """The distances of :func:`near_distance` for a reach of at most ``SWEPT_REACH``, faster.
+    """The distances of :func:`exact_distance`, clipped to a reach of at most ``SWEPT_REACH``, faster.
 
     Columns are compared in order of their distance, a whole row at a time, until no cell of the row can become nearer.
 
     Parameters
     ----------
-    vertical, reach, outside_blocks, distance
-        See :func:`near_distance`.
+    vertical, outside_blocks, distance
+        See :func:`exact_distance`.
+    reach
+        Maximum distance that matters [cells].
     """
     rows, columns = vertical.shape
     wide = int(math.ceil(reach)) + 1
@@ -188,17 +189,13 @@ def swept_distance(vertical: np.ndarray, reach: float, outside_blocks: bool, dis
 
 
 @kernel(error_model="numpy")
-def near_distance(vertical: np.ndarray, reach: float, outside_blocks: bool, distance: np.ndarray) -> None:
-    """The distances of :func:`distance_rows` [cells], clipped to ``reach``.
-
-    Only those sections of a row are evaluated in which a column has an obstacle within reach.
+def exact_distance(vertical: np.ndarray, outside_blocks: bool, distance: np.ndarray) -> None:
+    """The distances of :func:`distance_rows` [cells].
 
     Parameters
     ----------
     vertical
         Rows to the nearest obstacle of the column, (rows, columns) uint16.
-    reach
-        Maximum distance that matters [cells].
     outside_blocks
         Whether everything outside the map is an obstacle.
     distance
@@ -208,55 +205,24 @@ def near_distance(vertical: np.ndarray, reach: float, outside_blocks: bool, dist
     vertex = np.zeros(columns + 2, np.int32)
     height = np.zeros(columns + 2, np.float64)
     border = np.zeros(columns + 2, np.int32)
-    wide = columns + int(FAR) if reach == np.inf else int(math.ceil(reach)) + 1
-    deepest = min(wide, int(FAR) - 1)
     for row in range(rows):
-        line = vertical[row]
-        for x in range(columns):
-            distance[row, x] = reach
-        start, stop = 0, min(wide, columns)
-        for v in range(columns + 1):
-            if v < columns and line[v] > wide:
+        line, out = vertical[row], distance[row]
+        out[:] = np.inf
+        column = 0
+        while column < columns:
+            if line[column] == 0:
+                out[column] = 0.0
+                column += 1
                 continue
-            if v - wide > stop:
-                _stretch(
-                    line, start, stop, reach, deepest, outside_blocks, vertex, height, border, distance[row]
-                )
-                start = v - wide
-            stop = min(v + wide + 1, columns)
-        _stretch(line, start, stop, reach, deepest, outside_blocks, vertex, height, border, distance[row])
-
-
-@kernel(error_model="numpy")
-def _stretch(
-    line: np.ndarray,
-    start: int,
-    stop: int,
-    reach: float,
-    deepest: int,
-    outside_blocks: bool,
-    vertex: np.ndarray,
-    height: np.ndarray,
-    border: np.ndarray,
-    distance: np.ndarray,
-) -> None:
-    """Distances [cells] of the cells ``start..stop - 1`` of a row, clipped to ``reach``."""
-    column = start
-    while column < stop:
-        if line[column] == 0:
-            distance[column] = 0.0
-            column += 1
-            continue
-        end = column
-        while end < stop and line[end] != 0:
-            end += 1
-        count = _envelope(line, column, end, vertex, height, border, outside_blocks, deepest)
-        for k in range(count):
-            high = border[k + 1] if k + 1 < count else end
-            # Four times the squared distance, an integer, from the source or from the obstacle in the cell's own column.
-            aside = 4.0 * (height[k] - float(vertex[k]) ** 2)
-            for x in range(border[k], high):
-                across, own = 2.0 * (x - vertex[k]) + 1.0, 2.0 * float(line[x]) - 1.0
-                squared = min(across * across + aside, own * own)
-                distance[x] = min(np.float32(math.sqrt(squared) * 0.5), np.float32(reach))
-        column = end
+            end = column
+            while end < columns and line[end] != 0:
+                end += 1
+            count = _envelope(line, column, end, vertex, height, border, outside_blocks)
+            for k in range(count):
+                high = border[k + 1] if k + 1 < count else end
+                # Four times the squared distance, an integer, from the source or from the obstacle in the cell's own column.
+                aside = 4.0 * (height[k] - float(vertex[k]) ** 2)
+                for x in range(border[k], high):
+                    across, own = 2.0 * (x - vertex[k]) + 1.0, 2.0 * float(line[x]) - 1.0
+                    out[x] = np.float32(math.sqrt(min(across * across + aside, own * own)) * 0.5)
+            column = end

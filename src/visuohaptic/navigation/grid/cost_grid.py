@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Float32, UInt16
 from ...core.errors import InputError
 from ...core.ranges import POSITIVE, check_ranges
 from ...io.maps.occupancy_map import OCCUPIED, OccupancyMap
-from ._distance_kernels import SWEPT_REACH, distance_rows, near_distance, swept_distance, vertical_cells
+from ._distance_kernels import SWEPT_REACH, distance_rows, exact_distance, swept_distance, vertical_cells
 
 #: Minimum occupancy of an obstacle: occupied is then more likely than free.
 OBSTACLE_FROM = OCCUPIED // 2
@@ -210,13 +210,17 @@ def cell_distance(
         Whether the outside counts as blocked.
     """
     distance = np.zeros(blocked.shape, np.float32)
-    fill, rows = (swept_distance, _BAND_ROWS) if reach <= SWEPT_REACH else (near_distance, len(blocked))
+    swept = reach <= SWEPT_REACH
     # Obstacles beyond the rows around a band are out of reach.
-    margin = math.ceil(min(reach, SWEPT_REACH)) + 1
+    rows, margin = (_BAND_ROWS, math.ceil(reach) + 1) if swept else (len(blocked), 0)
     for first in range(0, len(blocked), rows):
         low, last = max(first - margin, 0), first + rows
         band = np.ascontiguousarray(blocked[low : last + margin])
         vertical = np.zeros(band.shape, np.uint16)
         vertical_cells(band.view(np.int8), 1, outside_blocks, vertical)
-        fill(vertical[first - low : last - low], reach, outside_blocks, distance[first:last])
+        if swept:
+            swept_distance(vertical[first - low : last - low], reach, outside_blocks, distance[first:last])
+        else:
+            exact_distance(vertical, outside_blocks, distance)
+            np.minimum(distance, np.float32(reach), out=distance)
     return distance

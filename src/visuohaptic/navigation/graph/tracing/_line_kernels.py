@@ -63,11 +63,25 @@ def find_ends(mark: np.ndarray, cells: np.ndarray, place: np.ndarray) -> tuple[n
 
 
 @kernel(error_model="numpy")
+def _following(mark: np.ndarray, here: int, before: int) -> int:
+    """The last neighbour of a cell of a line that is not the cell before it; the first one if that is -1."""
+    columns = mark.shape[1]
+    row = here // columns
+    mask = linked(mark, row, here - row * columns)
+    following = -1
+    for j in range(8):
+        if mask >> j & 1:
+            other = here + ROW_STEP[j] * columns + COLUMN_STEP[j]
+            if other != before and (before != -1 or following == -1):
+                following = other
+    return following
+
+
+@kernel(error_model="numpy")
 def _walk(
     mark: np.ndarray, place: np.ndarray, before: int, here: int, line: int, path: np.ndarray, size: int
 ) -> tuple[np.ndarray, int]:
     """Cells of a line from the end ``before`` through ``here`` to the next end."""
-    columns = mark.shape[1]
     flat = place.ravel()
     path[size] = before
     size += 1
@@ -77,16 +91,7 @@ def _walk(
         path[size] = here
         size += 1
         flat[here] = line + 1
-        row = here // columns
-        mask = linked(mark, row, here - row * columns)
-        following = -1
-        for j in range(8):
-            if mask >> j & 1:
-                other = here + ROW_STEP[j] * columns + COLUMN_STEP[j]
-                if other != before:
-                    following = other
-        before = here
-        here = following
+        before, here = here, _following(mark, here, before)
     path[size] = here
     return path, size + 1
 
@@ -102,7 +107,6 @@ def _walk_ring(
     size: int,
 ) -> tuple[np.ndarray, int]:
     """Cells of a ring, starting and ending at its widest cell."""
-    columns = mark.shape[1]
     flat = place.ravel()
     flat_distance = distance.ravel()
     widest = here
@@ -121,16 +125,7 @@ def _walk_ring(
                 flat_distance[here] == flat_distance[widest] and here < widest
             ):
                 widest = here
-            row = here // columns
-            mask = linked(mark, row, here - row * columns)
-            following = -1
-            for j in range(8):
-                if mask >> j & 1:
-                    other = here + ROW_STEP[j] * columns + COLUMN_STEP[j]
-                    if other != before and (before != -1 or following == -1):
-                        following = other
-            before = here
-            here = following
+            before, here = here, _following(mark, here, before)
             if here == start:
                 break
         if turn == 1:

@@ -87,12 +87,9 @@ def prune(
             if alive[edge]:
                 alive[edge] = False
                 for side in range(2):
-                    degree[ends[edge, side]] -= 1
-        for k in range(gone):
-            for side in range(2):
-                node = ends[going[k], side]
-                if degree[node] == 0:
-                    stays[node] = False
+                    node = ends[edge, side]
+                    degree[node] -= 1
+                    stays[node] = degree[node] > 0
         kept = 0
         for k in range(tip_count):
             if degree[tips[k]] == 1:

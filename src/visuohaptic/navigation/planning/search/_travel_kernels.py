@@ -90,6 +90,12 @@ def _cell_cost(clearance: float, radius: float, slow: float) -> int:
 
 
 @kernel
+def _bordered(cell: int, columns: int) -> int:
+    """The flat index of a cell in a layer with a border of one cell."""
+    return cell + 2 * (cell // columns) + columns + 3
+
+
+@kernel
 def travel_field(
     clearance: np.ndarray,
     radius: float,
@@ -128,15 +134,18 @@ def travel_field(
         If given, the search ends when the costs of all of them are final.
     """
     rows, columns = clearance.shape
-    n = rows * columns
-    flat = clearance.ravel()
-    # Cost of reaching a cell, and of the cell itself, -1 where the robot does not fit [units].
-    cost = np.empty((n, 2), np.int32)
-    for i in range(n):
-        cost[i, 0] = FAR
-        cost[i, 1] = _cell_cost(flat[i], radius, slow)
+    wide = columns + 2
     charged = region.size > 0
-    labels = region.ravel()
+    # Cost of reaching a cell, and of the cell itself, -1 where the robot does not fit [units]; with a border of such cells.
+    cost = np.empty(((rows + 2) * wide, 2), np.int32)
+    labels = np.zeros(len(cost) if charged else 0, np.int16)
+    for i in range(len(cost)):
+        cost[i, 0], cost[i, 1] = FAR, -1
+    for r in range(rows):
+        for c in range(columns):
+            cost[(r + 1) * wide + c + 1, 1] = _cell_cost(clearance[r, c], radius, slow)
+            if charged:
+                labels[(r + 1) * wide + c + 1] = region[r, c]
     limited = cost_to_go.size > 0
     top = 0
     for i in range(len(charge)):
@@ -148,13 +157,13 @@ def travel_field(
         count *= 2
     last = count - 1
     heads = np.full(count, -1, np.int32)
-    capacity = max(1024, n // 4)
+    capacity = max(1024, rows * columns // 4)
     pool = np.empty((capacity, 3), np.int32)  # queued cells: cell, next entry of the bucket, cost
     used = 0
     free = -1
     waiting = 0
     for i in range(len(seeds)):
-        s = seeds[i]
+        s = _bordered(seeds[i], columns)
         if cost[s, 1] > 0 and seed_cost[i] < cost[s, 0]:
             cost[s, 0] = seed_cost[i]
             slot = (cost[s, 0] // UNITS) & last
@@ -164,6 +173,12 @@ def travel_field(
             heads[slot] = used
             used += 1
             waiting += 1
+    # Unsigned, as an index that may be negative costs a comparison: the neighbours, and whether they are in the same row.
+    around, level_with, diagonal = np.empty(8, np.uint64), np.empty(8, np.bool_), np.empty(8, np.bool_)
+    for k in range(8):
+        dr, dc = (k + k // 4) // 3 - 1, (k + k // 4) % 3 - 1
+        around[k], level_with[k], diagonal[k] = np.uint64(dr * wide + dc), dr == 0, dr != 0 and dc != 0
+    above, below, left, right = around[1], around[6], around[3], around[4]
     level = 0
     while waiting > 0:
         slot = level & last
@@ -173,68 +188,69 @@ def travel_field(
             pool[entry, 1] = free
             free = entry
             waiting -= 1
-            u = pool[entry, 0]
+            cell = pool[entry, 0]
+            u = np.uint64(cell)
             reached = cost[u, 0]
             if pool[entry, 2] != reached:
                 continue
-            if limited and reached + cost_to_go[u] > bound:
+            if limited and reached + cost_to_go[cell - 2 * (cell // wide) - columns - 1] > bound:
                 continue
-            r = u // columns
-            c = u - r * columns
             own = labels[u] if charged else 0
             # Cost difference to the lower of the cells above and below, and of those left and right: 0 where neither is lower.
             upright, level_by = 0, 0
-            if r > 0 and (not charged or labels[u - columns] == own):
-                upright = max(upright, reached - cost[u - columns, 0])
-            if r + 1 < rows and (not charged or labels[u + columns] == own):
-                upright = max(upright, reached - cost[u + columns, 0])
-            if c > 0 and (not charged or labels[u - 1] == own):
-                level_by = max(level_by, reached - cost[u - 1, 0])
-            if c + 1 < columns and (not charged or labels[u + 1] == own):
-                level_by = max(level_by, reached - cost[u + 1, 0])
-            for dr in range(-1, 2):
-                for dc in range(-1, 2):
-                    if not (0 <= r + dr < rows and 0 <= c + dc < columns):
-                        continue
-                    v = u + dr * columns + dc
-                    if cost[v, 0] <= reached + MIN_STEP or cost[v, 1] < 0:
-                        continue
-                    both = cost[u, 1] + cost[v, 1]
-                    if dr != 0 and dc != 0:
-                        total = reached + ((both * 724) >> 10)  # sqrt(1/2) of it
+            if not charged or labels[u + above] == own:
+                upright = max(upright, reached - cost[u + above, 0])
+            if not charged or labels[u + below] == own:
+                upright = max(upright, reached - cost[u + below, 0])
+            if not charged or labels[u + left] == own:
+                level_by = max(level_by, reached - cost[u + left, 0])
+            if not charged or labels[u + right] == own:
+                level_by = max(level_by, reached - cost[u + right, 0])
+            for k in range(8):
+                v = u + around[k]
+                if cost[v, 0] <= reached + MIN_STEP or cost[v, 1] < 0:
+                    continue
+                both = cost[u, 1] + cost[v, 1]
+                if diagonal[k]:
+                    total = reached + ((both * 724) >> 10)  # sqrt(1/2) of it
+                else:
+                    total = reached + (both >> 1)
+                    lower = upright if level_with[k] else level_by
+                    if lower > 0 and 2 * lower * lower < (both * both) >> 2:
+                        mean = 0.5 * both
+                        total = reached + int(math.sqrt(mean * mean - float(lower) * lower) + 0.5)
+                if charged and own > 0 and labels[v] == 0:
+                    total += charge[own]
+                if total < cost[v, 0]:
+                    cost[v, 0] = total
+                    if free >= 0:
+                        entry = free
+                        free = pool[entry, 1]
                     else:
-                        total = reached + (both >> 1)
-                        lower = upright if dr == 0 else level_by
-                        if lower > 0 and 2 * lower * lower < (both * both) >> 2:
-                            mean = 0.5 * both
-                            total = reached + int(math.sqrt(mean * mean - float(lower) * lower) + 0.5)
-                    if charged and own > 0 and labels[v] == 0:
-                        total += charge[own]
-                    if total < cost[v, 0]:
-                        cost[v, 0] = total
-                        if free >= 0:
-                            entry = free
-                            free = pool[entry, 1]
-                        else:
-                            if used == capacity:
-                                pool = longer_rows(pool)
-                                capacity = len(pool)
-                            entry = used
-                            used += 1
-                        pool[entry, 0] = v
-                        pool[entry, 2] = total
-                        slot_v = (total // UNITS) & last
-                        pool[entry, 1] = heads[slot_v]
-                        heads[slot_v] = entry
-                        waiting += 1
+                        if used == capacity:
+                            pool = longer_rows(pool)
+                            capacity = len(pool)
+                        entry = used
+                        used += 1
+                    pool[entry, 0] = v
+                    pool[entry, 2] = total
+                    slot_v = (total // UNITS) & last
+                    pool[entry, 1] = heads[slot_v]
+                    heads[slot_v] = entry
+                    waiting += 1
         level += 1
         if len(targets) > 0:
             open_targets = False
             for i in range(len(targets)):
-                open_targets = open_targets or cost[targets[i], 0] >= level * UNITS
+                at = _bordered(targets[i], columns)
+                open_targets = open_targets or cost[at, 0] >= level * UNITS
             if not open_targets:
                 break
-    return cost[:, 0].copy()
+    found = np.empty(rows * columns, np.int32)
+    for r in range(rows):
+        for c in range(columns):
+            found[r * columns + c] = cost[(r + 1) * wide + c + 1, 0]
+    return found
 
 
 @kernel

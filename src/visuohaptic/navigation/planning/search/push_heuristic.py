@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int16, Int32
+from jaxtyping import Float, Float32, Int, Int16, Int32, UInt32
 
 from ...problem.push_costs import PushCosts, push_cost
 from ...pushing.contact_candidates import PushContact
@@ -87,7 +87,7 @@ class PushHeuristic:
         self.goal_cells, self.goal_costs = domain.seeds(self.base, goal)
         self._fields: dict[bytes, Int32[np.ndarray, "n"]] = {}
         self._marked: dict[tuple[int, ...], Int16[np.ndarray, "r c"]] = {}
-        self._both: Int[np.ndarray, "r c"] | None = (
+        self._both: UInt32[np.ndarray, "r c"] | None = (
             None  # sum of costs from the start and to the goal, with charges for bodies
         )
         #: cost from the start, cached [units]
@@ -251,8 +251,10 @@ class PushHeuristic:
 
         domain = self.domain
         moved = [index for index in bodies if shifts[index].any()]
-        clearance = domain.lowered(self.base, shifts, moved, domain.block)
-        clearance = np.where(clearance < domain.radius, self.base, clearance)
+        clearance = self.base
+        if moved:
+            clearance = domain.lowered(self.base, shifts, moved, domain.block)
+            clearance = np.where(clearance < domain.radius, self.base, clearance)
         charges = [0.0 if i not in bodies else self.crossing(i, shifts[i]) for i in range(len(domain.bodies))]
         still = self._regions(tuple(index for index in bodies if index not in moved), shifts)
         region = self._regions(tuple(moved), shifts) if moved else still
@@ -260,7 +262,7 @@ class PushHeuristic:
             region = np.where(region > 0, region, still)
         for index in bodies:
             if not np.isfinite(charges[index]):
-                clearance[region == index + 1] = 0.0
+                clearance = np.where(region == index + 1, np.float32(0.0), clearance)
                 charges[index] = 0.0
         if self.labels.size:  # passages, where there is no body
             region = np.where((region == 0) & (self.labels > 0), self.labels + len(charges), region)
@@ -336,15 +338,17 @@ class PushHeuristic:
             self.begin = self._begin = self._field(shifts, self.active, seeds=seeds, rest=known)
         return self._begin
 
-    def _from_start_to_goal(self, start: Int32[np.ndarray, "k"]) -> Int[np.ndarray, "r c"]:
+    def _from_start_to_goal(self, start: Int32[np.ndarray, "k"]) -> UInt32[np.ndarray, "r c"]:
         """Lower bound of a plan through each node."""
         if self._both is None:
             shifts, begin = np.zeros((len(self.domain.bodies), 2)), self._from_start(start)
             # Both fields add the charge where they leave a region: inside it, neither includes it yet.
             charges = [self.crossing(k, shifts[k]) if k in self.active else 0.0 for k in range(len(shifts))]
-            charge = np.minimum([0.0, *charges], MAX_CROSSING_S * self.units_per_s).astype(np.int64)
-            both = (begin.astype(np.int64) + self.field(shifts)).reshape(self.base.shape)
-            self._both = both + charge[self._regions(tuple(self.active), shifts)]
+            charge = np.minimum([0.0, *charges], MAX_CROSSING_S * self.units_per_s).astype(np.uint32)
+            # Without a sign, twice the largest cost fits 32 bits.
+            both = begin.view(np.uint32) + self.field(shifts).view(np.uint32)
+            self._both = both.reshape(self.base.shape)
+            self._both += charge[self._regions(tuple(self.active), shifts)]
         return self._both
 
     def _regions(

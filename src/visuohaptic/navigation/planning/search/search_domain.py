@@ -113,7 +113,7 @@ class SearchDomain:
     def lattice_with(
         self, shifts: Float[np.ndarray, "bodies 2"]
     ) -> Float32[np.ndarray, "blocks_down blocks_across"]:
-        """:meth:`clearance_with` of the lattice's nodes.
+        """:meth:`clearance_with` of the lattice's nodes; not to be changed in place.
 
         Parameters
         ----------
@@ -127,7 +127,7 @@ class SearchDomain:
                 self.still.clear()
             rest = [i for i in range(len(self.bodies)) if i not in moved]
             self.still[moved] = self.lowered(self.lattice, np.zeros_like(shifts), rest, self.block)
-        return self.lowered(self.still[moved], shifts, moved, self.block)
+        return self.lowered(self.still[moved], shifts, moved, self.block) if moved else self.still[moved]
 
     def seeds(
         self,
