@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 
 import numpy as np
@@ -12,7 +11,7 @@ from visuohaptic.cli.main import main
 from visuohaptic.core.camera import Camera, Pose
 from visuohaptic.io.depth import DepthFrame
 from visuohaptic.reconstruction import SurfaceMesh
-from visuohaptic.reconstruction.completion import Completion, load_hole_regions
+from visuohaptic.reconstruction.completion import Completion, Touch, load_hole_regions
 from visuohaptic.reconstruction.fusion import SpaceGrid
 from visuohaptic.reconstruction.transparency import find_regions, mask_refracted_rays
 from visuohaptic.simulation.tabletop import glass_scene
@@ -54,33 +53,31 @@ def test_touches_answered_by_the_truth_make_the_error_fall(model, tmp_path, caps
     which, number = np.unravel_index(np.argmin(gaps), np.shape(gaps))
     solid = round_[which]
     label, cap = solid.bands
-    rows, errors = [], []
+    completion = Completion(
+        SurfaceMesh.load(folder / "model" / "surface.ply"),
+        load_hole_regions(folder / "model" / "regions.json")[number],
+    )
+    between = label.high_m + 0.01, cap.low_m - 0.01
+    before = wall_error_m(completion.completed(), solid, *between)
+    lines = ["start_x_m,start_y_m,start_z_m,end_x_m,end_y_m,end_z_m,x_m,y_m,z_m,sigma_m"]
+    for _ in range(6):
+        plan = completion.next_touch()
+        contact = touched(solid, plan.start_m, plan.end_m)
+        completion.add(Touch(contact, plan.start_m, plan.end_m, sigma_m=0.0005))
+        found = ["", "", ""] if contact is None else map(repr, map(float, contact))
+        lines.append(",".join([*(repr(float(v)) for v in (*plan.start_m, *plan.end_m)), *found, "0.0005"]))
     table = tmp_path / "touches.csv"
-    for _ in range(7):
-        words = ["complete", str(folder / "model" / "surface.ply"), "--next", "--json"]
-        words += ["--region", str(folder / "model" / "regions.json"), "--cluster", str(number)]
-        words += ["--out", str(tmp_path / "completed.ply")]
-        words += ["--touches", str(table)] if rows else []
-        capsys.readouterr()
-        assert main(words) == 0
-        told = json.loads(capsys.readouterr().out)
-        mesh = SurfaceMesh.load(tmp_path / "completed.ply")
-        errors.append(wall_error_m(mesh, solid, label.high_m + 0.01, cap.low_m - 0.01))
-        plan = told["next"]
-        contact = touched(solid, plan["start_m"], plan["end_m"])
-        row = {f"start_{axis}_m": value for axis, value in zip("xyz", plan["start_m"], strict=True)}
-        row |= {f"end_{axis}_m": value for axis, value in zip("xyz", plan["end_m"], strict=True)}
-        row |= {f"{axis}_m": "" if contact is None else contact[i] for i, axis in enumerate("xyz")} | {
-            "sigma_m": 0.0005
-        }
-        rows.append(row)
-        with table.open("w", newline="") as stream:
-            writer = csv.DictWriter(stream, list(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
+    table.write_text("\n".join(lines) + "\n")
+    words = ["complete", str(folder / "model" / "surface.ply"), "--next", "--json", "--cluster", str(number)]
+    words += ["--region", str(folder / "model" / "regions.json"), "--touches", str(table)]
+    capsys.readouterr()
+    assert main([*words, "--out", str(tmp_path / "completed.ply")]) == 0
+    told = json.loads(capsys.readouterr().out)
+    np.testing.assert_allclose(told["next"]["target_m"], completion.next_touch().target_m, atol=1e-6)
+    after = wall_error_m(SurfaceMesh.load(tmp_path / "completed.ply"), solid, *between)
     # The dissertation's figure is an order of magnitude in the square: 0.32 in the root, after about ten.
-    assert errors[-1] < 0.5 * errors[0]
-    assert errors[-1] < 0.006
+    assert after < 0.5 * before
+    assert after < 0.006
 
 
 def test_supports_are_of_the_outside_only(model):
