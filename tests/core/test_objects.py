@@ -69,7 +69,7 @@ def _broken(change):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda c, a: c["tag"].update(explored=-1), "explored: found -1, expected a count >= 0"),
+        (lambda c, a: c["tag"].update(explored=-1), "explored: found -1, expected at least 0"),
         (lambda c, a: c["tag"]["static_friction_N"].update(value=-9.0), "found -9, expected >= 0"),
         (lambda c, a: c["tag"].update(min_static_friction_N="inf"), "found inf, expected a finite number"),
         (lambda c, a: c["seen"].update(sigma_m=-1.0), "expected finite position_m, sigma_m >= 0 and t_s"),
@@ -83,7 +83,7 @@ def _broken(change):
             lambda c, a: c["stiffness"].update(stiffness_N_per_m=[1.0, 2.0]),
             "one stiffness and sigma for 3|shape",
         ),
-        (lambda c, a: c["tag"].update(deformation_shape_m=[[0.0, 1e6]]), "expected coordinates within"),
+        (lambda c, a: c["tag"].update(deformation_shape_m=[[0.0, 1e6]]), "expected -1000 to 1000"),
         (lambda c, a: c["tag"].update(colour=1), "colour"),
         (lambda c, a: [a.pop(name) for name in list(a)], "the array '.*' is missing"),
     ],
@@ -92,6 +92,25 @@ def test_what_no_file_may_hold_is_refused(change, said):
     card, arrays = _broken(change)
     with pytest.raises(InputError, match=said):
         cards.decode(card, arrays)
+
+
+def test_a_magnitude_is_negative_by_noise_up_to_six_sigmas_and_a_contour_is_smaller_than_a_kilometre():
+    def read(**tag):
+        HapticTag(**tag).check_read()
+
+    read(static_friction_N=Estimate(-5.5, 1.0), deformation_shape_m=np.array([[0.0, -900.0]]))
+    with pytest.raises(InputError, match=r"found -6\.5, expected >= 0"):
+        read(static_friction_N=Estimate(-6.5, 1.0))
+    with pytest.raises(InputError, match="expected -1000 to 1000"):
+        read(deformation_shape_m=np.array([[0.0, -1100.0]]))
+
+
+@pytest.mark.parametrize(("kind", "count"), [("line", 3), ("segment", 4), ("corner", 4), ("circle", 3)])
+def test_a_shape_has_the_parameters_of_its_kind(kind, count):
+    Primitive(PrimitiveKind(kind), np.ones(count), np.eye(count), 1.0).check_read()
+    for other in (count - 1, count + 1):
+        with pytest.raises(InputError, match=f"found {other} parameters .*expected {count} of a {kind}"):
+            Primitive(PrimitiveKind(kind), np.ones(other), np.eye(other), 1.0).check_read()
 
 
 def test_friction_above_a_push_is_known_by_a_bound_or_a_measurement():

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .errors import InputError
+from .ranges import FINITE, NON_NEGATIVE, check_numbers, within
 
 #: Unsigned quantities of a haptic tag.
 _MAGNITUDES = (
@@ -151,20 +152,10 @@ class HapticTag:
             found: Estimate | None = getattr(self, name)
             if found is not None and found.value < -_MAX_NOISE * found.predictive_sigma:
                 raise InputError("HapticTag", f"found {found.value:g}, expected >= 0", field=name)
-        for name in ("explored", "failed"):
-            if getattr(self, name) < 0:
-                raise InputError(
-                    "HapticTag", f"found {getattr(self, name)}, expected a count >= 0", field=name
-                )
-        bound, contour = self.min_static_friction_N, self.deformation_shape_m
-        if bound is not None and not math.isfinite(bound):
-            raise InputError(
-                "HapticTag", f"found {bound}, expected a finite number", field="min_static_friction_N"
-            )
-        if contour is not None and not (np.abs(contour) <= _MAX_CONTOUR_M).all():
-            raise InputError(
-                "HapticTag", f"expected coordinates within {_MAX_CONTOUR_M:g} m", field="deformation_shape_m"
-            )
+        check_numbers("HapticTag", NON_NEGATIVE, explored=self.explored, failed=self.failed)
+        check_numbers("HapticTag", FINITE, min_static_friction_N=self.min_static_friction_N)
+        limits = within(-_MAX_CONTOUR_M, _MAX_CONTOUR_M)
+        check_numbers("HapticTag", limits, deformation_shape_m=self.deformation_shape_m)
 
     def needs_more_than(self, force_N: float) -> bool:
         """Whether a push is known not to move the object, or the measured friction exceeds the push.
