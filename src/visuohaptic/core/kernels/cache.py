@@ -48,6 +48,7 @@ from numba.core.types import Array, Boolean, Number, Type
 from numba.core.types.containers import BaseTuple
 from numba.core.types.misc import NoneType
 
+from .callees import add_overload, rebuilt, reduced
 from .code import code_digest, kernel_name, text_digest
 from .compiler import call_template, compile_kernel
 
@@ -127,6 +128,7 @@ def kernel(
         if dispatcher is not function:  # it is with NUMBA_DISABLE_JIT
             dispatcher._cache = KernelCache(dispatcher)
             dispatcher.compile = functools.partial(compile_kernel, dispatcher.compile)
+            dispatcher.add_overload = functools.partial(add_overload, dispatcher.add_overload)
             dispatcher.get_call_template = functools.partial(call_template, dispatcher.get_call_template)
             KERNELS.append(dispatcher)
         return dispatcher
@@ -167,7 +169,7 @@ class KernelCache:
             payload = _read(folder / name, owned) if name and folder else None
             if payload is not None:
                 # Numba's own format; owner and checksum of the file have been verified.
-                return CompileResult._rebuild(target_context, *pickle.loads(payload))  # noqa: S301
+                return rebuilt(target_context, pickle.loads(payload))  # noqa: S301
         return None
 
     def save_overload(self, sig: Any, data: CompileResult) -> None:
@@ -183,7 +185,7 @@ class KernelCache:
         name, folder = self._entry(sig), cache_folder()
         lifted = any(not part.can_cache for part in data.lifted)
         if name and folder and not lifted and not data.library.has_dynamic_globals:
-            _write(folder / name, serialize.dumps(data._reduce()))
+            _write(folder / name, serialize.dumps(reduced(data)))
 
     def _entry(self, sig: Any) -> str | None:
         """File name of a signature; None if it is not cached."""

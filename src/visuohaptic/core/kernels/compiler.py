@@ -30,6 +30,7 @@ from numba.core.untyped_passes import InlineClosureLikes
 from numba.np.ufunc.dufunc import DUFunc
 
 from .analysis import live_at_entry, uses_and_definitions, variables
+from .callees import CHANGES, compiling
 
 _log = logging.getLogger(__name__)
 
@@ -154,6 +155,7 @@ if numba.__version__.startswith(COMPARED):
         # Timers that nobody reads, of each nested compilation: every call of LLVM notifies all of them.
         (event, "install_timer", lambda kind, callback: contextlib.nullcontext()),
     )
+    _CHANGES += CHANGES
     if hasattr(errors, "HighlightColorScheme"):  # with colorama
         # Numba colours the messages of thousands of errors that it catches itself.
         _CHANGES += ((errors.HighlightColorScheme, "_markup", lambda scheme, text, *style, **more: text),)
@@ -169,7 +171,7 @@ def compile_kernel(compiled: Callable[..., Any], signature: Any) -> Any:
     signature
         Types of the arguments.
     """
-    with global_compiler_lock:
+    with global_compiler_lock, compiling(compiled.__self__, signature):  # type: ignore[attr-defined]
         before = [getattr(owner, name) for owner, name, _ in _CHANGES]
         try:
             for owner, name, method in _CHANGES:

@@ -164,10 +164,11 @@ def add_blocks(
     size: int,
     full: bool,
 ) -> None:
-    """Add an array whose rows belong to local nodes ``places`` (``size`` rows each) to a front.
+    """Add an array whose rows belong to local nodes ``places`` (``size`` rows each) to a front; all transposed.
 
-    The array belongs to an element, or to a child front (extend-add). Only the lower triangle when not ``full``: a
-    child's places ascend, so only the lower triangle of its update is read.
+    Transposed, the blocks of a front are in the order of C, whatever their size. The array belongs to an element, or
+    to a child front (extend-add). Only the lower triangle when not ``full``: a child's places ascend, so only the
+    lower triangle of its update is read.
     """
     split_at = f11.shape[0]
     rows = places.size * size
@@ -183,13 +184,13 @@ def add_blocks(
                 continue
             if row < split_at:
                 if column < split_at:
-                    f11[row, column] += block[p, q]
+                    f11[column, row] += block[q, p]
                 else:
-                    f12[row, column - split_at] += block[p, q]
+                    f12[column - split_at, row] += block[q, p]
             elif column < split_at:
-                f21[row - split_at, column] += block[p, q]
+                f21[column, row - split_at] += block[q, p]
             else:
-                f22[row - split_at, column - split_at] += block[p, q]
+                f22[column - split_at, row - split_at] += block[q, p]
 
 
 @kernel
@@ -204,9 +205,9 @@ def add_elements(
     size: int,
     full: bool,
 ) -> None:
-    """:func:`add_blocks` for several elements."""
+    """:func:`add_blocks` for several elements, whose matrices are not transposed."""
     for k in range(elements.size):
-        add_blocks(f11, f21, f22, f12, matrices[elements[k]], places[k], size, full)
+        add_blocks(f11, f21, f22, f12, matrices[elements[k]].T, places[k], size, full)
 
 
 @kernel
@@ -218,17 +219,17 @@ def add_rows(
     columns: np.ndarray,
     size: int,
 ) -> None:
-    """Add a child's right-hand sides (rows by local nodes ``places``) to pivots and border."""
-    split_at = top.shape[0]
-    for q in range(values.shape[1]):
+    """Add a child's right-hand sides (rows by local nodes ``places``) to pivots and border; all transposed."""
+    split_at = top.shape[1]
+    for q in range(values.shape[0]):
         column = columns[q]
         for a in range(places.size):
             for i in range(size):
                 row = places[a] * size + i
                 if row < split_at:
-                    top[row, column] += values[size * a + i, q]
+                    top[column, row] += values[q, size * a + i]
                 else:
-                    bottom[row - split_at, column] += values[size * a + i, q]
+                    bottom[column, row - split_at] += values[q, size * a + i]
 
 
 @kernel

@@ -173,7 +173,7 @@ class Factor:
             for child in kids:
                 its_columns, values = carried.pop(child)
                 local = tree.border_local[tree.offset[child] : tree.offset[child + 1]]
-                kernels.add_rows(top, bottom, values, local, position[its_columns], size)
+                kernels.add_rows(top.T, bottom.T, values.T, local, position[its_columns], size)
             top = dtrsm(1.0, self.pivots[front], top, lower=1, overwrite_b=1)
             if out.ndim == 1:
                 out[names[columns]] += np.einsum("ij,ij->j", top, top)
@@ -276,12 +276,11 @@ def _assembled_front(
     f21 = np.zeros((outside, inside), order="F")
     f22 = np.zeros((outside, outside), order="F")
     f12 = np.zeros((inside, outside) if full else (0, 0), order="F")
-    kernels.add_elements(
-        f11, f21, f22, f12, matrices, tree.elements[front], tree.element_local[front], size, full
-    )
+    blocks = f11.T, f21.T, f22.T, f12.T
+    kernels.add_elements(*blocks, matrices, tree.elements[front], tree.element_local[front], size, full)
     for child in tree.children[front]:
         local = tree.border_local[tree.offset[child] : tree.offset[child + 1]]
-        kernels.add_blocks(f11, f21, f22, f12, updates.pop(child), local, size, full)
+        kernels.add_blocks(*blocks, updates.pop(child).T, local, size, full)
     if diagonal is not None:
         f11.flat[:: inside + 1] += diagonal[tree.order[begin:end]].ravel()
     return f11, f21, f22, f12
