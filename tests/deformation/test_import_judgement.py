@@ -126,7 +126,7 @@ def test_64_edges_around_are_fine_enough_whatever_their_diagonals(seed: int, tmp
     found = object_map(container, band=False)
     surface = found.vertices_m, found.faces, found.stiffness_N_per_m
     stiffness = [nearest_value(*surface, point)[0] for point in case.points_m]
-    # Divided flat facets were 1.2 and 1.7 % wrong.
+    # With halved diagonals, 1.2 and 1.7 % wrong.
     np.testing.assert_allclose(stiffness, case.stiffness_N_per_m, rtol=0.007)
 
 

@@ -6,6 +6,7 @@ corotational shell model includes this. One grasp takes seconds, so only selecte
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,9 @@ from jaxtyping import Float, Int
 from ..core.errors import InputError
 from ..core.geometry import vertex_normals
 from ..core.ranges import POSITIVE, check_numbers
+from ..deformation.maps.grasp_curves import PinchPlane
 from ..deformation.nonlinear.contents import Contents, contained_curve
+from ..deformation.nonlinear.equilibrium_path import EquilibriumPath
 from ..deformation.shapes.mesher import ShellObject
 from ..deformation.shells.shell import ShellModel, enclosed_volume
 from ..deformation.shells.stiffness_map import DualTips, dual_tip_compliance, opposing_points
@@ -97,19 +100,19 @@ def confirm_grasp(
         The container's shell model, if already available.
     """
     check_numbers("confirm_grasp", POSITIVE, force_N=force_N)
-    model = model or container.model()
     tips = pinched if isinstance(pinched, DualTips) else pinch_at(container, pinched)
-    stiffness = 2.0 / max(float(dual_tip_compliance(model, tips)[0]), 1e-12)
+    compliance, walk = _walk(container, pinched, contents, model)
+    stiffness = 2.0 / max(compliance, 1e-12)
     # A stiff location reaches the force long before the bound; a soft one may soften further.
     for far in (2.0 * force_N / stiffness, REACH * max_deformation_m):
         far = min(far, REACH * max_deformation_m)
         steps = far * np.arange(1, STEPS + 1) / STEPS
-        path = contained_curve(container, model, tips, 0, list(steps), contents)
+        path, walls = walk(list(steps))
         if far == REACH * max_deformation_m or (len(path.points) and path.load.max() >= force_N):
             break
     at = np.concatenate([[0.0], path.control_m])
     load = np.concatenate([[0.0], path.load])
-    shapes = [container.mesh.vertices_m, *(point.state.points_m for point in path.points)]
+    shapes = [container.mesh.vertices_m, *walls]
     reached = np.flatnonzero(load >= force_N)
     if len(reached):
         # Up to the first crossing: a snap-through may follow.
@@ -134,6 +137,25 @@ def confirm_grasp(
     elif friction is not None and np.tan(slant) >= friction:
         reason = f"the wall turns away by {np.degrees(slant):.1f} degrees, friction holds {np.degrees(np.arctan(friction)):.1f}"
     return Confirmation(not reason, reason, force_N, deformation, slant, pressed_out, at, load, shape)
+
+
+def _walk(
+    container: ShellObject, pinched: int | DualTips, contents: Contents | None, model: ShellModel | None
+) -> tuple[float, Callable[[Sequence[float]], tuple[EquilibriumPath, list[Float[np.ndarray, "v 3"]]]]]:
+    """Approach of the tips per newton without contents [m/N]; and the path to given deformations, with the wall at each point.
+
+    A pinch across the height axis is computed on the symmetric part of the object.
+    """
+    if not isinstance(pinched, DualTips):
+        plane = PinchPlane.through(container, pinched)
+        return float(plane.linear(pinched).sum()), lambda steps: plane.path(pinched, steps, contents)
+    model = model or container.model()
+
+    def walk(steps: Sequence[float]) -> tuple[EquilibriumPath, list[Float[np.ndarray, "v 3"]]]:
+        path = contained_curve(container, model, pinched, 0, steps, contents)
+        return path, [point.state.points_m for point in path.points]
+
+    return float(dual_tip_compliance(model, pinched)[0]), walk
 
 
 def _volume_m3(container: ShellObject, points: Float[np.ndarray, "v 3"]) -> float:

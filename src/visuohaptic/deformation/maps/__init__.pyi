@@ -8,6 +8,7 @@ from .class_build import build as build
 from .class_build import compute as compute
 from .confidence_band import object_map as object_map
 from .confidence_band import object_stiffness as object_stiffness
+from .confidence_band import stiffness_band as stiffness_band
 from .curve_features import nonlinear_features as nonlinear_features
 from .features import HEIGHTS as HEIGHTS
 from .features import SIDES as SIDES

@@ -7,7 +7,7 @@ is that of the whole object.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -22,7 +22,7 @@ from ..nonlinear.load_stepping import follow_displacement, reach_loads
 from ..nonlinear.self_contact import SelfContactGuard
 from ..shapes.mesher import ShellObject
 from ..shapes.symmetry_reduction import SymmetricPart, symmetric_part
-from ..shells.corotational import CorotationalShell, PressureLaw, Tangent
+from ..shells.corotational import CorotationalShell, PressureLaw
 from ..shells.stiffness_map import DualTips, opposing_points, tip_loads
 from ..shells.surface_stress import surface_stress
 
@@ -95,7 +95,7 @@ class PinchPlane:
         self._shell = CorotationalShell(
             self.part.model, lid=lid, lid_signs=signs, lid_fraction=1.0 / self.part.copies
         )
-        self._rest: dict[Contents | None, Tangent] = {}
+        self._filled: dict[Contents | None, CorotationalShell] = {}
 
     @classmethod
     def through(cls, container: ShellObject, vertex: int, *, symmetric: bool = True) -> PinchPlane:
@@ -146,13 +146,25 @@ class PinchPlane:
         InputError
             The vertex is fixed, has no opposite wall, or does not lie in this plane.
         """
-        tips, load = self._pinch(vertex)
-        shell = self._shell.with_pressure(self._law(contents))
-        control = load * (self.part.copies / 2)
         name, targets = ("deformation_m", deformation_m) if force_N is None else ("force_N", force_N)
-        walk = _WALKS[name]
-        path = walk(shell, load, _ascending(targets, name), control=control, max_iterations=max_iterations)
-        return self._read(path, shell, tips, vertex)
+        path, walls, spent = self._walked(vertex, name, targets, contents, max_iterations)
+        return replace(self._read(path, walls, self._with(contents), vertex), iterations=spent)
+
+    def path(
+        self, vertex: int, deformation_m: Sequence[float], contents: Contents | None = None
+    ) -> tuple[EquilibriumPath, list[Float[np.ndarray, "v 3"]]]:
+        """Equilibria of a pinch until walls touch, and the vertices of the whole object at each [m].
+
+        Parameters
+        ----------
+        vertex, deformation_m, contents
+            As of :meth:`curve`.
+        """
+        path, walls, _spent = self._walked(vertex, "deformation_m", deformation_m, contents)
+        cosine, sine = np.cos(self.angle_rad), np.sin(self.angle_rad)
+        back = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        rest = self.part.whole.mesh.vertices_m
+        return path, [self.container.mesh.vertices_m + (wall - rest) @ back for wall in walls]
 
     def linear(self, vertex: int, contents: Contents | None = None) -> Float[np.ndarray, "2"]:
         """Deformation of each tip per newton of one tip, for small deformation [m/N].
@@ -165,10 +177,8 @@ class PinchPlane:
             Contents; open by default.
         """
         tips, load = self._pinch(vertex)
-        if contents not in self._rest:
-            shell = self._shell.with_pressure(self._law(contents))
-            self._rest[contents] = shell.linearised(shell.rest)[1]
-        moved = self._rest[contents].solve(load.reshape(-1, 1)).reshape(load.shape)
+        shell = self._with(contents)
+        moved = shell.linearised(shell.rest)[1].solve(load.reshape(-1, 1)).reshape(load.shape)
         return self._tips_moved(self.part.expand(moved[:, :3]), tips)
 
     def can_pinch(self, vertex: int) -> bool:
@@ -210,6 +220,29 @@ class PinchPlane:
         second = -tips.direction[0] @ (tips.weights[0] @ moved[tips.second[0]])
         return np.array([first, second])
 
+    def _walked(
+        self,
+        vertex: int,
+        name: str,
+        targets: Sequence[float],
+        contents: Contents | None,
+        max_iterations: int = 5000,
+    ) -> tuple[EquilibriumPath, list[np.ndarray], int]:
+        """Path until walls touch, the turned wall at each point, and all iterations."""
+        _tips, load = self._pinch(vertex)
+        path = _WALKS[name](
+            self._with(contents), load, _ascending(targets, name),
+            control=load * (self.part.copies / 2), max_iterations=max_iterations,
+        )  # fmt: skip
+        walls = [self.part.expand(point.state.points_m) for point in path.points]
+        kept = self._guard.cut(path, walls, self.container.mesh.vertices_m)
+        return kept, walls[: len(kept.points)], path.iterations
+
+    def _with(self, contents: Contents | None) -> CorotationalShell:
+        if contents not in self._filled:
+            self._filled[contents] = self._shell.with_pressure(self._law(contents))
+        return self._filled[contents]
+
     def _law(self, contents: Contents | None) -> PressureLaw | None:
         # The part's own undeformed volume: with cells halved along one diagonal it differs slightly from that of the whole.
         copies = self.part.copies
@@ -225,26 +258,19 @@ class PinchPlane:
         return pressure
 
     def _read(
-        self, path: EquilibriumPath, shell: CorotationalShell, tips: DualTips, vertex: int
+        self, path: EquilibriumPath, walls: list[np.ndarray], shell: CorotationalShell, vertex: int
     ) -> GraspCurve:
-        part = self.part
+        part, tips = self.part, self._across(vertex)
         rest = part.whole.mesh.vertices_m
         original = self.container.mesh.vertices_m
-        rows, states, reason = [], [], path.reason
-        for point in path.points:
-            points = part.expand(point.state.points_m)
-            met = self._guard.vertex(points)
-            if met is not None:
-                place = ", ".join(f"{value:.4g}" for value in original[met])
-                reason = f"the walls touch before a deformation of {point.control_m:.4g} m, at ({place}) m"
-                break
+        rows = []
+        for point, wall in zip(path.points, walls, strict=True):
             gauge = shell.pressure(shell.volume(point.state))[0] if shell.pressure else 0.0
-            own = self._tips_moved(points - rest, tips)
-            states.append(points)
+            own = self._tips_moved(wall - rest, tips)
             rows.append((point.load, point.control_m, *own, gauge, point.stable))
         force, mean, first, second, gauges, stable = np.array(rows, dtype=float).reshape(-1, 6).T
-        walls = np.reshape(states, (-1, *rest.shape))
-        stresses = surface_stress(self.container.mesh, self.container.material, walls).max(axis=1)
+        shapes = np.reshape(walls, (-1, *rest.shape))
+        stresses = surface_stress(self.container.mesh, self.container.material, shapes).max(axis=1)
         return GraspCurve(
             force,
             mean,
@@ -255,8 +281,8 @@ class PinchPlane:
             stresses,
             original[vertex],
             tips.weights[0] @ original[tips.second[0]],
-            path.complete and len(rows) == len(path.points),
-            reason,
+            path.complete,
+            path.reason,
             part.copies,
             part.model.nodes,
             path.iterations,

@@ -185,17 +185,8 @@ def contained_curve(
     law = None if contents is None else contents.law(container.volume_m3)
     shell = CorotationalShell(model, pressure=law, lid=container.lid)
     path = pinch_curve(shell, tips, which, deformation_m)
-    guard = SelfContactGuard(container)
-    for count, point in enumerate(path.points):
-        met = guard.vertex(point.state.points_m)
-        if met is not None:
-            place = ", ".join(f"{value:.4g}" for value in container.mesh.vertices_m[met])
-            return EquilibriumPath(
-                path.points[:count],
-                False,
-                f"the walls touch before a deformation of {point.control_m:.4g} m, at ({place}) m",
-            )
-    return path
+    walls = [point.state.points_m for point in path.points]
+    return SelfContactGuard(container).cut(path, walls, container.mesh.vertices_m)
 
 
 def liquid_level_m(container: ShellObject, fill: float) -> float:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float
 
 from ...core.geometry import area_vectors, vertex_normals
 from ..shapes.mesher import ShellObject
 from ..shells.stiffness_map import DualTips, opposing_points
+from .equilibrium_path import EquilibriumPath
 
 #: Walls are in contact when their distance is below the wall thickness, at most this [m].
 TOUCH_m = 1e-3
@@ -90,6 +93,31 @@ class SelfContactGuard:
             for k in np.flatnonzero(through):
                 counts[k] = (int(vertex[k]), int(face[k])) not in self._always
         return int(vertex[np.argmax(counts)]) if counts.any() else None
+
+    def cut(
+        self,
+        path: EquilibriumPath,
+        walls_m: Sequence[Float[np.ndarray, "v 3"]],
+        places_m: Float[np.ndarray, "v 3"],
+    ) -> EquilibriumPath:
+        """A path up to its first state in self-contact, with the reason.
+
+        Parameters
+        ----------
+        path
+            Equilibria.
+        walls_m
+            Vertices of the whole object at each of them.
+        places_m
+            Undeformed vertices, in the frame of the reason.
+        """
+        for count, (point, wall) in enumerate(zip(path.points, walls_m, strict=True)):
+            met = self.vertex(wall)
+            if met is not None:
+                place = ", ".join(f"{value:.4g}" for value in places_m[met])
+                reason = f"the walls touch before a deformation of {point.control_m:.4g} m, at ({place}) m"
+                return EquilibriumPath(path.points[:count], False, reason)
+        return path
 
     def _meetings(self, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         from . import _touch_kernels as kernels

@@ -96,7 +96,7 @@ class CorotationalShell:
         mesh = self.model.mesh
         return _shell_kernels.element_frames(mesh.vertices_m, mesh.faces, *self.model.sections)
 
-    @property
+    @cached_property
     def rest(self) -> ShellState:
         """The undeformed state."""
         return ShellState(self.model.mesh.vertices_m, np.tile(np.eye(3), (self.model.nodes, 1, 1)))
@@ -155,13 +155,20 @@ class CorotationalShell:
         return self._assemble(state, self._evaluate(state, tangent=False)[0])
 
     def linearised(self, state: ShellState) -> tuple[Float[np.ndarray, "v 6"], Tangent]:
-        """Internal force and factorised tangent stiffness.
+        """Internal force and factorised tangent stiffness; those of :attr:`rest`, where every path begins, are kept.
 
         Parameters
         ----------
         state
             Deformed shell.
         """
+        return self._at_rest if state is self.rest else self._linearised(state)
+
+    @cached_property
+    def _at_rest(self) -> tuple[Float[np.ndarray, "v 6"], Tangent]:
+        return self._linearised(self.rest)
+
+    def _linearised(self, state: ShellState) -> tuple[Float[np.ndarray, "v 6"], Tangent]:
         forces, matrices, _ = self._evaluate(state, tangent=True)
         mesh = self.model.mesh
         rank_one: tuple[np.ndarray, float] | None = None
