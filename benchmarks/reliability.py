@@ -459,8 +459,13 @@ def _figures(figures: dict[str, Any], kept: list[str]) -> list[str]:
         return [*kept[:-1], f"{kept[-1].removesuffix(EARLIER.strip()).strip()}{EARLIER}".strip()]
     note = figures["note"]
     before = [int(cell.replace(",", "")) if cell.strip("-") else 0 for cell in kept[: len(FIGURES)]]
-    if before[0] > figures["tried"]:
-        note = f"{note}; " * bool(note) + f"with earlier code {before[0]:,} tried, {sum(before[1:])} failed"
+    # The largest sample so far: that of the page before, or one that it names.
+    told = re.findall(r"with earlier code ([\d,]+) tried, (\d+) failed", kept[-1])
+    tried, failed = max(
+        [(before[0], sum(before[1:])), *((int(one.replace(",", "")), int(other)) for one, other in told)]
+    )
+    if tried > figures["tried"]:
+        note = f"{note}; " * bool(note) + f"with earlier code {tried:,} tried, {failed} failed"
     return [*("-" if figures[name] is None else f"{figures[name]:,}" for name in FIGURES), note]
 
 

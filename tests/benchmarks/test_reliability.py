@@ -46,8 +46,11 @@ def test_rows_and_packages_without_report_are_marked_as_earlier(tmp_path: Path) 
     )  # marked once; measured again, not any more
     assert [third.count(part) for part in ("code) (earlier", "| database (", "| database |")] == [0, 0, 1]
     journal.rows["8: cut"] = {"tried": 1, "lost": 0}
+    fourth = reliability.markdown(journal, {}, third)
+    assert "| 1 | - | - | - | 0 | with earlier code 3 tried, 0 failed |" in fourth
+    # The largest sample stays told, also when the last one is not larger than that before.
     assert "| 1 | - | - | - | 0 | with earlier code 3 tried, 0 failed |" in reliability.markdown(
-        journal, {}, third
+        journal, {}, fourth
     )
     assert "| all | 8 | 3 | 5 | 0 | 0.38 |" in second
     assert "| 10 | 1 | - | 0 | - | 1 parsers, 1.5 to 1.5 min each |" in second
