@@ -201,10 +201,9 @@ def _scale(used: np.ndarray, unit: str | None, where: str) -> tuple[float, list[
     if unit is not None:
         if unit not in UNITS:
             raise InputError("unit", f"found {unit!r}, expected one of {', '.join(UNITS)}")
-        extent_m = extent * UNITS[unit]
-        usual = SMALLEST_m <= extent_m <= LARGEST_m
-        doubt = f"the largest extent is {extent_m:.4g} m with the unit {unit}, of a container {SMALLEST_m:g} to {LARGEST_m:g} m"
-        return UNITS[unit], [] if usual else [doubt]
+        size_m, usual = extent * UNITS[unit], f"of a container {SMALLEST_m:g} to {LARGEST_m:g} m"
+        doubt = f"the largest extent is {size_m:.4g} m with the unit {unit}, {usual}"
+        return UNITS[unit], [] if SMALLEST_m <= size_m <= LARGEST_m else [doubt]
     for name in ("m", "mm", "cm", "dm"):
         if SMALLEST_m <= extent * UNITS[name] <= LARGEST_m:
             guess = f"unit taken as {name}: the largest extent is {extent:.4g}"
