@@ -68,7 +68,7 @@ def costs(dispatcher, arguments) -> list[str]:
         compile_extra(*context, dispatcher.py_func, arguments, None, flags, {}, pipeline_class=_TypesOnly)
 
     with pytest.raises(_Typed) as caught:
-        compile_kernel(typed, arguments)
+        compile_kernel(dispatcher, typed, arguments)
     form, kinds = caught.value.args
     found = {
         f"line {statement.loc.line}: {cost}"

@@ -161,17 +161,19 @@ if numba.__version__.startswith(COMPARED):
         _CHANGES += ((errors.HighlightColorScheme, "_markup", lambda scheme, text, *style, **more: text),)
 
 
-def compile_kernel(compiled: Callable[..., Any], signature: Any) -> Any:
+def compile_kernel(dispatcher: Any, compiled: Callable[..., Any], signature: Any) -> Any:
     """Compile a kernel to the same machine code with less work; numba is as it was before and after.
 
     Parameters
     ----------
+    dispatcher
+        Numba's dispatcher of the kernel.
     compiled
-        Numba's method of the kernel.
+        Its method that compiles.
     signature
         Types of the arguments.
     """
-    with global_compiler_lock, compiling(compiled.__self__, signature):  # type: ignore[attr-defined]
+    with global_compiler_lock, compiling(dispatcher, signature):
         before = [getattr(owner, name) for owner, name, _ in _CHANGES]
         try:
             for owner, name, method in _CHANGES:
