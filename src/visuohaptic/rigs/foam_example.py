@@ -18,6 +18,8 @@ from .virtual_sensor import VirtualSensor, rest_scene
 
 #: The 12 cm cylinder is pressed 8 mm deep and retracted, with this number of frames each.
 _DEEPEST_M, _FRAMES = 0.008, 40
+#: Quality of its videos: from 10 to 20 the rms error of the force grows from 15 to 16 mN, and 54 MB become 14.
+_CRF = 20
 
 
 def write_example(
@@ -49,7 +51,7 @@ def write_example(
     virtual.rig.write(folder)
     renderer = virtual.renderer()
     on_message("rendering rest.mp4")
-    write_video(folder / "rest.mp4", renderer.repeated(rest_scene(virtual.geometry), 20, rng=rng))
+    write_video(folder / "rest.mp4", renderer.repeated(rest_scene(virtual.geometry), 20, rng=rng), crf=_CRF)
     depths = _DEEPEST_M * np.sin(np.linspace(0.0, np.pi, 2 * _FRAMES + 1)) ** 2
     truth: list[tuple[float, float, float]] = []
 
@@ -59,7 +61,7 @@ def write_example(
             yield renderer.render(sample.scene, rng=rng)
 
     on_message("rendering push.mp4")
-    write_video(folder / "push.mp4", frames())
+    write_video(folder / "push.mp4", frames(), crf=_CRF)
     write_truth(folder, ("t_s", "force_N", "depth_m"), truth)
     return folder
 
