@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 from ..core.errors import InputError
 from ..core.geometry import vertex_normals
 from ..core.ranges import POSITIVE, check_numbers
+from ..deformation.maps.curve_features import MAX_ITERATIONS
 from ..deformation.maps.grasp_curves import PinchPlane
 from ..deformation.nonlinear.contents import Contents, contained_curve
 from ..deformation.nonlinear.equilibrium_path import EquilibriumPath
@@ -25,6 +26,7 @@ from ..io.meshes.mesh_state import boundary_edges
 
 #: End of the curve as a multiple of the deformation bound, and its number of steps.
 REACH, STEPS = 1.6, 8
+_Path = tuple[EquilibriumPath, list[Float[np.ndarray, "v 3"]]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +39,7 @@ class Confirmation:
     deformation_m: float  #: of one side, at the force; infinite if the wall buckles before
     slant_rad: float  #: between force and the wall's inward normal, at the force or at the bound
     pressed_out_m3: float  #: decrease of the volume, at the force or at the bound
-    curve_m: Float[np.ndarray, "k"]  #: deformations of the force-deformation curve
+    curve_m: Float[np.ndarray, "k"]  #: deformations of the force-deformation curve, up to the force
     curve_N: Float[np.ndarray, "k"]  #: its forces
     shape_m: Float[np.ndarray, "v 3"]  #: vertices at the force, or at the end of the curve
 
@@ -102,14 +104,12 @@ def confirm_grasp(
     check_numbers("confirm_grasp", POSITIVE, force_N=force_N)
     tips = pinched if isinstance(pinched, DualTips) else pinch_at(container, pinched)
     compliance, walk = _walk(container, pinched, contents, model)
-    stiffness = 2.0 / max(compliance, 1e-12)
     # A stiff location reaches the force long before the bound; a soft one may soften further.
-    for far in (2.0 * force_N / stiffness, REACH * max_deformation_m):
-        far = min(far, REACH * max_deformation_m)
-        steps = far * np.arange(1, STEPS + 1) / STEPS
-        path, walls = walk(list(steps))
-        if far == REACH * max_deformation_m or (len(path.points) and path.load.max() >= force_N):
-            break
+    bound, near = REACH * max_deformation_m, force_N * max(compliance, 1e-12)
+    steps = [far * k / STEPS for far in (near, bound) for k in range(1, STEPS + 1)]
+    path, walls = walk(
+        [at for k, at in enumerate(steps) if at <= bound and (k < STEPS or at > near)], force_N
+    )
     at = np.concatenate([[0.0], path.control_m])
     load = np.concatenate([[0.0], path.load])
     shapes = [container.mesh.vertices_m, *walls]
@@ -141,18 +141,22 @@ def confirm_grasp(
 
 def _walk(
     container: ShellObject, pinched: int | DualTips, contents: Contents | None, model: ShellModel | None
-) -> tuple[float, Callable[[Sequence[float]], tuple[EquilibriumPath, list[Float[np.ndarray, "v 3"]]]]]:
-    """Approach of the tips per newton without contents [m/N]; and the path to given deformations, with the wall at each point.
+) -> tuple[float, Callable[[Sequence[float], float], _Path]]:
+    """Approach of the tips per newton without contents [m/N]; and the path to deformations or a force, with the wall at each point.
 
     A pinch across the height axis is computed on the symmetric part of the object.
     """
     if not isinstance(pinched, DualTips):
         plane = PinchPlane.through(container, pinched)
-        return float(plane.linear(pinched).sum()), lambda steps: plane.path(pinched, steps, contents)
+        return float(plane.linear(pinched).sum()), lambda steps, force_N: plane.path(
+            pinched, steps, contents, max_iterations=MAX_ITERATIONS, until_load=force_N
+        )
     model = model or container.model()
 
-    def walk(steps: Sequence[float]) -> tuple[EquilibriumPath, list[Float[np.ndarray, "v 3"]]]:
-        path = contained_curve(container, model, pinched, 0, steps, contents)
+    def walk(steps: Sequence[float], force_N: float) -> _Path:
+        path = contained_curve(
+            container, model, pinched, 0, steps, contents, max_iterations=MAX_ITERATIONS, until_load=force_N
+        )
         return path, [point.state.points_m for point in path.points]
 
     return float(dual_tip_compliance(model, pinched)[0]), walk

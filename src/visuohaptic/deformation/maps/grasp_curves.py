@@ -147,11 +147,11 @@ class PinchPlane:
             The vertex is fixed, has no opposite wall, or does not lie in this plane.
         """
         name, targets = ("deformation_m", deformation_m) if force_N is None else ("force_N", force_N)
-        path, walls, spent = self._walked(vertex, name, targets, contents, max_iterations)
+        path, walls, spent = self._walked(vertex, name, targets, contents, max_iterations=max_iterations)
         return replace(self._read(path, walls, self._with(contents), vertex), iterations=spent)
 
     def path(
-        self, vertex: int, deformation_m: Sequence[float], contents: Contents | None = None
+        self, vertex: int, deformation_m: Sequence[float], contents: Contents | None = None, **limits: float
     ) -> tuple[EquilibriumPath, list[Float[np.ndarray, "v 3"]]]:
         """Equilibria of a pinch until walls touch, and the vertices of the whole object at each [m].
 
@@ -159,8 +159,10 @@ class PinchPlane:
         ----------
         vertex, deformation_m, contents
             As of :meth:`curve`.
+        **limits
+            As of :func:`.contained_curve`.
         """
-        path, walls, _spent = self._walked(vertex, "deformation_m", deformation_m, contents)
+        path, walls, _spent = self._walked(vertex, "deformation_m", deformation_m, contents, **limits)
         cosine, sine = np.cos(self.angle_rad), np.sin(self.angle_rad)
         back = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
         rest = self.part.whole.mesh.vertices_m
@@ -226,13 +228,13 @@ class PinchPlane:
         name: str,
         targets: Sequence[float],
         contents: Contents | None,
-        max_iterations: int = 5000,
+        **limits: float,
     ) -> tuple[EquilibriumPath, list[np.ndarray], int]:
         """Path until walls touch, the turned wall at each point, and all iterations."""
         _tips, load = self._pinch(vertex)
         path = _WALKS[name](
             self._with(contents), load, _ascending(targets, name),
-            control=load * (self.part.copies / 2), max_iterations=max_iterations,
+            control=load * (self.part.copies / 2), **limits,
         )  # fmt: skip
         walls = [self.part.expand(point.state.points_m) for point in path.points]
         kept = self._guard.cut(path, walls, self.container.mesh.vertices_m)

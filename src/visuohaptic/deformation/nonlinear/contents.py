@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -164,6 +165,7 @@ def contained_curve(
     which: int,
     deformation_m: Sequence[float],
     contents: Contents | None = None,
+    **limits: Any,
 ) -> EquilibriumPath:
     """Force-deformation curve of one pinch under large deformation, with contents.
 
@@ -181,10 +183,12 @@ def contained_curve(
         Mean deformations of both tips, ascending [m].
     contents
         Contents; open by default.
+    **limits
+        ``max_iterations`` and ``until_load``, see :func:`.follow_displacement`; the load is the force of one tip [N].
     """
     law = None if contents is None else contents.law(container.volume_m3)
     shell = CorotationalShell(model, pressure=law, lid=container.lid)
-    path = pinch_curve(shell, tips, which, deformation_m)
+    path = pinch_curve(shell, tips, which, deformation_m, **limits)
     walls = [point.state.points_m for point in path.points]
     return SelfContactGuard(container).cut(path, walls, container.mesh.vertices_m)
 
@@ -242,6 +246,7 @@ def pinch_curve(
     tips: DualTips,
     which: int,
     deformation_m: Sequence[float],
+    **limits: Any,
 ) -> EquilibriumPath:
     """Close two tips on a wall: force against the mean deformation of both.
 
@@ -255,6 +260,8 @@ def pinch_curve(
         Index of the pair.
     deformation_m
         Targets, ascending. ``load`` of the points is the force of one tip [N].
+    **limits
+        ``max_iterations`` and ``until_load``, see :func:`.follow_displacement`.
 
     Raises
     ------
@@ -264,4 +271,4 @@ def pinch_curve(
     if not tips.valid[which]:
         raise InputError("pinch_curve", f"pair {which} has no wall across the axis")
     load = tip_loads(shell.model.nodes, tips)[:, [which]].toarray().reshape(-1, 6)
-    return follow_displacement(shell, load, deformation_m, control=load / 2)
+    return follow_displacement(shell, load, deformation_m, control=load / 2, **limits)

@@ -39,6 +39,7 @@ def follow_displacement(
     *,
     control: Float[np.ndarray, "v 6"] | None = None,
     max_iterations: int = 5000,
+    until_load: float = np.inf,
 ) -> EquilibriumPath:
     """Increase the control displacement to each of ``targets_m`` and compute the required load.
 
@@ -58,8 +59,11 @@ def follow_displacement(
         sum of its forces: the mean displacement of the loaded vertices, along the load.
     max_iterations
         Maximum Newton iterations of the whole path, which ends when they are used up.
+    until_load
+        Load factor at which the path is complete, whatever targets are left.
     """
-    return _Walk(shell, load, control, max_iterations).run(list(targets_m), "displacement")
+    walk = _Walk(shell, load, control, max_iterations)
+    return walk.run(list(targets_m), "displacement", until_load=until_load)
 
 
 def reach_loads(
@@ -161,7 +165,9 @@ class _Walk:
 
     # -- Steps -------------------------------------------------------------------------------
 
-    def run(self, targets: list[float], kind: _Kind, *, past_limits: bool = True) -> EquilibriumPath:
+    def run(
+        self, targets: list[float], kind: _Kind, *, past_limits: bool = True, until_load: float = np.inf
+    ) -> EquilibriumPath:
         points: list[PathPoint] = []
         reached = 0.0
         for target in targets:
@@ -188,6 +194,8 @@ class _Walk:
                         _log.info("%s", reason)
                         return EquilibriumPath(tuple(points), False, reason)
             points.append(self._point())
+            if self.factor >= until_load:
+                break
         return EquilibriumPath(tuple(points), True)
 
     def _pass_turning_point(self, kind: _Kind, target: float) -> bool:
