@@ -8,6 +8,7 @@ import io
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +57,17 @@ def another_batch() -> None:
     """A sensor whose foam was calibrated with a press of another batch, stiffer by a quarter."""
     scaled(1, 1.25, "strain,stress_Pa,direction")()
     assert main(CALIBRATE.split()) == main(ZERO.split()) == 0
+
+
+def darkened() -> None:
+    """A recording of a camera whose lens is covered."""
+    from visuohaptic.io import open_source
+    from visuohaptic.rigs import write_video
+
+    with open_source("push.mp4") as source:
+        write_video(
+            Path("dark.mp4"), [np.zeros(frame.image.shape[:2], np.uint8) for frame in islice(source, 3)]
+        )
 
 
 def turned(data: dict) -> None:
@@ -152,6 +164,14 @@ MISUSES = {
         "map inspect rooms.yaml", ("found a yaw of 90, expected -6.28 to 6.28 rad", "1.5708 rad"),
         edit("rooms.yaml", lambda data: data.update(origin=[0.0, 0.0, 90.0])), first=(),
     ),
+    "cells of a map in centimetres": Misuse(
+        "map inspect rooms.yaml", ("a cell has 5 m, more than a door",),
+        edit("rooms.yaml", lambda data: data.update(resolution=5.0)), first=(), code=0,
+    ),
+    "a dark recording": Misuse(
+        "sense foam --config sensor.yaml --source dark.mp4", ("0 valid",),
+        darkened, first=(CALIBRATE, ZERO), code=3,
+    ),
 }  # fmt: skip
 
 
@@ -196,7 +216,7 @@ def respond(misuse: Misuse, files: Path, folder: Path) -> Response:
         for stream in (out, err):
             stream.truncate(stream.seek(0))
         code = main(misuse.command.split())
-    said = err.getvalue() if misuse.code == 2 else out.getvalue()
+    said = err.getvalue() if misuse.code == 2 else out.getvalue() + err.getvalue()
     faults = [f"'{command}' fails before" for command, code in zip(misuse.first, before, strict=True) if code]
     faults += [] if code == misuse.code else [f"exit code {code}"]
     faults += [f"'{words}' is not said" for words in misuse.says if words not in said]

@@ -24,6 +24,10 @@ class OutputClosedError(Exception):
     """The reader of the output has closed it (``visuohaptic ... | head``)."""
 
 
+#: Exit code of a valid problem without a result: there is no plan, or no frame could be measured.
+NO_RESULT = 3
+
+
 class Arguments(argparse.Namespace):
     """Arguments of a verb, and its console."""
 

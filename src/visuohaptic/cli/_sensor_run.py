@@ -14,6 +14,7 @@ from typing import Any, Generic, TypeVar
 from .. import core, io, report, sensing, viewer
 from ..core import files
 from ..core.errors import InputError
+from ._console import NO_RESULT
 
 Measured = TypeVar("Measured")
 
@@ -209,6 +210,8 @@ def run_sensor(
         )
     if plot is not None:
         _save_plot(plot, drawn, events, outputs.page_title)
+    if not run.reasons["ok"]:
+        args.exit_code = NO_RESULT
     return run
 
 

@@ -17,6 +17,8 @@ from ._map_image import FREE, OCCUPIED, UNKNOWN, cells_from_image, read_map_imag
 
 _log = logging.getLogger(__name__)
 
+#: Width of a door; no map of rooms has such cells, a resolution in centimetres has.
+_DOOR_m = 0.8
 _SUFFIXES = (".pgm", ".png", ".bmp", ".jpg", ".jpeg")
 
 
@@ -78,6 +80,10 @@ def load(path: Path) -> tuple[Int8[np.ndarray, "rows columns"], float, tuple[flo
             f"found a yaw of {yaw:g}, expected -6.28 to 6.28 rad",
             field="origin",
             remedy=f"{yaw:g} degrees are {math.radians(yaw):.4f} rad",
+        )
+    if info.resolution > _DOOR_m:
+        _log.warning(
+            "%s: resolution: a cell has %g m, more than a door; expected metres", path, info.resolution
         )
     image = read_map_image(_image_beside(path, info.image))
     cells = cells_from_image(image, info.mode, info.negate, info.occupied_thresh, info.free_thresh)

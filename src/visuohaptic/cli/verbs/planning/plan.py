@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 from .... import io
 from ....navigation import planning, plots
 from ....navigation.planning import search
+from ..._console import NO_RESULT
 
 if TYPE_CHECKING:
     from ....navigation.problem.path_plan import Plan
@@ -34,8 +35,6 @@ KERNELS = (
     "navigation.planning.search._travel_kernels",
     "navigation.planning.search._push_search_kernels",
 )
-#: Exit code if there is no plan, or none was found.
-NO_PLAN = 3
 #: Budget of a proof of infeasibility, in budgets of a plan.
 PROOF_BUDGETS = 10.0
 
@@ -83,7 +82,7 @@ def run(args: Any) -> dict[str, Any]:
     )
     found = plans["cheapest"]
     result = found.to_json()
-    args.exit_code = 0 if found.reachable else NO_PLAN
+    args.exit_code = 0 if found.reachable else NO_RESULT
     _report(args, found)
     if found.gap > limits.gap and not found.proved:
         args.report(f"  note: the search ended with its budget; --budget {2 * args.budget:g} searches longer")
