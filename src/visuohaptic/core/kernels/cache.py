@@ -60,6 +60,8 @@ _MAX_WRITE_S = 3600.0
 
 #: All kernels of the modules imported so far, in order of definition.
 KERNELS: list[Dispatcher] = []
+#: Format of the entries, part of their folder's name; 2: kernels that only kernels call have no machine code.
+_FORMAT = 2
 
 #: Environment variables of numba that do not affect the machine code, or whose effect is in the folder's name.
 _NO_CODE = {"NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"}
@@ -304,7 +306,7 @@ def _environment(processor: tuple[str, str, str], numpy_version: str) -> str:
     settings = sorted(
         item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] not in _NO_CODE
     )
-    exact = repr((versions, getattr(sys, "abiflags", ""), processor, settings))
+    exact = repr((_FORMAT, versions, getattr(sys, "abiflags", ""), processor, settings))
     return f"kernels-numba{versions[0]}-{versions[3]}-{processor[1]}-{text_digest(exact)}"
 
 
