@@ -35,6 +35,7 @@ def test_a_verb_reads_only_arguments_that_it_declares(verb):
         ({"data": "a.csv", "out": "b.csv"}, None),
         ({"beam": "a.csv", "data": "b.csv", "out": "a.csv"}, None),  # updated in its place
         ({"data": "sub", "out": "sub"}, None),  # folders
+        ({"label": "a" * 300, "data": "a\0", "out": "b.csv"}, None),  # texts that are no names of files
     ],
 )
 def test_an_output_that_is_an_input_is_found(tmp_path, monkeypatch, names, found):

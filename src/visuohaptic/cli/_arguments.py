@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -106,19 +107,17 @@ def overwritten_file(args: argparse.Namespace) -> tuple[str, str] | None:
     args
         Of a verb.
     """
-    files: dict[Path, str] = {}
+    files: dict[str, str] = {}
     for name, value in sorted(vars(args).items(), key=lambda item: item[0] in _OUTPUTS):
         for one in value if isinstance(value, list) else [value]:
-            is_output = name in _OUTPUTS and isinstance(one, (str, Path)) and not Path(one).is_dir()
-            if is_output and Path(one).resolve() in files:
-                return name, files[Path(one).resolve()]
-            if is_output:
-                files[Path(one).resolve()] = f"{one}, which --{name} writes"
-            elif (
-                name not in _UPDATED
-                and isinstance(one, (str, Path))
-                and 0 < len(str(one)) < 4096
-                and Path(one).is_file()
-            ):
-                files[Path(one).resolve()] = f"{one}, which is read"
+            if not isinstance(one, (str, Path)) or "\0" in str(one):
+                continue
+            path = os.path.realpath(one)  # of a text that is no name of a file as well, however long
+            if name not in _OUTPUTS:
+                if name not in _UPDATED and os.path.isfile(path):
+                    files[path] = f"{one}, which is read"
+            elif path in files:
+                return name, files[path]
+            elif not os.path.isdir(path):
+                files[path] = f"{one}, which --{name} writes"
     return None
