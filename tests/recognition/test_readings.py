@@ -8,7 +8,13 @@ from scipy.stats import norm, truncnorm
 
 from visuohaptic.core import InputError
 from visuohaptic.deformation.maps import curve_coefficients
-from visuohaptic.recognition.data import TouchNoise, fit_curve, read_curves, stiffness_grid
+from visuohaptic.recognition.data import (
+    CurveCoefficients,
+    TouchNoise,
+    fit_curve,
+    read_curves,
+    stiffness_grid,
+)
 
 
 def test_without_noise_the_coefficients_are_those_of_the_simulation() -> None:
@@ -136,3 +142,13 @@ def test_one_line_for_a_bad_file(tmp_path: Path, text: str, said: str) -> None:
     path.write_text(text)
     with pytest.raises(InputError, match=said):
         read_curves(path)
+
+
+@pytest.mark.parametrize("linear", [0.0, -300.0])
+def test_a_wall_that_snaps_through_has_no_curvature(linear: float) -> None:
+    """Up to 3 mm it resists; over the whole curve its linear coefficient is not above zero."""
+    assert np.isnan(CurveCoefficients(900.0, linear, -2.0, 0.1, 0.3).curvature).all()
+    d = np.linspace(0.0005, 0.01, 20)
+    found = fit_curve(d, np.where(d <= 0.003, 900.0, -900.0) * d)
+    assert found.i_N_per_m > 0 > found.I_N_per_m
+    assert np.isnan(found.curvature).all()

@@ -43,11 +43,13 @@ class CurveCoefficients:
 
     @property
     def curvature(self) -> tuple[float, float]:
-        """Relative quadratic coefficient b (1 cm) / I of F = a d + b d^2, and its standard deviation.
+        """Relative quadratic coefficient b (1 cm) / I of F = a d + b d^2, and its standard deviation; NaN unless I > 0.
 
         Its error is independent of that of the linear coefficient (Frisch and Waugh 1933), and it does not depend on the gain of
         the force sensor.
         """
+        if not self.I_N_per_m > 0:  # a wall that snaps through has no stiffness to compare with
+            return math.nan, math.nan
         scale = NOMINAL_N / (NOMINAL_m * self.I_N_per_m)
         return self.II * scale, self.II_sigma * scale
 
