@@ -61,6 +61,14 @@ def test_the_pinched_tube_softens_and_stiffens_as_other_codes_say():
         # The force at a depth is steadier between points than the depth at a force: 4 % with this
         # mesh and straight lines between seven points.
         assert np.interp(millimetres / 1e3, depth, force) == pytest.approx(newton, rel=0.04)
+    # A path ends at the load that is asked for, and says so when its iterations are used up.
+    ended = follow_displacement(shell, load, list(path.control_m), until_load=float(path.load[1]))
+    assert ended.complete
+    np.testing.assert_allclose(ended.load, path.load[:2], rtol=1e-9)
+    few = follow_displacement(shell, load, list(path.control_m), max_iterations=path.points[0].iterations + 2)
+    assert not few.complete
+    assert len(few.points) == 1
+    assert "the iterations ended at displacement 0.0005" in few.reason
     # The curve starts as the linear model says.
     first = follow_displacement(shell, load, [1e-6]).load[0]
     assert first == pytest.approx(1e-6 / (-model.solve(load)[np.argmin(load[:, 0]), 0]), rel=1e-3)

@@ -130,7 +130,7 @@ def kernel(
         if dispatcher is not function:  # it is with NUMBA_DISABLE_JIT
             dispatcher._cache = KernelCache(dispatcher)
             dispatcher.compile = functools.partial(compile_kernel, dispatcher, dispatcher.compile)
-            dispatcher.add_overload = functools.partial(add_overload, dispatcher.add_overload)
+            dispatcher.add_overload = functools.partial(add_overload, dispatcher, dispatcher.add_overload)
             dispatcher.get_call_template = functools.partial(call_template, dispatcher.get_call_template)
             KERNELS.append(dispatcher)
         return dispatcher

@@ -55,18 +55,18 @@ def compiling(dispatcher: Any, signature: Any) -> Iterator[None]:
         _compiling.pop()
 
 
-def add_overload(add: Callable[[CompileResult], None], result: CompileResult) -> None:
+def add_overload(dispatcher: Any, add: Callable[[CompileResult], None], result: CompileResult) -> None:
     """Numba's registration of a compiled signature: only what has an entry for Python becomes known to it.
 
     Parameters
     ----------
-    add
-        Numba's method of the kernel.
+    dispatcher, add
+        Numba's dispatcher of the kernel, and its own method.
     result
         Compilation result.
     """
     if _is_part(result.library):
-        add.__self__.overloads[tuple(result.signature.args)] = result  # type: ignore[attr-defined]
+        dispatcher.overloads[tuple(result.signature.args)] = result
     else:
         add(result)
 

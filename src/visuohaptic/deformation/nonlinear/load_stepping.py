@@ -188,9 +188,8 @@ class _Walk:
                     if past_limits and cuts in (4, 8) and self._pass_turning_point(kind, target):
                         reached, fraction, cuts = target, 1.0, 0
                     elif cuts > 7 or self.left <= 0:
-                        reason = (
-                            f"no equilibrium found beyond {kind} {reached:.6g} on the way to {target:.6g}"
-                        )
+                        ended = "the iterations ended at" if self.left <= 0 else "no equilibrium found beyond"
+                        reason = f"{ended} {kind} {reached:.6g} on the way to {target:.6g}"
                         _log.info("%s", reason)
                         return EquilibriumPath(tuple(points), False, reason)
             points.append(self._point())
