@@ -10,6 +10,9 @@ the detected part of the height does not affect the position. ``false``: the sam
 objects, and people who walk past; every region is false. ``filled``: vessels with water. Regions that belong to no vessel of a
 clear scene count as false, too. ``dense``, ``dense_false``: the same from a level ring of 120, 60, 30 and 15 views.
 
+``network``: the clear tables and their opaque copies with the masks of networks of segmentation as a further source of
+evidence (``tests/worlds/view_masks.py``): none, usual ones, one fooled by every opaque object, noise, the opposite.
+
 ``declared``: false regions of opaque scenes at several requested false-alarm rates. ``clear_touch``: six planned touches
 on a fully clear vessel of 24 views. ``objects``: six planned touches on scanned objects (``../shared/data/geometry``)
 of which one camera does not see the back, or of which the middle is hidden.
@@ -25,6 +28,7 @@ import inspect
 import json
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +36,7 @@ import numpy as np
 from scipy.stats import poisson
 from tests.worlds.ray_meshes import HIDDEN, mesh_files, partly_seen
 from tests.worlds.ray_scenes import GlassSequence, sequence
+from tests.worlds.view_masks import NETWORKS, masks
 
 from visuohaptic.core.camera import Camera, Pose
 from visuohaptic.core.files import write_text
@@ -69,6 +74,8 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "shuffled": {"shuffle": True},
     "shuffled, poses off": {"shuffle": True, "noise": POSE_NOISE},
 }
+#: Numbers of views of the campaign with networks.
+NETWORK_VIEWS = (8, 6)
 #: Floor and aim of the fraction found, by campaign and views.
 FOUND_LIMITS = {
     ("found", 48): (0.97, 0.99),
@@ -162,6 +169,53 @@ def campaign(
     return rows
 
 
+def network_campaign(
+    chosen: Sequence[int],
+    *,
+    views: Sequence[int] = (),
+    cache: Path | None = None,
+    journal: Path | None = None,
+) -> list[dict[str, Any]]:
+    """Clear and opaque scenes of few views, poses off, with the masks of every network."""
+    done = Journal(journal, {"campaign": "glass network"})
+    rows = []
+    variant = VARIANTS["shuffled, poses off"]
+    for seed in chosen:
+        for family in ("clear", "opaque"):
+            whole = None
+            for count in views or NETWORK_VIEWS:
+                for network in ("none", *NETWORKS):
+                    if (key := f"{family} {seed} {count} {network}") not in done:
+                        whole = whole or sequence(family, seed, cache)
+                        options: dict[str, Any] = {}
+                        if network != "none":
+                            seen = (
+                                replace(whole, depth_m=masks(whole, network)).views(count, **variant).depth_m
+                            )
+                            options["model"] = lambda frame, seen=seen: seen[frame.index]
+                        done.put(key, detect(whole.views(count, **variant), **options))
+                    rows.append({"family": family, "views": count, "network": network, **done.rows[key]})
+        print(f"network: seed {seed}, {len(rows)} runs", flush=True)
+    return rows
+
+
+def network_figures(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Vessels found and false regions with each network; without one first."""
+    figures = []
+    for count in sorted({row["views"] for row in rows}, reverse=True):
+        for network in ("none", *NETWORKS):
+            of = [row for row in rows if row["views"] == count and row["network"] == network]
+            errors = [error for row in of for error in row["error_m"]]
+            false = [row["false"] for row in of]
+            figures += [
+                {"name": f"network {network}, {count} views: vessels found", "unit": "1",
+                 "ours": float(np.mean([error is not None for error in errors]))},
+                {"name": f"network {network}, {count} views: false regions per scene", "unit": "1", "floor": 0.1,
+                 "aim": 0.02, "ours": float(np.mean(false)), "higher_is_better": False, "note": f"{len(false)} scenes"},
+            ]  # fmt: skip
+    return figures
+
+
 def declared_campaign(
     chosen: Sequence[int], *, cache: Path | None = None, journal: Path | None = None
 ) -> list[dict[str, Any]]:
@@ -226,6 +280,8 @@ def summary(name: str, rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         return TOUCHED[name](rows)
     if name == "declared":
         return declared_figures(rows)
+    if name == "network":
+        return network_figures(rows)
     figures = []
     for count in sorted({row["views"] for row in rows}, reverse=True):
         for variant in VARIANTS:
@@ -296,7 +352,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
-        "campaigns", nargs="*", default=["found", "false"], choices=[*FAMILY, "declared", *TOUCHED]
+        "campaigns", nargs="*", default=["found", "false"], choices=[*FAMILY, "declared", "network", *TOUCHED]
     )
     add_seeds(parser, 50, "scenes")
     parser.add_argument("--views", type=int, nargs="+", default=[], help="only these numbers of views")
@@ -322,6 +378,8 @@ def main() -> None:
             continue
         if name in TOUCHED:
             rows = touch_campaign(name, chosen, cache=arguments.cache, journal=journal)
+        elif name == "network":
+            rows = network_campaign(chosen, views=arguments.views, cache=arguments.cache, journal=journal)
         elif name == "declared":
             rows = declared_campaign(chosen, cache=arguments.cache, journal=journal)
         else:

@@ -38,7 +38,8 @@ from visuohaptic.reconstruction.transparency import (
     ray_image,
     refine_poses,
 )
-from visuohaptic.reconstruction.transparency.ray_readings import FAR, NEAR, SAME, RayEvidence, reading_tables
+from visuohaptic.reconstruction.transparency.ray_evidence import RayEvidence
+from visuohaptic.reconstruction.transparency.ray_readings import FAR, NEAR, SAME, reading_tables
 from visuohaptic.reproduce.worlds import (
     VOXEL_M,
     PublishedDetector,

@@ -36,8 +36,8 @@ from visuohaptic.reconstruction.transparency._view_kernels import (
     warp_views,
 )
 from visuohaptic.reconstruction.transparency.pose_refinement import common_sigma_m
-from visuohaptic.reconstruction.transparency.ray_readings import RayEvidence, RayImage, reading_tables
-from visuohaptic.reconstruction.transparency.surface_rates import surface_ratios
+from visuohaptic.reconstruction.transparency.ray_evidence import RayEvidence
+from visuohaptic.reconstruction.transparency.ray_readings import RayImage, reading_tables, surface_ratios
 from visuohaptic.simulation.tabletop import DepthCamera, disturb_pose, glass_scene
 
 SEED = 12  # a development seed: thin, 360 degrees

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from ..core.errors import InputError
 from ..io.depth.depth_sequence import DepthFrame, DepthSequence
+from ..io.depth.pixel_model import PixelModel
 from ..io.meshes.ply import PlyMesh, write_ply
 from .body_completion import BodyCompletion
 from .completion.hole_region import HoleRegion
@@ -20,8 +21,9 @@ from .fusion.depth_fusion import TsdfVolume
 from .fusion.depth_noise import SENSOR_NOISE, DepthNoise, sensor_noise
 from .fusion.volume import SpaceGrid, space_of_interest
 from .mesh import SurfaceMesh
-from .transparency.evidence import EvidenceDetector, EvidenceSettings
+from .transparency.evidence import EvidenceDetector
 from .transparency.pose_refinement import common_sigma_m, refine_poses
+from .transparency.ray_evidence import EvidenceSettings
 from .transparency.ray_readings import TrackedNoise
 from .transparency.regions import TransparentRegion, mask_refracted_rays, outer_voxels, save_regions
 from .transparency.search_report import SearchReport
@@ -129,6 +131,7 @@ def reconstruct(
     refine: bool = True,
     sparse: bool = False,
     false_alarm_rate: float = 0.02,
+    model: PixelModel | None = None,
 ) -> Reconstruction:
     """Fuse the surface and detect transparent parts from the same views.
 
@@ -148,6 +151,9 @@ def reconstruct(
         otherwise in the space of interest only.
     false_alarm_rate
         Expected number of false transparent parts of a search, between 0 and 1.
+    model
+        A network of your own that scores every pixel of a view, as a further source of evidence, see
+        :func:`~visuohaptic.io.depth.load_pixel_model`.
 
     Raises
     ------
@@ -179,7 +185,7 @@ def reconstruct(
     reported = frames
     if refine:
         frames = refine_poses(frames, noise)
-    detector = EvidenceDetector(grid, noise, EvidenceSettings(false_alarm_rate))
+    detector = EvidenceDetector(grid, noise, EvidenceSettings(false_alarm_rate), model)
     detector.run(frames)
     regions = detector.regions()
     if refine and len(frames) > 1:

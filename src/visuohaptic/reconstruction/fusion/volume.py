@@ -70,6 +70,18 @@ class SpaceGrid:
         """
         return self.low_m + self.voxel_m * (np.asarray(cells) + 0.5)
 
+    def part(self, box: tuple[slice, ...]) -> SpaceGrid:
+        """Grid of the voxels in a box.
+
+        Parameters
+        ----------
+        box
+            Ranges of the indices along x, y, z.
+        """
+        nx, ny, nz = (int(along.stop - along.start) for along in box)
+        low_m = self.low_m + self.voxel_m * np.array([along.start for along in box])
+        return SpaceGrid(low_m, (nx, ny, nz), self.voxel_m)
+
 
 def space_of_interest(
     frames: Sequence[DepthFrame], *, edge_m: float = 1.0, voxel_m: float = 0.005

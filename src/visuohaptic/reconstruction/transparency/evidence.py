@@ -21,7 +21,7 @@ at most a (Markov's inequality, Bonferroni), for any number of views: a is the f
 A wide vessel that few views see has no single place with so much evidence. A place where glass is more probable than not is therefore
 tested as a whole: its likelihood ratio in a view is that of all windows inside the outline of a body, with the same bounds.
 
-A part has to exceed the threshold also with the rates that the surface behind it has of its own (:mod:`.surface_rates`). Its
+A part has to exceed the threshold also with the rates that the surface behind it has of its own (:func:`.ray_readings.surface_ratios`). Its
 position and radii follow from the outlines (:mod:`.outline_fit`, :mod:`.outline_rings`). The extent of a part is the same sum with
 e = 0.85: this many rays still pass a round glass at 1.03 of its radius, 2/pi asin(1/1.03). Parts, by falling evidence, explain their rays.
 """
@@ -36,52 +36,37 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
-from ...core.errors import InputError
 from ...io.depth.depth_sequence import DepthFrame
+from ...io.depth.pixel_model import PixelModel
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
 from .body_pairs import disjoint_bodies, fit_pair
 from .outline_fit import OutlineView, UprightBody, body_evidence, fit_bodies
 from .outline_rings import with_rings
-from .ray_readings import (
-    FAR,
+from .ray_evidence import (
     HIDDEN,
     LOOK_ALIKE,
-    NEAR,
+    EvidenceSettings,
     RayEvidence,
+    ScoreEvidence,
+    look_alike_fraction,
+)
+from .ray_readings import (
+    FAR,
+    NEAR,
     RayImage,
     TrackedNoise,
     ViewDepth,
-    look_alike_fraction,
     ray_image,
     reading_tables,
+    surface_ratios,
 )
 from .regions import TransparentRegion, region_of
 from .search_report import SearchReport, next_eye
-from .surface_rates import surface_ratios
 from .view_geometry import ray_stride, thinned, view_graph
 
 #: Stride of the pixels whose windows are used to estimate e [px].
 _STRIDE = 5
-
-
-@dataclass(frozen=True, slots=True)
-class EvidenceSettings:
-    """Parameters of the detector."""
-
-    false_alarm_rate: float = 0.02  #: expected number of false parts of a search
-    radius_m: float = 0.015  #: radius of the smallest object of interest [m]
-    neighbours: int = 10  #: number of views that each view is compared with
-    #: angle between independent views; preferred between compared views [rad]
-    independent_rad: float = math.radians(10.0)
-    #: minimum angle between compared views: nearer ones see glass alike [rad]
-    min_angle_rad: float = math.radians(4.0)
-    max_wrong: float = 0.3  #: maximum fraction of contradicted rays of a view that is used
-
-    def __post_init__(self) -> None:
-        if not 0 < self.false_alarm_rate < 1:
-            said = f"found {self.false_alarm_rate}, expected between 0 and 1 exclusive"
-            raise InputError("EvidenceSettings", said, field="false_alarm_rate")
 
 
 @dataclass(slots=True)
@@ -98,6 +83,7 @@ class EvidenceDetector:
     grid: SpaceGrid
     noise: DepthNoise = SENSOR_NOISE["kinect"]
     settings: EvidenceSettings = field(default_factory=EvidenceSettings)
+    model: PixelModel | None = None  #: further evidence: scores of a network
     #: for glass here; an upper bound where below 0 [nat]
     evidence: Float32[np.ndarray, "x y z"] = field(init=False)
     #: for glass here rather than beside, likewise [nat]
@@ -113,6 +99,7 @@ class EvidenceDetector:
     _images: list[RayImage] = field(init=False)
     _rays: RayEvidence = field(init=False)
     _tables: Float32[np.ndarray, "kinds n"] = field(init=False)
+    _scores: list[Float32[np.ndarray, "h w"]] = field(init=False)
     _outlines: list[OutlineView] = field(init=False)
     _found: tuple[TransparentRegion, ...] = field(init=False)
     _strongest: float = field(init=False, default=0.0)  #: largest evidence of a part [nat]
@@ -124,7 +111,7 @@ class EvidenceDetector:
         self.seen, self.inside = np.zeros((1, 1, 1), np.float32), np.zeros(shape, dtype=bool)
         none = np.zeros((0, 0, 0), np.float32)
         self._rays, self._tables = RayEvidence((), none.ravel(), none, none, none), none.reshape(0, 0)
-        self._images, self._outlines, self._found, self._strongest = [], [], (), 0.0
+        self._images, self._scores, self._outlines, self._found, self._strongest = [], [], [], (), 0.0
         self.threshold = -math.log(self.settings.false_alarm_rate)
 
     @property
@@ -181,6 +168,13 @@ class EvidenceDetector:
             space_m3 = float(np.mean(seen > 0) * np.prod(self.grid.high_m - self.grid.low_m))
             places = space_m3 / (2 * self.settings.radius_m) ** 3
             self.threshold = math.log(max(places, 1.0) / self.settings.false_alarm_rate)
+        if self._scores:
+            read = np.stack([image.limit_m > 0 for image in self._images])
+            edges_px, size_m = [*map(self._window_px, self._rays.frames)], 2 * self.settings.radius_m
+            shown = read, self.evidence - self._even, self.grid, size_m
+            scored = ScoreEvidence.learned(self._scores, edges_px, self._rays, *shown)
+            self._rays = replace(self._rays, scores=scored)
+            self.evidence = self.evidence + scored.sums(self.grid)
 
     def _outline_views(self, added: Sequence[Float32[np.ndarray, "h w"]] = ()) -> list[OutlineView]:
         """Outlines of all views with the current rates, and what is added to the log-likelihood ratios of each view."""
@@ -196,7 +190,7 @@ class EvidenceDetector:
         graph, settings = view_graph(frames), self.settings
         focal_px, away_m = frames[0].camera.focal_px, float(np.median([*map(self._away_m, frames)]))
         self._stride = ray_stride(focal_px, self.grid.voxel_m, away_m, self.noise.window_px(focal_px))
-        frames = [thinned(frame, self._stride) for frame in frames]
+        whole, frames = frames, [thinned(frame, self._stride) for frame in frames]
         told = settings.neighbours, settings.independent_rad, settings.min_angle_rad
         near = [graph.neighbours(i, *told) for i in range(len(frames))]
         nearest = [graph.neighbours(i, 1, settings.min_angle_rad) for i in range(len(frames))]
@@ -213,6 +207,9 @@ class EvidenceDetector:
                 self.skipped["too wrong"] += 1
                 continue
             read.append(frames[i])
+            if self.model:
+                scored = replace(whole[i], depth_m=np.asarray(self.model(whole[i]), np.float32))
+                self._scores.append(thinned(scored, self._stride).depth_m)
             self._images.append(rays)
             weights.append(weight)
         return read, np.array(weights, np.float32)
@@ -221,6 +218,14 @@ class EvidenceDetector:
         """Distance of a camera from the centre of the space [m]."""
         middle_m = 0.5 * (self.grid.low_m + self.grid.high_m)
         return max(float(np.linalg.norm(frame.T_world_camera.translation_m - middle_m)), 0.1)
+
+    def _matching_px(self, frame: DepthFrame) -> float:
+        return self.noise.window_px(frame.camera.focal_px, self._stride)
+
+    def _window_px(self, frame: DepthFrame) -> int:
+        """Edge of the window of the smallest object, at least that of the matching window [px]."""
+        radius_px = frame.camera.focal_px * self.settings.radius_m / self._away_m(frame)
+        return 2 * round(max(0.5 * (self._matching_px(frame) - 1), radius_px)) + 1
 
     def ratios(
         self, frame: DepthFrame, rays: RayImage, tables: Float32[np.ndarray, "kinds n"]
@@ -238,10 +243,7 @@ class EvidenceDetector:
         """
         import cv2
 
-        focal_px = frame.camera.focal_px
-        matching = self.noise.window_px(focal_px, self._stride)
-        radius_px = focal_px * self.settings.radius_m / self._away_m(frame)
-        object_px = 2 * round(max(0.5 * (matching - 1), radius_px)) + 1
+        matching, object_px = self._matching_px(frame), self._window_px(frame)
         total = np.zeros(rays.reading.shape, np.float32)
         for table in tables / np.float32(matching**2):
             image, size = np.take(table, rays.code), (object_px, object_px)
@@ -262,7 +264,7 @@ class EvidenceDetector:
         while best.max(initial=-np.inf) >= self._even:
             number = int(best.argmax())
             box = boxes[number]
-            evidence, extent, _ = self._rays.sums(self._part_grid(box))
+            evidence, extent, _ = self._rays.sums(self.grid.part(box))
             left = (labels[box] == number + 1) & (extent > 0)
             peak = evidence[left].max(initial=-np.inf)
             # The remaining evidence of a part: accepted parts may have reduced it.
@@ -285,8 +287,9 @@ class EvidenceDetector:
         whole: Bool[np.ndarray, "x y z"] = labels == labels.flat[np.where(left, evidence, -np.inf).argmax()]
         told = float(evidence[whole].max())
         for body in self._fit(whole, evidence, box):
-            outlined = told if told >= self.threshold else self._bounded(body)
-            if outlined >= self.threshold and self._beside(body) >= self.threshold:
+            seen = self._rays.scored(body.points_m(self.grid.voxel_m))
+            outlined = told if told >= self.threshold else self._bounded(body) + seen
+            if outlined >= self.threshold and self._beside(body) + seen >= self.threshold:
                 self._strongest = max(self._strongest, outlined)
                 return whole, body
         return whole, None
@@ -340,7 +343,7 @@ class EvidenceDetector:
         self._explain(np.concatenate([points_m[own], body_m]))
         rest = part.copy()
         rest[part] = ~own
-        if own.any() and self._rays.sums(self._part_grid(box))[0][rest].max(initial=0.0) >= self.threshold:
+        if own.any() and self._rays.sums(self.grid.part(box))[0][rest].max(initial=0.0) >= self.threshold:
             # Evidence above the threshold from rays that miss the body belongs to another part.
             part, cells, own = part & ~rest, cells[own], own[own]
         else:
@@ -361,12 +364,6 @@ class EvidenceDetector:
         """Set the evidence of all rays through some points to zero."""
         for k, limit_m in enumerate(self._rays.limit_m):
             limit_m[self._rays.passed(k, points_m, self.grid.voxel_m)] = 0.0
-
-    def _part_grid(self, box: tuple[slice, ...]) -> SpaceGrid:
-        """Grid of the voxels in a box of the volume."""
-        nx, ny, nz = (int(s.stop - s.start) for s in box)
-        low_m = self.grid.low_m + self.grid.voxel_m * np.array([s.start for s in box])
-        return SpaceGrid(low_m, (nx, ny, nz), self.grid.voxel_m)
 
     @property
     def _even(self) -> float:

@@ -5,7 +5,7 @@ transparent depend on the *context* of a ray: whether the expected surface is in
 from where the camera fails (an edge of the expected surface, unknown depth, grazing incidence, the shadow of the projector;
 Alt 2016, 5.1), how many views see it, how many have no reading at it (a dark surface drops out in all views, glass in front of
 it in some), and its depth. The context follows from the other views; the rates in each context are estimated from the sequence
-itself (:mod:`.evidence`).
+itself (:mod:`.evidence`), and for a part at the surface behind it (:func:`surface_ratios`).
 """
 
 from __future__ import annotations
@@ -16,14 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8, UInt16
 
-from ...core.camera.pose import Pose
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
-from ..fusion.volume import SpaceGrid
 from .view_geometry import back_motions, ideal_depth, intrinsics, motions
-
-#: Minimum fraction of windows that look like glass, for causes outside the model, and iterations of its estimate.
-LOOK_ALIKE, _ROUNDS = 0.05, 12
 
 #: Values of :attr:`RayImage.reading`; 0 is unknown.
 SAME, FAR, NEAR, DROPPED = 1, 2, 3, 4
@@ -39,10 +34,6 @@ KINDS = np.array(
 )
 #: Weight of the prior of a context, in rays; the prior is that glass and no glass have equal rates.
 _PRIOR_RAYS = 50.0
-#: Probability that a view through glass shows no effect of it.
-HIDDEN = 0.1
-#: Fraction of the rays beside the axis of glass that still pass it; see :mod:`.evidence`.
-_BESIDE = 0.85
 #: Number of standard deviations within which depths agree: 1 % of agreeing depths are missed.
 _WIDTH = 2.5
 #: Three views have to see a surface if there are at least this many, otherwise two: two of many agree by chance.
@@ -246,97 +237,6 @@ def _from_failures(
     return cv2.distanceTransform((~failing).astype(np.uint8), cv2.DIST_L2, 3)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RayEvidence:
-    """Evidence of the rays of all views."""
-
-    frames: Sequence[DepthFrame]  #: views of one camera
-    weights: Float32[np.ndarray, "n"]  #: weight of each view, in independent views
-    limit_m: Float32[np.ndarray, "n h w"]  #: depth up to which each ray is evidence; 0: no evidence [m]
-    on_ray: Float32[np.ndarray, "n h w"]  #: evidence for glass on the ray [nat]
-    at_voxel: Float32[np.ndarray, "n h w"]  #: evidence for glass here rather than beside [nat]
-
-    @classmethod
-    def of_ratios(
-        cls,
-        frames: Sequence[DepthFrame],
-        weights: Float32[np.ndarray, "n"],
-        limit_m: Float32[np.ndarray, "n h w"],
-        ratios: Float32[np.ndarray, "n h w"],
-        look_alike: float,
-    ) -> RayEvidence:
-        """Compute the evidence from likelihood ratios of windows.
-
-        Parameters
-        ----------
-        frames
-            Views of one camera.
-        weights
-            Weight of each view, in independent views (n).
-        limit_m
-            Depth up to which each ray is evidence (n, h, w) [m]; not copied.
-        ratios
-            Likelihood ratio of the window around every pixel (n, h, w).
-        look_alike
-            Fraction of all windows that look like glass.
-        """
-        return cls(frames, weights, limit_m, _log_ratio(ratios, look_alike), _log_ratio(ratios, _BESIDE))
-
-    def sums(
-        self, grid: SpaceGrid
-    ) -> tuple[Float32[np.ndarray, "x y z"], Float32[np.ndarray, "x y z"], Float32[np.ndarray, "a b c"]]:
-        """Both kinds of evidence of every voxel [nat], and the weight of the views with evidence for each block of voxels.
-
-        Where neither kind can be positive, both are upper bounds.
-
-        Parameters
-        ----------
-        grid
-            Grid of the volume.
-        """
-        from ._evidence_kernels import EDGE, sum_evidence, tile_bounds
-
-        rays = self.limit_m, self.on_ray, self.at_voxel
-        n, h, w = self.limit_m.shape
-        bounds = [np.empty((n, -(-h // EDGE), -(-w // EDGE)), np.float32) for _ in range(4)]
-        tile_bounds(*rays, *bounds)
-        views = back_motions(Pose.identity(), [frame.T_world_camera for frame in self.frames])
-        camera = intrinsics(self.frames[0].camera) if self.frames else np.zeros(4, np.float32)
-        blocks = tuple(-(-size // EDGE) for size in grid.shape)
-        sums = [np.empty(shape, np.float32) for shape in (grid.shape, grid.shape, blocks)]
-        place = grid.low_m.astype(np.float32), np.float32(grid.voxel_m)
-        sum_evidence(*rays, self.weights, views, *camera, *bounds, *place, *sums)
-        return sums[0], sums[1], sums[2]
-
-    def passed(
-        self, number: int, points_m: Float[np.ndarray, "n 3"], voxel_m: float
-    ) -> Bool[np.ndarray, "h w"]:
-        """Mask of the rays of a view that pass through voxels.
-
-        Parameters
-        ----------
-        number
-            Index of the view.
-        points_m
-            Centres (n, 3) of voxels in the world [m].
-        voxel_m
-            Edge of the voxels [m].
-        """
-        import cv2
-
-        camera = self.frames[number].camera
-        local = self.frames[number].T_world_camera.inverse().apply(points_m)
-        local = local[local[:, 2] > 0.05]
-        found = np.zeros(self.limit_m.shape[1:], np.uint8)
-        fx, fy, cx, cy = intrinsics(camera)
-        u = np.rint(fx * local[:, 0] / local[:, 2] + cx).astype(int)
-        v = np.rint(fy * local[:, 1] / local[:, 2] + cy).astype(int)
-        held = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
-        found[v[held], u[held]] = 1
-        reach = int(np.ceil(camera.focal_px * voxel_m / float(local[:, 2].min(initial=np.inf)))) + 1
-        return cv2.dilate(found, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)) > 0
-
-
 def reading_tables(codes: Sequence[UInt16[np.ndarray, "*n"]]) -> Float32[np.ndarray, "kinds n"]:
     """Log-likelihood ratios by kind of glass and :attr:`RayImage.code` [nat]; 0 for unknown readings.
 
@@ -353,29 +253,58 @@ def reading_tables(codes: Sequence[UInt16[np.ndarray, "*n"]]) -> Float32[np.ndar
     return tables.reshape(len(KINDS), -1)
 
 
-def _log_ratio(
-    ratio: Float32[np.ndarray, "n h w"], elsewhere: float | Float32[np.ndarray, "n h w"]
-) -> Float32[np.ndarray, "n h w"]:
-    """Evidence of windows for glass here, with the probability ``elsewhere`` of glass elsewhere [nat]."""
-    import cv2
+def surface_ratios(
+    frames: Sequence[DepthFrame],
+    images: Sequence[RayImage],
+    through: Bool[np.ndarray, "n h w"],
+    used: Bool[np.ndarray, "n h w"],
+    tables: Float32[np.ndarray, "kinds n"],
+    patch_m: float,
+) -> list[Float32[np.ndarray, "h w"]]:
+    """Correction of the log-likelihood ratios of the rays through a part for the readings at the surface behind it [nat].
 
-    found = np.empty_like(ratio)
-    chances = np.broadcast_to(np.float32(elsewhere), ratio.shape)
-    # One view after the other: the arrays of one stay in the cache.
-    for view, chance, evidence in zip(ratio, chances, found, strict=True):
-        cv2.log(((1 - HIDDEN) * view + HIDDEN) / ((1 - chance) + chance * view), evidence)
-    return found
-
-
-def look_alike_fraction(ratios: Float32[np.ndarray, "n"]) -> float:
-    """Fraction of windows that look like glass, by maximum likelihood (EM).
+    A specular surface mirrors a lamp into every view from another place, and rays to it drop out as through glass: in a polished
+    bowl all of them pass its centre of curvature. Rays that end at the same place of the surface, but pass beside the part, drop
+    out there too, whereas behind glass they read the surface. The rates without glass at a place are the mean rates of these
+    rays over the views, with those of the context as a prior of one view (unit information, Kass and Wasserman 1995).
 
     Parameters
     ----------
-    ratios
-        Likelihood ratio of glass for each window.
+    frames, images
+        Views and their readings.
+    through, used
+        Rays through the part, and rays that no other part explains (n, h, w).
+    tables
+        See :func:`reading_tables` [nat].
+    patch_m
+        Size of a place of the surface, that of the smallest object of interest [m].
     """
-    fraction = LOOK_ALIKE
-    for _ in range(_ROUNDS if len(ratios) else 0):
-        fraction = float(np.mean(fraction * ratios / ((1 - fraction) + fraction * ratios)))
-    return max(fraction, LOOK_ALIKE)
+    rates = np.exp(np.log(KINDS[0]) - tables[0].reshape(CONTEXTS, 5)[:, 1:])
+
+    def patches(k: int, rays: Bool[np.ndarray, "h w"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        chosen = rays & (images[k].reading > 0)
+        (v, u), z = np.nonzero(chosen), images[k].predicted_m[chosen]
+        fx, fy, cx, cy = intrinsics(frames[k].camera)
+        points_m = frames[k].T_world_camera.apply(np.column_stack([(u - cx) / fx * z, (v - cy) / fy * z, z]))
+        cells = np.floor(points_m / patch_m).astype(np.int64) & 0xFFFFF
+        return chosen, (cells[:, 0] << 40) | (cells[:, 1] << 20) | cells[:, 2], images[k].code[chosen]
+
+    hit = [patches(k, rays) for k, rays in enumerate(through)]
+    keys = np.unique(np.concatenate([key for _, key, _ in hit]))
+    sums, views = np.zeros((len(keys), 4)), np.zeros(len(keys))
+    for k, rays in enumerate(used & ~through):
+        _, key, code = patches(k, rays)
+        at = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
+        same = keys[at] == key
+        counts = np.bincount(4 * at[same] + code[same] % 5 - 1, minlength=4 * len(keys)).reshape(-1, 4)
+        number = counts.sum(axis=1)
+        sums += counts / np.maximum(number, 1)[:, None]
+        views += number > 0
+    found = []
+    for chosen, key, code in hit:
+        at, context, reading = np.searchsorted(keys, key), code // 5, code % 5 - 1
+        image = np.zeros(chosen.shape, np.float32)
+        prior = rates[context, reading]
+        image[chosen] = np.log(prior * (1 + views[at]) / (prior + sums[at, reading]))
+        found.append(image)
+    return found

@@ -14,7 +14,7 @@ from jaxtyping import Float, Shaped
 from ...core.camera.model import Camera
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.volume import SpaceGrid
-from .ray_readings import HIDDEN
+from .ray_evidence import HIDDEN
 from .view_geometry import ideal_depth, intrinsics, motions
 
 #: Why nothing was found; ``found``: something was found.

@@ -36,6 +36,18 @@ def add_arguments(add: Any) -> None:
     )
     add("--voxel-m", 0.005, "edge of a voxel [m] (default: %(default)s)", low=0, high=0.5, above=True)
     add("--false-alarm-rate", 0.02, "expected false transparent parts of a search (default: %(default)s)")
+    add(
+        "--network",
+        Path,
+        "your own network as further evidence: ONNX file, or folder with one mask for each depth image",
+    )
+    add(
+        "--network-output",
+        "mask",
+        "what it returns: a score, or a depth or disparity that sees the glass (default: %(default)s)",
+        choices=("mask", "depth", "disparity"),
+    )
+    add("--network-size", int, "width and height of its input [px] (default: those of the view)", nargs=2)
     add("--no-refine", bool, "do not refine the poses")
     add("--sparse", bool, "fuse the surface everywhere, not only in the space of interest")
     add("--plot", Path, "figure of surface and transparent parts to write (.png, .pdf, .svg)")
@@ -62,6 +74,10 @@ def run(args: Arguments) -> dict[str, Any]:
         grid = fusion.SpaceGrid.around(args.space[:3], args.space[3:], args.voxel_m)
     else:
         grid = fusion.space_of_interest(frames, voxel_m=args.voxel_m)
+    model = None
+    if args.network:
+        size = tuple(args.network_size) if args.network_size else None
+        model = io.depth.load_pixel_model(args.network, args.network_output, size)
     found = reconstruction.reconstruct(
         frames,
         grid=grid,
@@ -69,6 +85,7 @@ def run(args: Arguments) -> dict[str, Any]:
         refine=not args.no_refine,
         sparse=args.sparse,
         false_alarm_rate=args.false_alarm_rate,
+        model=model,
     )
     found.save(args.out)
     for region in found.regions:
