@@ -6,6 +6,7 @@ JOBS ?= 2
 MAP ?=
 VIEW ?=
 PART ?=
+REPOSITORY ?=
 
 .PHONY: demo test bench docs lint types layers check clean warmup wheel
 
@@ -61,7 +62,8 @@ warmup: $(VENV)/.installed-all
 	$(BIN)/visuohaptic warmup --workers $(JOBS)
 
 wheel: $(VENV)/.installed-all ## Build the wheels of a release in dist/: the library, and its compiled kernels
-	$(BIN)/python -m pip wheel -q --no-deps --wheel-dir dist .
+	$(if $(REPOSITORY),,@echo "no REPOSITORY=https://HOST/OWNER/REPOSITORY: the links of the README stay relative, for a local wheel only")
+	VISUOHAPTIC_REPOSITORY=$(REPOSITORY) $(BIN)/python -m pip wheel -q --no-deps --wheel-dir dist .
 	$(BIN)/python -m benchmarks.kernel_wheel --out dist --jobs $(JOBS)
 
 check: lint types layers

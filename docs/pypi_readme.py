@@ -1,17 +1,20 @@
-"""The README for a package index, whose pages know no folder: every relative link becomes an absolute one.
+"""The page of a package index, which knows no folder: every relative link of the README becomes an absolute one.
 
-python docs/pypi_readme.py https://HOST/OWNER/REPOSITORY > README.pypi.md
-
-Pictures are taken from REPOSITORY/raw/BRANCH, pages from REPOSITORY/blob/BRANCH, as GitHub and GitLab serve them.
+A build hook of hatchling (``pyproject.toml``): ``make wheel REPOSITORY=https://HOST/OWNER/REPOSITORY`` sets the environment
+variable below, without which the README stays as it is. Pictures are taken from REPOSITORY/raw/BRANCH, pages from
+REPOSITORY/blob/BRANCH, as GitHub and GitLab serve them.
 """
 
 from __future__ import annotations
 
+import os
 import re
-import sys
 from pathlib import Path
+from typing import Any
 
 README = Path(__file__).resolve().parents[1] / "README.md"
+#: Environment variable with the address of the repository.
+VARIABLE = "VISUOHAPTIC_REPOSITORY"
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
 
 
@@ -29,7 +32,14 @@ def absolute(text: str, repository: str, branch: str = "main") -> str:
     return _LINK.sub(link, text)
 
 
-if __name__ == "__main__":
-    if len(sys.argv) < 2:
-        sys.exit(__doc__)
-    sys.stdout.write(absolute(README.read_text(encoding="utf-8"), *sys.argv[1:3]))
+def get_metadata_hook() -> type:
+    """The class that hatchling asks for the README of a distribution."""
+    from hatchling.metadata.plugin.interface import MetadataHookInterface
+
+    class ReadmeHook(MetadataHookInterface):
+        def update(self, metadata: dict[str, Any]) -> None:
+            text, repository = README.read_text(encoding="utf-8"), os.environ.get(VARIABLE)
+            text = absolute(text, repository) if repository else text
+            metadata["readme"] = {"content-type": "text/markdown", "text": text}
+
+    return ReadmeHook

@@ -97,6 +97,7 @@ NO_FILE = {
     "example task",
     "reproduce",
     "warmup",
+    "completion",
     "doctor",
 }
 

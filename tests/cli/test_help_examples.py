@@ -765,6 +765,7 @@ STORIES: dict[str, Story] = {
     "ros node": Story(lambda f, r: _nodes(r)),
     "ros launch": Story(lambda f, r: _launched(r)),
     "warmup": Story(lambda f, r: _warm(r)),
+    "completion": Story(_said(shell="bash")),
     "doctor": Story(lambda f, r: _healthy(r), _own_robot, around=_few_libraries),
 }
 

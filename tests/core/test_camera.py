@@ -43,6 +43,22 @@ def test_poses_are_a_group_that_acts_on_points(a: Pose, b: Pose, c: Pose, x: np.
 
 
 @FEW
+@given(POSE, POSE, st.floats(0, 1))
+def test_a_path_is_straight_and_turns_evenly(a: Pose, b: Pose, fraction: float) -> None:
+    from scipy.spatial.transform import Rotation, Slerp
+
+    between = a.interpolated(b, fraction)
+    both = Rotation.from_matrix([a.rotation, b.rotation])
+    turn = (both[0].inv() * both[1]).magnitude()
+    assert a.angle_to(b) == pytest.approx(turn, abs=1e-9)
+    if turn < np.pi - 1e-4:  # half a turn has two axes
+        assert np.abs(between.rotation - Slerp([0, 1], both)(fraction).as_matrix()).max() < 1e-8
+    assert np.allclose(
+        between.translation_m - a.translation_m, fraction * (b.translation_m - a.translation_m)
+    )
+
+
+@FEW
 @given(POSE)
 def test_quaternions_go_round(pose: Pose) -> None:
     quaternion = pose.quaternion_xyzw

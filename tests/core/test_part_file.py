@@ -10,7 +10,15 @@ from pathlib import Path
 import pytest
 
 from visuohaptic.core import InputError
-from visuohaptic.core.files import PartFile, atomic_path, check_unlocked, csv_line, whole_lines, write_text
+from visuohaptic.core.files import (
+    GrowingCsv,
+    PartFile,
+    atomic_path,
+    check_unlocked,
+    csv_line,
+    whole_lines,
+    write_text,
+)
 
 fcntl = pytest.importorskip("fcntl")
 
@@ -30,6 +38,19 @@ def test_the_name_is_given_at_the_end(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
     with pytest.raises(InputError, match="is closed"):
         with_name.write(b"more")
+
+
+def test_rows_of_a_table_are_there_before_it_is_closed_and_after_an_error(tmp_path: Path) -> None:
+    def run() -> None:
+        with GrowingCsv(tmp_path / "run.csv", ("t_s", "name")) as table:
+            table.add((0.1, "a"))
+            assert (tmp_path / "run.csv.part").read_bytes() == b"t_s,name\n0.1,a\n"
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run()
+    assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
+    assert (tmp_path / "run.csv").read_bytes() == b"t_s,name\n0.1,a\n"
 
 
 def test_what_a_killed_run_has_left_is_kept_under_numbers(tmp_path: Path, caplog) -> None:

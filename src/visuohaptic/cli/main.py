@@ -60,11 +60,7 @@ _TABLE: Mapping[str, tuple[tuple[str, str, str], ...]] = {
     ),
     "set-up and calibration": (
         ("system", "cameras", "list the cameras that are connected"),
-        (
-            "system",
-            "defaults",
-            "write a configuration file with every setting, its default and what it means",
-        ),
+        ("system", "defaults", "write a configuration file: every setting, its default and what it means"),
         (
             "sensing",
             "calibrate foam",
@@ -129,6 +125,7 @@ _TABLE: Mapping[str, tuple[tuple[str, str, str], ...]] = {
         ("system", "view", "show objects, maps with plans, surfaces and classifications in the browser"),
         ("system", "reproduce", "reproduce figures and tables of the dissertation and compare the values"),
         ("system", "warmup", "compile all kernels now, so that later starts are fast"),
+        ("system", "completion", "print a script with which bash, zsh or fish completes the command line"),
     ),
 }
 

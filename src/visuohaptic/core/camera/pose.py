@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from ..geometry import so3_exp
+from ..geometry import so3_exp, so3_log
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,6 +138,30 @@ class Pose:
             The points in the target frame, shape (..., 3) [m].
         """
         return np.asarray(points_m) @ self.rotation.T + self.translation_m
+
+    def angle_to(self, other: Pose) -> float:
+        """Angle of the rotation from this orientation to another, 0 to pi [rad].
+
+        Parameters
+        ----------
+        other
+            Pose in the same target frame.
+        """
+        return float(np.linalg.norm(so3_log(self.rotation.T @ other.rotation)))
+
+    def interpolated(self, other: Pose, fraction: float) -> Pose:
+        """Pose on the straight path to another one, with uniform rotation about one axis.
+
+        Parameters
+        ----------
+        other
+            End of the path, in the same target frame.
+        fraction
+            Part of the path, 0 to 1.
+        """
+        turned = so3_exp(fraction * so3_log(self.rotation.T @ other.rotation))
+        place_m = (1.0 - fraction) * self.translation_m + fraction * other.translation_m
+        return Pose(self.rotation @ turned, place_m)
 
 
 def _is_rotation(matrix: Float[np.ndarray, "3 3"]) -> bool:

@@ -18,6 +18,7 @@ from .images import encode_image as encode_image
 from .images import read_image as read_image
 from .images import write_image as write_image
 from .json_file import load_json as load_json
+from .part_file import GrowingCsv as GrowingCsv
 from .part_file import PartFile as PartFile
 from .part_file import check_unlocked as check_unlocked
 from .part_file import csv_line as csv_line

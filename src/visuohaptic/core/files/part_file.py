@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..resources import Closing
 from .regular import check_target, file_size, read_bytes
 
 _log = logging.getLogger(__name__)
@@ -211,3 +212,42 @@ def csv_line(values: Iterable[Any]) -> bytes:
     texts = [str(value).lower() if isinstance(value, bool) else value for value in values]
     csv.writer(text, lineterminator="\n").writerow(texts)
     return text.getvalue().encode()
+
+
+class GrowingCsv(Closing):
+    """A CSV table that is written row by row.
+
+    The file is named ``NAME.part`` until it is closed; a row has been passed to the operating system when
+    :meth:`add` returns.
+
+    Parameters
+    ----------
+    path
+        Output CSV file.
+    columns
+        Header.
+    """
+
+    def __init__(self, path: Path | str, columns: Iterable[str]) -> None:
+        self._file = PartFile(path)
+        self._file.write(csv_line(columns))
+
+    def add(self, values: Iterable[Any]) -> None:
+        """Append a row.
+
+        Parameters
+        ----------
+        values
+            As many as columns; see :func:`csv_line`.
+
+        Raises
+        ------
+        InputError
+            The disk is full: the rows so far stay in ``NAME.part``.
+        """
+        self._file.write(csv_line(values))
+
+    def close(self) -> None:
+        """Finish and rename the file; may be called repeatedly."""
+        if not self._file.closed:
+            self._file.finish()

@@ -65,9 +65,9 @@ class LocalViews:
         """
         if not self.frames:
             return False
-        motion = self.frames[-1].T_world_camera.inverse() @ frame.T_world_camera
-        turn = math.acos(max(-1.0, min(1.0, (np.trace(motion.rotation) - 1) / 2)))
-        return float(np.linalg.norm(motion.translation_m)) > self.jump_m or turn > self.jump_rad
+        before, now = self.frames[-1].T_world_camera, frame.T_world_camera
+        step_m = float(np.linalg.norm(now.translation_m - before.translation_m))
+        return step_m > self.jump_m or before.angle_to(now) > self.jump_rad
 
     def add(self, frame: DepthFrame) -> bool:
         """Keep a view unless it is too near to the last one; returns whether it was kept.

@@ -10,7 +10,6 @@ from jaxtyping import Float
 
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
-from ...core.geometry import so3_log
 from ...core.ranges import POSITIVE, check_numbers
 from ...core.resources import Closing
 from ...core.robots import ProbeArm
@@ -140,9 +139,8 @@ class _Line:
 
     def __init__(self, start: Pose, end: Pose, speed_m_s: float) -> None:
         self._start, self._end = start, end
-        self._turn = so3_log(start.rotation.T @ end.rotation)
         length_m = float(np.linalg.norm(end.translation_m - start.translation_m))
-        self._lasts_s = max(length_m, self._LEVER_M * float(np.linalg.norm(self._turn))) / speed_m_s
+        self._lasts_s = max(length_m, self._LEVER_M * start.angle_to(end)) / speed_m_s
         self._began_s = time.monotonic()
 
     def at(self, now_s: float) -> tuple[Pose, bool]:
@@ -150,8 +148,4 @@ class _Line:
         part = 1.0 if self._lasts_s <= 0 else (now_s - self._began_s) / self._lasts_s
         if part >= 1.0:
             return self._end, True
-        offset_m = self._end.translation_m - self._start.translation_m
-        turned = Pose.from_rotation_vector(part * self._turn, np.zeros(3))
-        return Pose(
-            self._start.rotation @ turned.rotation, self._start.translation_m + part * offset_m
-        ), False
+        return self._start.interpolated(self._end, part), False

@@ -12,8 +12,8 @@ from jaxtyping import Float
 
 from ...core.camera.pose import Pose
 from ...core.errors import CalibrationError, InputError
-from ...core.geometry import so3_log
 from ...core.measurement import Reason, Wrench
+from ...tracking.pose.plane_pose import pose_difference
 from .correction import Correction, prior_correction
 from .estimate import LINEAR_LIMIT, BeamEstimate, BeamModel, estimate_wrench
 from .mechanics import Beam
@@ -321,8 +321,7 @@ class SteadyReference:
         if self.pose is None:
             self.pose, self.covariance, self._count = pose, covariance, 1
             return Reason.OK
-        turn = so3_log(pose.rotation @ self.pose.rotation.T)
-        offset = np.concatenate([pose.translation_m - self.pose.translation_m, turn])
+        offset = pose_difference(self.pose, pose)
         distance = float(offset @ np.linalg.solve(covariance + self.covariance, offset))
         # The first frame has no distance, and stands for the declared covariance.
         if distance > self.LIMIT * max(1.0, (6.0 + self._squares) / (6.0 * self._count)):

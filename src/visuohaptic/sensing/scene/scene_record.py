@@ -11,8 +11,7 @@ import numpy as np
 from ...core.camera.frame import Frame
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
-from ...core.files import PartFile, csv_line
-from ...core.resources import Closing
+from ...core.files import GrowingCsv
 from ...io.ros import ros_messages as ros
 
 if TYPE_CHECKING:
@@ -86,11 +85,8 @@ def write_scene(
         recording.write_frame(Frame(reading.mask, reading.t_s, 0), f"{name}_obstacles")
 
 
-class SceneTable(Closing):
+class SceneTable(GrowingCsv):
     """Writes readings to a CSV file, one row each, columns :data:`SCENE_COLUMNS`.
-
-    The file is named ``NAME.part`` until it is closed; a row has been passed to the operating system when
-    ``write`` returns.
 
     Parameters
     ----------
@@ -99,11 +95,9 @@ class SceneTable(Closing):
     """
 
     def __init__(self, path: Path | str) -> None:
-        self.path = Path(path)
-        if self.path.suffix != ".csv":
-            raise InputError(path, f"found {self.path.suffix!r}, expected .csv")
-        self._file = PartFile(self.path)
-        self._file.write(csv_line(SCENE_COLUMNS))
+        if Path(path).suffix != ".csv":
+            raise InputError(path, f"found {Path(path).suffix!r}, expected .csv")
+        super().__init__(path, SCENE_COLUMNS)
 
     def write(self, reading: SceneReading) -> None:
         """Append one reading.
@@ -119,9 +113,4 @@ class SceneTable(Closing):
             The disk is full: the rows so far stay in ``NAME.part``.
         """
         values = _values(reading)
-        self._file.write(csv_line(values[name] for name in SCENE_COLUMNS))
-
-    def close(self) -> None:
-        """Finish and rename the file; may be called repeatedly."""
-        if not self._file.closed:
-            self._file.finish()
+        self.add(values[name] for name in SCENE_COLUMNS)

@@ -7,7 +7,6 @@ from jaxtyping import Float
 
 from ...core.camera.pose import Pose
 from ...core.errors import DeviceError, InputError
-from ...core.geometry import so3_log
 from ...core.ranges import NON_NEGATIVE, POSITIVE, check_numbers
 from ...core.robots import ProbeArm
 
@@ -52,7 +51,6 @@ class SimulatedArm(ProbeArm):
         self._reach = np.array(reach_m)
         self._rng = rng if rng is not None else np.random.default_rng(0)
         self._pose = self._from = self._to = T_base_tip
-        self._turn = np.zeros(3)
         self._duration_s = self._done_s = 0.0
         self._slip = np.zeros(3)
 
@@ -75,9 +73,8 @@ class SimulatedArm(ProbeArm):
             T_base_tip.rotation, self._to.rotation, atol=1e-9
         )
         self._from, self._to = self._pose, T_base_tip
-        self._turn = so3_log(self._from.rotation.T @ self._to.rotation)
         way = float(np.linalg.norm(self._to.translation_m - self._from.translation_m))
-        self._duration_s = max(way / speed_m_s, float(np.linalg.norm(self._turn)) / self.turn_rate_rad_s)
+        self._duration_s = max(way / speed_m_s, self._from.angle_to(self._to) / self.turn_rate_rad_s)
         self._done_s = 0.0
         if self.repeat_sigma_m > 0 and not same:
             self._slip = self.repeat_sigma_m * self._rng.standard_normal(3)
@@ -85,7 +82,6 @@ class SimulatedArm(ProbeArm):
     def stop(self) -> None:
         """Hold the current pose."""
         self._from = self._to = self._pose
-        self._turn = np.zeros(3)
         self._duration_s = self._done_s = 0.0
 
     def pose(self) -> tuple[float, Pose]:
@@ -111,10 +107,7 @@ class SimulatedArm(ProbeArm):
         check_numbers("SimulatedArm.advance", NON_NEGATIVE, dt_s=dt_s)
         self.t_s += dt_s
         self._done_s = min(self._done_s + dt_s, self._duration_s)
-        if self._duration_s == 0.0 or self._done_s >= self._duration_s:
-            self._pose = self._to
-            return
-        fraction = self._done_s / self._duration_s
-        turned = Pose.from_rotation_vector(fraction * self._turn, np.zeros(3)).rotation
-        place = (1 - fraction) * self._from.translation_m + fraction * self._to.translation_m
-        self._pose = Pose(self._from.rotation @ turned, place)
+        arrived = self._done_s >= self._duration_s
+        self._pose = (
+            self._to if arrived else self._from.interpolated(self._to, self._done_s / self._duration_s)
+        )

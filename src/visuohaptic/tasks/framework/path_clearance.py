@@ -17,7 +17,6 @@ from jaxtyping import Float
 
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
-from ...core.geometry import so3_log
 from ...reconstruction.mesh import SurfaceMesh
 
 Point = tuple[float, float, float]
@@ -119,15 +118,12 @@ class KnownObstacles:
         if not len(self._points):
             return PathClearance(math.inf, 0.0, (math.nan,) * 3, True)
         way = T_base_end.translation_m - T_base_start.translation_m
-        turn = so3_log(T_base_start.rotation.T @ T_base_end.rotation)
         reach_m = max(float(np.linalg.norm(axis, axis=1).max()) for axis, _ in self._axes)
         # Upper bound of the distance that any point of the tool moves on the whole path.
-        length_m = float(np.linalg.norm(way)) + float(np.linalg.norm(turn)) * reach_m
+        length_m = float(np.linalg.norm(way)) + T_base_start.angle_to(T_base_end) * reach_m
         fraction, nearest, first_m = 0.0, PathClearance(math.inf, 0.0, (math.nan,) * 3, True), math.nan
         while True:
-            turned = Pose.from_rotation_vector(fraction * turn, np.zeros(3)).rotation
-            pose = Pose(T_base_start.rotation @ turned, T_base_start.translation_m + fraction * way)
-            distance_m, point = self._distance(pose)
+            distance_m, point = self._distance(T_base_start.interpolated(T_base_end, fraction))
             first_m = distance_m if math.isnan(first_m) else first_m
             if distance_m < nearest.clearance_m:
                 # An obstacle that is near at the start may be left, but not approached.

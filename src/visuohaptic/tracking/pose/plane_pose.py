@@ -77,7 +77,7 @@ def estimate_plane_poses(
     for start in starts:
         refined = _refine(points, corners_px, whiten, lens, start)
         if refined is not None and all(
-            _angle(refined.T_camera_template, other.T_camera_template) > 1e-4 for other in found
+            refined.T_camera_template.angle_to(other.T_camera_template) > 1e-4 for other in found
         ):
             found.append(refined)
     return tuple(sorted(found, key=lambda pose: pose.chi2))
@@ -92,11 +92,6 @@ def pose_difference(a: Pose, b: Pose) -> Float[np.ndarray, "6"]:
         Two poses.
     """
     return np.concatenate([b.translation_m - a.translation_m, so3_log(b.rotation @ a.rotation.T)])
-
-
-def _angle(a: Pose, b: Pose) -> float:
-    """Angle between two orientations [rad]."""
-    return float(np.linalg.norm(so3_log(a.rotation.T @ b.rotation)))
 
 
 def _from_decomposition(camera: Camera, points: np.ndarray, corners_px: np.ndarray) -> Pose | None:

@@ -107,8 +107,8 @@ def _chart(poses: Sequence[tracking.TemplatePose]) -> dict[str, dict[str, tuple[
     return found
 
 
-class _Table:
-    """Table with one row per template and frame, written atomically."""
+class _Table(files.GrowingCsv):
+    """Table with one row per template and frame."""
 
     COLUMNS = (
         *("t_s", "name", "valid", "reason", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"),
@@ -117,20 +117,7 @@ class _Table:
     )
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        self._stack = ExitStack()
-
-    def __enter__(self) -> _Table:
-        import csv
-
-        temporary = self._stack.enter_context(files.atomic_path(self._path))
-        stream = self._stack.enter_context(temporary.open("w", newline="", encoding="utf-8"))
-        self._rows = csv.writer(stream, lineterminator="\n")
-        self._rows.writerow(self.COLUMNS)
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        self._stack.__exit__(*error)
+        super().__init__(path, self.COLUMNS)
 
     def write(self, pose: tracking.TemplatePose) -> None:
         """One row; empty where there is no number."""
@@ -141,4 +128,4 @@ class _Table:
             numbers = [f"{value:.9g}" for value in values]
         ncc = f"{pose.alignment.ncc:.4f}" if pose.alignment is not None else ""
         head = [f"{pose.t_s:.6f}", pose.name, int(pose.valid), str(pose.reason)]
-        self._rows.writerow([*head, *numbers, int(pose.ambiguous), ncc])
+        self.add([*head, *numbers, int(pose.ambiguous), ncc])
