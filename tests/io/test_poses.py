@@ -143,3 +143,9 @@ def test_what_is_no_table_is_refused(tmp_path: Path, text: str, said: str) -> No
     (tmp_path / "poses.txt").write_text(text)
     with pytest.raises(InputError, match=said):
         read_poses(tmp_path / "poses.txt")
+
+
+def test_poses_with_times_in_nanoseconds_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "p.txt").write_text("1764336000000000000 0 0 0 0 0 0 1\n")
+    with pytest.raises(InputError, match=r"time \[s\]: found 1.764336e\+18, expected -1e\+11 to 1e\+11"):
+        read_poses(tmp_path / "p.txt")

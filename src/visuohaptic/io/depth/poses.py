@@ -13,6 +13,7 @@ from jaxtyping import Float
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...core.files import MAX_TEXT_BYTES, read_head, read_text, write_text
+from ...core.ranges import SECONDS, check_numbers
 from ..ros.sqlite_bag import is_bag, open_bag
 
 POSE_HEADER = "# t_s tx_m ty_m tz_m qx qy qz qw, camera to world\n"
@@ -65,6 +66,8 @@ def read_poses(path: Path | str, topic: str | None = None) -> list[StampedPose]:
     found = list(_from_rows(path, _rows(path, text)))
     if not found:
         raise InputError(path, "has no poses, expected lines of t tx ty tz qx qy qz qw")
+    times = [stamped.t_s for stamped in found if np.isfinite(stamped.t_s)]
+    check_numbers(path, SECONDS, **{"time [s]": max(times, default=0.0)})
     return found
 
 
