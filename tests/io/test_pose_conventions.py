@@ -45,13 +45,17 @@ def _views(count: int, step: float) -> list[np.ndarray]:
     return [_matrix(eye, np.array([0.05, 0.02 * k, 0.1])) for k, eye in enumerate(eyes)]
 
 
-def _write(folder, views, told=None, *, unit_m=0.001, w_first=False):
+def _write(folder, views, told=None, *, unit_m=0.001, w_first=False, radial=False):
     """A sequence whose poses are told as given; the depth is true."""
     (folder / "depth").mkdir(parents=True)
     rng = np.random.default_rng(5)
     lines = []
     for k, (view, pose) in enumerate(zip(views, told or views, strict=True)):
         depth = _depth(view)
+        if radial:
+            depth = depth * np.sqrt(
+                1 + ((np.arange(WIDTH) - 31.5) ** 2 + (np.arange(HEIGHT)[:, None] - 23.5) ** 2) / FOCAL**2
+            )
         noisy = depth + rng.normal(0, 0.003, depth.shape) * depth
         cv2.imwrite(str(folder / f"depth/{k}.png"), np.where(noisy < 10, noisy / unit_m, 0).astype(np.uint16))
         x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
@@ -73,7 +77,7 @@ OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 BODY = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
 
 
-@pytest.mark.parametrize("count", [8, 24])
+@pytest.mark.parametrize(("count", "step"), [(8, 0.3), (24, 0.12)])
 @pytest.mark.parametrize(
     ("meant", "said", "options"),
     [
@@ -86,11 +90,19 @@ BODY = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
         (lambda m: m, "a tenth of that", {"unit_m": 0.0001}),
     ],
 )
-def test_another_convention_is_refused_by_name(tmp_path, count, meant, said, options):
-    views = _views(count, 0.12)
+def test_another_convention_is_refused_by_name(tmp_path, count, step, meant, said, options):
+    views = _views(count, step)
     folder = _write(tmp_path / "s", views, [meant(view) for view in views], **options)
     with pytest.raises(InputError, match=said):
         DepthSequence(folder)
+
+
+def test_distances_from_the_camera_are_told_from_depths(tmp_path):
+    """They differ most at the corners, and show where the views are turned far enough."""
+    with pytest.raises(
+        InputError, match=r"distances from the camera, but .*; convert them to depths along its axis"
+    ):
+        DepthSequence(_write(tmp_path / "s", _views(24, 0.12), radial=True))
 
 
 @pytest.mark.parametrize("step", [0.0, 0.0005, 0.12])
