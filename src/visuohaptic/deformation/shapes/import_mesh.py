@@ -205,19 +205,15 @@ def _scale(used: np.ndarray, unit: str | None, stated_m: float | None, where: st
         extent_m = extent * UNITS[unit]
         doubt = f"the largest extent is {extent_m:.4g} m with the unit {unit}, of a container {SMALLEST_m:g} to {LARGEST_m:g} m"
         return UNITS[unit], [] if SMALLEST_m <= extent_m <= LARGEST_m else [doubt]
-    # Exporters write 1 m into files of any unit: a statement is believed if it makes a container.
+    # Exporters write one metre whatever the unit is; another one is used if it makes a container.
     if stated_m not in (None, 1.0) and SMALLEST_m <= extent * stated_m <= LARGEST_m:
         return stated_m, [f"unit as stated in the file: {stated_m:g} m"]
     for name in ("m", "mm", "cm", "dm"):
         if SMALLEST_m <= extent * UNITS[name] <= LARGEST_m:
             guess = f"unit taken as {name}: the largest extent is {extent:.4g}"
             return UNITS[name], [] if name == "m" else [guess]
-    raise InputError(
-        where,
-        f"the largest extent is {extent:.4g}: no container in m, mm, cm or dm",
-        field="mesh",
-        remedy="give the unit with --unit",
-    )
+    problem = f"the largest extent is {extent:.4g}: no container in m, mm, cm or dm"
+    raise InputError(where, problem, field="mesh", remedy="give the unit with --unit")
 
 
 def _foot_centre(

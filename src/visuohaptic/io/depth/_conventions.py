@@ -94,7 +94,7 @@ def check_conventions(folder: Path, camera: Camera, groups: Iterable[Sequence[Vi
     """Reject views that show one surface only if their poses or depths are meant otherwise than expected.
 
     Every view is projected into the first one of its group. A pair of views decides for another convention if it agrees to
-    the accuracy of depth cameras under it, and is three times as far apart as read; and the other way round. Without
+    the accuracy of depth cameras under it, and is three times as far apart as read, or against it if the opposite holds. Without
     motion, or with poses that are wrong in all conventions, no pair decides, and nothing is rejected.
 
     Parameters
