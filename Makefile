@@ -8,7 +8,10 @@ VIEW ?=
 PART ?=
 REPOSITORY ?=
 
-.PHONY: demo test bench docs lint types layers check clean warmup wheel
+SEED ?= 1
+TESTS ?= tests
+
+.PHONY: demo test bench docs lint types layers check clean warmup wheel audit bounds shuffle
 
 # The demo needs a part of what tests, lint and the documentation need, and of that few modules: Python compiles these
 # when they are imported, which is two fifths of the time of installing less.
@@ -41,6 +44,21 @@ demo: $(VENV)/.installed-demo ## Run the end-to-end demo
 # and each process that a test starts compiles the library again.
 test: $(VENV)/.installed-all ## Run all tests
 	PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist worksteal
+
+# Files of tests, and tests in each of them, in a random order: a test must not need another one.
+shuffle: $(VENV)/.installed-all ## Run tests in a random order (SEED=1 TESTS=tests)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q --shuffle $(SEED) $(TESTS)
+
+# Kernels are compiled again, into folders of their own, since their code differs; tests of that code itself are left out.
+CODE_TESTS := tests/core/test_kernel_cost.py tests/core/test_shipped_kernels.py tests/core/test_kernel_callees.py \
+	tests/core/test_kernel_compiler.py tests/core/test_kernel_files.py tests/core/test_cache.py tests/cli/test_warmup.py
+bounds: $(VENV)/.installed-all ## Run tests with every index of every kernel checked (TESTS=tests)
+	NUMBA_BOUNDSCHECK=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist worksteal \
+		$(addprefix --ignore=,$(CODE_TESTS)) $(TESTS)
+
+audit: $(VENV)/.installed-all ## List all dependencies (CycloneDX) and their known vulnerabilities
+	-$(BIN)/python -m pip install -q pip-audit
+	$(BIN)/python -m benchmarks.audit --out dist/sbom.json
 
 bench: $(VENV)/.installed-all ## Run every benchmark, each as a ratio to a named peer
 	$(BIN)/python -m benchmarks

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import subprocess
 import sys
@@ -20,6 +21,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -115,10 +117,19 @@ def _cuts(scale: int) -> Iterator[Case]:
     yield f"cut at {30 * scale} places", run
 
 
-def _tested(*files: str) -> subprocess.CompletedProcess[str]:
+def _tested(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
     """Results of test files, run in a separate process."""
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *files]
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *words]
+    env = {**os.environ, **environment}
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=env)
+
+
+def _counted(*words: str, **environment: str) -> dict[str, int]:
+    """Tests as cases: each one that passes was tried."""
+    done = _tested(*words, **environment)
+    passed, failed = (re.search(rf"(\d+) {word}", done.stdout) for word in ("passed", "failed"))
+    wrong = int(failed[1]) if failed else int(done.returncode != 0)
+    return {"tried": (int(passed[1]) if passed else 0) + wrong, "wrong": wrong}
 
 
 def _golden(_scale: int) -> Iterator[Case]:
@@ -140,17 +151,33 @@ def _passing(*places: str) -> Callable[[int], Iterator[Case]]:
             ):
                 file = path.relative_to(ROOT).as_posix()
 
-                def run(file: str = file) -> dict[str, int]:
-                    done = _tested(file)
-                    passed, failed = (
-                        re.search(rf"(\d+) {word}", done.stdout) for word in ("passed", "failed")
-                    )
-                    wrong = int(failed[1]) if failed else int(done.returncode != 0)
-                    return {"tried": (int(passed[1]) if passed else 0) + wrong, "wrong": wrong}
-
-                yield file, run
+                yield file, partial(_counted, file)
 
     return cases
+
+
+#: Tests that compare kernels with plain code, and those of what is made of many kernels.
+_KERNELS = (
+    "tracking/test_block_kernels.py", "tracking/test_kernels.py", "tracking/test_pose_kernels.py",
+    "sensing/test_object_kernels.py", "sensing/foam/test_profile.py", "sensing/test_floor_motion.py",
+    "navigation/test_push_search_kernels.py", "navigation/test_mapper.py", "navigation/test_passages.py",
+    "deformation/test_kernels.py", "reconstruction/test_fusion.py", "io/test_local_remesh.py",
+)  # fmt: skip
+#: Packages whose tests are run in random orders.
+_SHUFFLED = ("core", "io", "database", "viewer", "report")
+
+
+def _bounds(_scale: int) -> Iterator[Case]:
+    for file in _KERNELS:
+        words = f"tests/{file}", "-m", "not slow and not data"
+        yield file, partial(_counted, *words, NUMBA_BOUNDSCHECK="1")
+
+
+def _orders(scale: int) -> Iterator[Case]:
+    folders = [f"tests/{name}" for name in _SHUFFLED]
+    for seed in range(1, scale + 1):
+        words = *folders, "-m", "not slow and not data", "--shuffle", str(seed)
+        yield f"{', '.join(_SHUFFLED)}, seed {seed}", partial(_counted, *words)
 
 
 def _server(scale: int) -> Iterator[Case]:
@@ -263,6 +290,8 @@ ROWS = (
     Row(15, "archives, links, traversal, devices", "100: refused", _passing("tests/test_security.py")),
     Row(16, "servers: hosts, origins, malformed requests", "10,000: 0", _server),
     Row(17, "messages without secrets", "all", _messages),
+    Row(18, "every index of kernels checked (`make bounds`), tests", "all: 0 outside", _bounds),
+    Row(19, "tests in random orders (`make shuffle`)", "20 orders: 0 fail", _orders),
 )
 
 

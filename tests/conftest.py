@@ -7,6 +7,7 @@ import logging
 import os
 from collections.abc import Generator, Iterator
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import pytest
@@ -83,6 +84,25 @@ def pytest_collection() -> Generator[None, Any, Any]:
     finally:
         gc.freeze()
         gc.enable()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """A random order of tests."""
+    told = "files, and tests in each of them, in the random order of a seed: none must need another one"
+    parser.addoption("--shuffle", type=int, default=None, metavar="SEED", help=told)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Shuffle the files and their tests; the tests of a file stay together, so that its fixtures are made once."""
+    seed = config.getoption("--shuffle")
+    if seed is not None:
+        files = list(dict.fromkeys(item.path for item in items))
+        random = Random(seed)
+        random.shuffle(files)
+        place = {path: number for number, path in enumerate(files)}
+        random.shuffle(items)
+        items.sort(key=lambda item: place[item.path])
 
 
 def pytest_report_header() -> str:

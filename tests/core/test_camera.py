@@ -221,3 +221,18 @@ def test_a_message_does_not_repeat_a_number_of_five_thousand_digits() -> None:
     assert str(error).startswith(f"{name}: kkk")
     assert str(error).endswith("expected a number; try again")
     assert len(str(error)) < 600
+
+
+@pytest.mark.parametrize(
+    ("matrix", "said"),
+    [
+        ([[60.0, 0, 320], [0, 60, 240], [0, 0, 1]], "principal point (320, 240) is outside of 64 x 48"),
+        ([[11.0, 0, 32], [0, 11, 24], [0, 0, 1]], "focal length is 11 px on 64 x 48; is it in millimetres?"),
+        ([[14.5, 0, 63], [0, 14.5, 0], [0, 0, 1]], ""),
+    ],
+)
+def test_a_calibration_that_is_not_of_these_images_is_told(tmp_path: Path, caplog, matrix, said: str) -> None:
+    Camera(64, 48, np.array(matrix)).save(tmp_path / "camera.yaml")
+    Camera.load(tmp_path / "camera.yaml")
+    assert said in caplog.text
+    assert bool(said) == bool(caplog.records)

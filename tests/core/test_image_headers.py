@@ -115,3 +115,19 @@ def test_a_jpeg_may_count_by_the_centimetre() -> None:
 )
 def test_without_a_resolution_there_is_none(data: bytes) -> None:
     assert pixels_per_metre(data) is None
+
+
+def test_a_tiff_of_several_pages_is_refused_but_not_one_with_a_preview() -> None:
+    """OpenCV reads the first page of a stack without a word."""
+
+    stack = _by_pillow("TIFF", save_all=True, append_images=[pillow.fromarray(PICTURE[::2, ::2])])
+    with pytest.raises(InputError, match="picture: has several pages, expected a single image"):
+        image_size(stack, "picture")
+    order = "<" if stack[:2] == b"II" else ">"
+    # The second page as a smaller copy of the first one: its first tag becomes NewSubfileType = 1.
+    first = struct.unpack_from(order + "I", stack, 4)[0]
+    count = struct.unpack_from(order + "H", stack, first)[0]
+    second = struct.unpack_from(order + "I", stack, first + 2 + 12 * count)[0]
+    preview = bytearray(stack)
+    struct.pack_into(order + "HHII", preview, second + 2, 254, 4, 1, 1)
+    assert image_size(bytes(preview), "picture") == (WIDTH, HEIGHT)

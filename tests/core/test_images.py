@@ -119,3 +119,31 @@ def test_an_image_of_no_known_kind_is_refused_with_those_that_are(name, tmp_path
     with pytest.raises(InputError, match=r"found suffix '\.\w*', expected \.png, \.jpg or \.webp"):
         write_image(tmp_path / name, np.zeros((4, 4), np.uint8))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("kind", ["png", "pgm", "tiff"])
+@pytest.mark.parametrize("bits", [10, 12])
+def test_pixels_of_12_bits_are_not_reduced_to_16_grey_levels(tmp_path, kind, bits):
+    """Cameras store them in 16 bits without scaling: the upper byte has almost nothing of the picture."""
+    grey = np.random.default_rng(1).integers(0, 256, (20, 30), dtype=np.uint16)
+    path = tmp_path / f"x.{kind}"
+    assert cv2.imwrite(str(path), grey << (bits - 8))
+    with pytest.raises(
+        InputError, match=r"has 16-bit pixels up to \d+, of which \d+ grey levels would remain"
+    ):
+        read_image(path)
+    np.testing.assert_array_equal(read_image(path, "unchanged"), grey << (bits - 8))
+    assert cv2.imwrite(str(path), grey << 8)
+    np.testing.assert_array_equal(read_image(path), grey)
+    assert cv2.imwrite(str(path), 0 * grey)
+    assert not read_image(path, "grey").any()
+
+
+@pytest.mark.parametrize("white", [63, 4095])
+def test_a_pgm_whose_white_is_not_that_of_its_bits_is_refused(tmp_path, white):
+    """OpenCV ignores its maximum: the picture would be dark."""
+    path = tmp_path / "x.pgm"
+    pixels = np.full((4, 6), white, ">u2" if white > 255 else "u1")
+    path.write_bytes(f"P5\n6 4\n{white}\n".encode() + pixels.tobytes())
+    with pytest.raises(InputError, match=f"maxval: found '{white}', expected"):
+        read_image(path)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import logging
 import os
+import stat
+import time
 from pathlib import Path
 
 import pytest
@@ -16,6 +18,7 @@ from visuohaptic.core.files import (
     atomic_path,
     check_unlocked,
     csv_line,
+    part_file,
     whole_lines,
     write_text,
 )
@@ -51,6 +54,47 @@ def test_rows_of_a_table_are_there_before_it_is_closed_and_after_an_error(tmp_pa
         run()
     assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
     assert (tmp_path / "run.csv").read_bytes() == b"t_s,name\n0.1,a\n"
+
+
+def test_a_power_failure_loses_no_more_than_the_stated_time(tmp_path: Path, monkeypatch) -> None:
+    """What is on the disk is what the last sync has seen; also the last row before a silence is synced."""
+    on_disk: list[tuple[float, int]] = []
+
+    def sync(handle: int) -> None:
+        if os.fstat(handle).st_size and not stat.S_ISDIR(os.fstat(handle).st_mode):
+            on_disk.append((time.monotonic(), os.fstat(handle).st_size))
+
+    monkeypatch.setattr(part_file.os, "fsync", sync)
+    monkeypatch.setattr(part_file, "SYNC_S", 0.1)
+    file, written = PartFile(tmp_path / "run.csv"), []
+    for _ in range(40):
+        file.write(b"0.1,2.5\n")
+        written.append(time.monotonic())
+        time.sleep(0.01)
+    end = time.monotonic() + 5.0
+    while not (on_disk and on_disk[-1][1] == 8 * len(written)) and time.monotonic() < end:
+        time.sleep(0.01)
+    assert len(on_disk) <= (time.monotonic() - written[0]) / 0.1, "and not with each row"
+    delays = [
+        next(when for when, size in on_disk if size >= 8 * row + 8) - t for row, t in enumerate(written)
+    ]
+    assert max(delays) < 0.1 + 0.5, "scheduling of a busy machine included"
+    file.finish()
+
+
+def test_a_disk_that_fails_later_is_told_at_the_next_row(tmp_path: Path, monkeypatch) -> None:
+    file = PartFile(tmp_path / "run.csv")
+
+    def fail(handle: int) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(part_file.os, "fsync", fail)
+    file._sync()
+    with pytest.raises(
+        InputError, match=r"run.csv: cannot be written \(Input/output error\); free disk space"
+    ):
+        file.write(b"0.1,2.5\n")
+    assert file.closed
 
 
 def test_what_a_killed_run_has_left_is_kept_under_numbers(tmp_path: Path, caplog) -> None:

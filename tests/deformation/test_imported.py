@@ -71,6 +71,17 @@ def test_the_unit_is_guessed_said_and_can_be_given(
     assert not any("largest extent" in note for note in given.notes)
 
 
+@pytest.mark.parametrize(("stated_m", "inside_m"), [("0.0254", 0.0254), ("0.001", 0.01)])
+def test_a_collada_file_states_its_unit(stated_m: str, inside_m: float, tmp_path: Path) -> None:
+    """In inches, the tube would be 7.9 cm high by its size alone; a statement that makes no container is none."""
+    path = write(tube().apply_scale(1 / inside_m), tmp_path / "t.dae")
+    text = path.read_text().replace("<up_axis>", f'<unit name="x" meter="{stated_m}"/><up_axis>')
+    path.write_text(text)
+    container = import_container(path)
+    assert container.height_m == pytest.approx(0.2, rel=1e-3)
+    assert ("unit as stated in the file: " in " ".join(container.notes)) == (float(stated_m) == inside_m)
+
+
 def test_a_given_unit_that_makes_no_container_is_said(tmp_path: Path) -> None:
     path = write(tube().apply_scale(10), tmp_path / "t.stl")
     notes = import_container(path, convention=MeshConvention("m")).notes

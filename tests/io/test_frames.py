@@ -192,3 +192,34 @@ def test_a_misspelt_file_is_found_beside_it(tmp_path: Path) -> None:
     write_video(tmp_path / "push.mkv", [0, 40])
     with pytest.raises(InputError, match=r"did you mean .*push\.mkv\?"):
         open_source(tmp_path / "psh.mkv")
+
+
+@pytest.mark.parametrize(
+    ("times", "said"),
+    [
+        (
+            (1764336000000, 1764336000033, 1764336000067),
+            r"last frame \[s\]: found 1\S+, expected -1e\+11 to 1e\+11",
+        ),
+        ((5, 5, 5), "has 3 frames, all at 5 s, expected ascending times"),
+    ],
+)
+def test_times_that_are_no_seconds_are_refused(tmp_path: Path, times: tuple[int, ...], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        open_source(_timed_folder(tmp_path, times))
+
+
+def test_intervals_that_may_be_milliseconds_are_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """With the times of a recording of 30 Hz in milliseconds, every speed and rate is wrong by a thousand."""
+    with open_source(_timed_folder(tmp_path, (0, 33, 67))) as source:
+        assert source.frame_count == 3
+    assert "its frames are 33.5 s apart; expected times in seconds" in caplog.text
+
+
+def _timed_folder(folder: Path, times: tuple[int, ...]) -> Path:
+    for number in range(len(times)):
+        cv2.imwrite(str(folder / f"{number}.png"), np.zeros((4, 4), np.uint8))
+    (folder / "times.csv").write_text("\n".join(map(str, ("t_s", *times))))
+    return folder

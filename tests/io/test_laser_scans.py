@@ -255,3 +255,24 @@ def test_columns_that_are_not_ranges_in_their_order_are_refused(tmp_path, ranges
     path.write_text(f"{head},{ranges}\n0,0,0,0,0,0.1,0.05,30,1,2\n")
     with pytest.raises(InputError, match=r"header: expected the ranges as columns r0, r1"):
         read_scans(path)
+
+
+def _one_scan(path: Path, ranges: str, t_s: str = "0") -> Path:
+    header = "t_s,x_m,y_m,yaw_rad,angle_min_rad,angle_step_rad,range_min_m,range_max_m,r0,r1,r2"
+    path.write_text(f"{header}\n{t_s},0,0,0,-1,1,0.05,30,{ranges}\n")
+    return path
+
+
+def test_ranges_in_millimetres_are_not_free_space(tmp_path: Path) -> None:
+    """Each would be beyond the range of the scanner, and everything up to there free."""
+    with pytest.raises(InputError, match="ranges of 1500 to 3000 m are all outside of the scanner's limits"):
+        read_scans(_one_scan(tmp_path / "s.csv", "2000,3000,1500"))
+    assert len(read_scans(_one_scan(tmp_path / "s.csv", "2000,3000,1.5"))) == 1
+    assert len(read_scans(_one_scan(tmp_path / "s.csv", "inf,inf,"))) == 1
+
+
+@pytest.mark.parametrize("t_s", ["1764336000000", "1764336000000000000"])
+def test_a_time_since_1970_that_is_not_in_seconds_is_refused(tmp_path: Path, t_s: str) -> None:
+    with pytest.raises(InputError, match=r"line 2: t_s: found 1\S+, expected -1e\+11 to 1e\+11"):
+        read_scans(_one_scan(tmp_path / "s.csv", "1,2,3", t_s))
+    assert read_scans(_one_scan(tmp_path / "s.csv", "1,2,3", "1764336000.5"))[0][0].t_s == 1764336000.5

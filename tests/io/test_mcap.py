@@ -98,6 +98,14 @@ def test_images_of_rosbags(
     frame.image[0, 0] = 1  # a frame owns its pixels
 
 
+def test_12_bits_in_16_are_left_out_with_a_reason(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A driver that does not scale them: of 256 grey levels, 16 would remain."""
+    path = write_bag(tmp_path / "bag", [image.astype(np.uint16) * 16 for image in GREY], "mono16")
+    with open_source(path) as source, pytest.raises(InputError, match="none of 3 frames could be decoded"):
+        list(source)
+    assert " grey levels would remain; expected white at 65535" in caplog.text
+
+
 @pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
 def test_bayer(tmp_path: Path, pattern: str) -> None:
     """A plain colour under the named pattern of filters comes back as that colour."""

@@ -143,3 +143,19 @@ def test_what_is_no_table_is_refused(tmp_path: Path, text: str, said: str) -> No
     (tmp_path / "poses.txt").write_text(text)
     with pytest.raises(InputError, match=said):
         read_poses(tmp_path / "poses.txt")
+
+
+def test_poses_with_times_in_nanoseconds_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "p.txt").write_text("1764336000000000000 0 0 0 0 0 0 1\n")
+    with pytest.raises(InputError, match=r"time \[s\]: found 1.764336e\+18, expected -1e\+11 to 1e\+11"):
+        read_poses(tmp_path / "p.txt")
+
+
+@pytest.mark.parametrize("header", ["# t tx ty tz qw qx qy qz", "#timestamp,p_x,p_y,p_z,q_w,q_x,q_y,q_z"])
+def test_a_header_says_which_number_of_a_quaternion_is_the_first(tmp_path: Path, header: str) -> None:
+    x, y, z, w = TURNS[0].as_quat()
+    for named, numbers in ((header, (w, x, y, z)), ("# t tx ty tz qx qy qz qw", (x, y, z, w))):
+        (tmp_path / "p.txt").write_text(f"{named}\n0 0 0 0 {' '.join(f'{one:.12f}' for one in numbers)}\n")
+        pose = read_poses(tmp_path / "p.txt")[0].pose
+        assert pose is not None
+        np.testing.assert_allclose(pose.rotation, TURNS[0].as_matrix(), atol=1e-9)

@@ -87,6 +87,8 @@ def within(low: float, high: float) -> Mapping[str, Any]:
 FINITE = at_least(-math.inf)
 POSITIVE = above(0.0)
 NON_NEGATIVE = at_least(0.0)
+#: A time [s]: three thousand years; times since 1970 in milliseconds or nanoseconds are beyond it.
+SECONDS = within(-1e11, 1e11)
 
 
 def check_ranges(instance: Any, others: Mapping[str, Any] | None = None) -> None:

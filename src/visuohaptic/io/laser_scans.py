@@ -22,6 +22,7 @@ from ..core.errors import InputError
 from ..core.files import CsvRow, read_csv, write_csv
 from ..core.geometry import compose_2d
 from ..core.laser_scan import MAX_BEAMS, LaserScan
+from ..core.ranges import SECONDS, check_numbers
 from .ros.sqlite_bag import is_bag, open_bag
 
 #: A scan, and the scanner's pose (x, y, yaw) from odometry [m, rad].
@@ -62,10 +63,22 @@ def read_scans(
     """
     path = Path(path)
     if path.suffix == ".mcap" or is_bag(path):
-        return _from_mcap(path, scan_topic, odometry_topic)
-    if path.suffix == ".csv":
-        return _from_csv(path)
-    raise InputError(path, f"found {path.suffix!r}, expected .mcap, .db3 or .csv")
+        found = _from_mcap(path, scan_topic, odometry_topic)
+    elif path.suffix == ".csv":
+        found = _from_csv(path)
+    else:
+        raise InputError(path, f"found {path.suffix!r}, expected .mcap, .db3 or .csv")
+    scans = [scan for scan, _ in found]
+    far = np.concatenate([scan.ranges_m[np.isfinite(scan.ranges_m)] for scan in scans] or [np.zeros(0)])
+    if far.size and not any(scan.hits.any() for scan in scans):
+        # All of them would be free space up to the scanner's limit.
+        raise InputError(
+            path,
+            f"its ranges of {far.min():.4g} to {far.max():.4g} m are all outside of the scanner's limits, "
+            f"{scans[0].range_min_m:g} to {scans[0].range_max_m:g} m",
+            remedy="give them in metres",
+        )
+    return found
 
 
 def write_scans(path: Path | str, scans: Iterable[OdometryScan]) -> None:
@@ -106,6 +119,7 @@ def _csv_row(row: CsvRow, beams: Sequence[str]) -> OdometryScan:
         raise row.problem(f"has a range that is not a number ({error})") from error
     if (ranges < 0).any():
         raise row.problem("found a distance below 0")
+    check_numbers(f"{row.path}: line {row.line}", SECONDS, t_s=t_s)
     try:
         return LaserScan(t_s, ranges, first, step, low, high), (x, y, yaw)
     except InputError as error:
@@ -202,10 +216,9 @@ def _scan(message: Any, where: str) -> LaserScan:
     ranges = np.array(message.ranges, dtype=np.float64)
     if not 1 <= len(ranges) <= MAX_BEAMS:
         raise InputError(where, f"found {len(ranges)} beams, expected 1 to {MAX_BEAMS}", field="ranges")
-    # By ROS convention, a range outside the scanner's limits is not a measurement.
+    # By ROS convention, a range outside the scanner's limits is not a measurement; beyond them there is free space.
     with np.errstate(invalid="ignore"):
         ranges[ranges < message.range_min] = np.nan
-        ranges[ranges > message.range_max] = np.inf
     try:
         return LaserScan(
             _stamp_s(message),

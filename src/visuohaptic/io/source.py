@@ -12,12 +12,15 @@ from jaxtyping import Float, Int, UInt8
 from ..core.camera.frame import Frame
 from ..core.camera.model import Camera
 from ..core.errors import InputError
+from ..core.ranges import SECONDS, check_numbers
 from ..core.resources import Closing
 
 _log = logging.getLogger(__name__)
 
 #: Intervals within this fraction of a multiple of the period count as regular.
 _REGULAR = 0.2
+#: Longer intervals than this are told, as they may be milliseconds: a camera of 200 Hz has 5 of them [s].
+_SLOW_s = 5.0
 
 
 def indices_from_times(times_s: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
@@ -88,6 +91,13 @@ class RecordedSource(Closing):
             raise InputError(where, "found no frames, expected at least one")
         if not np.isfinite(times).all():
             raise InputError(where, f"frame {int(np.argmin(np.isfinite(times)))} has no finite time")
+        check_numbers(where, SECONDS, **{"time of the last frame [s]": float(times[-1])})
+        if len(times) > 1 and times[0] == times[-1]:
+            raise InputError(
+                where, f"has {len(times)} frames, all at {times[0]:g} s, expected ascending times"
+            )
+        if len(times) > 1 and (step_s := float(np.median(np.diff(times)))) > _SLOW_s:
+            _log.warning("%s: its frames are %.3g s apart; expected times in seconds", where, step_s)
         if np.isnan(start_s) or not stop_s > start_s:
             raise InputError(where, f"found start {start_s} s and stop {stop_s} s, expected start < stop")
         since = times - times[0]

@@ -6,6 +6,7 @@ centre of the first pixel is (0, 0).
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -21,6 +22,10 @@ from .pose import Pose
 #: Mapping from light to grey levels: linear, power of about 1 / 2.2, or unknown.
 TransferFunction = Literal["linear", "srgb", "unknown"]
 
+_log = logging.getLogger(__name__)
+
+#: Focal length of a field of view of 137 degrees, in image widths: wider lenses have no distortion of this kind.
+_WIDEST = 0.2
 #: Supported numbers of distortion coefficients and their ROS names.
 _DISTORTION_MODELS = {0: "plumb_bob", 4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
 
@@ -212,7 +217,7 @@ class Camera:
         info = load_yaml_model(path, CameraInfoFile)
         coefficients = info.distortion_coefficients
         try:
-            return cls(
+            found = cls(
                 info.image_width,
                 info.image_height,
                 info.camera_matrix.array("camera_matrix", (3, 3)),
@@ -225,6 +230,21 @@ class Camera:
             )
         except InputError as error:
             raise InputError(path, error.problem, field=error.field) from error
+        for doubt in found._doubts():
+            _log.warning("%s: camera_matrix: %s", path, doubt)
+        return found
+
+    def _doubts(self) -> list[str]:
+        """What a calibration for images of another size, or in millimetres, looks like."""
+        (x, y), size = self.matrix[:2, 2], f"{self.width} x {self.height}"
+        doubts = []
+        if not (0 <= x < self.width and 0 <= y < self.height):
+            doubts.append(
+                f"its principal point ({x:.4g}, {y:.4g}) is outside of {size}; is it of another size?"
+            )
+        if self.focal_px < _WIDEST * self.width:
+            doubts.append(f"its focal length is {self.focal_px:.3g} px on {size}; is it in millimetres?")
+        return doubts
 
     def save(self, path: Path | str) -> None:
         """Write a ROS ``camera_info`` YAML file.

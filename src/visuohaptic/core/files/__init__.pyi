@@ -16,6 +16,7 @@ from .images import ImageMode as ImageMode
 from .images import decode_image as decode_image
 from .images import encode_image as encode_image
 from .images import read_image as read_image
+from .images import upper_bytes as upper_bytes
 from .images import write_image as write_image
 from .json_file import load_json as load_json
 from .part_file import GrowingCsv as GrowingCsv

@@ -10,6 +10,8 @@ from ..errors import InputError
 MAX_PIXELS = 100_000_000
 #: TIFF tags: width, length, samples per pixel, width and length of a tile.
 _WIDTH, _LENGTH, _SAMPLES, _TILE_WIDTH, _TILE_LENGTH = 256, 257, 277, 322, 323
+#: TIFF tag of a page; its lowest bit marks a smaller copy of another page.
+_SUBFILE = 254
 
 
 def image_size(head: bytes, where: object) -> tuple[int, int]:
@@ -72,7 +74,7 @@ def _size(head: bytes, where: object) -> tuple[int, int]:
         width, height = struct.unpack("<HH", head[18:22]) if old else struct.unpack("<ii", head[18:26])
         return width, abs(height)
     if head[:1] == b"P" and head[1:2] in b"123456" and len(head) > 2:
-        return _netpbm_size(head)
+        return int(netpbm_words(head)[0]), int(netpbm_words(head)[1])
     if head[:4] in (b"II*\0", b"MM\0*"):
         return _tiff_size(head, where)
     if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
@@ -96,27 +98,29 @@ def _jpeg_size(head: bytes) -> tuple[int, int]:
         place += 2 + int(struct.unpack(">H", head[place + 2 : place + 4])[0])
 
 
-def _netpbm_size(head: bytes) -> tuple[int, int]:
+def netpbm_words(head: bytes) -> list[bytes]:
+    """Words of the header of a PGM or PPM file: width, height and, except in bitmaps, the value of white.
+
+    Parameters
+    ----------
+    head
+        Start of the file.
+    """
     words: list[bytes] = []
     # A comment ends at either line ending, as in OpenCV: both must find the same size.
     for line in head[2:4096].replace(b"\r", b"\n").split(b"\n"):
         words += line.split(b"#", 1)[0].split()
-        if len(words) >= 2:
+        if len(words) >= 3:
             break
-    return int(words[0]), int(words[1])
+    return words
 
 
 def _tiff_size(head: bytes, where: object) -> tuple[int, int]:
     order = "<" if head[:1] == b"I" else ">"
     (place,) = struct.unpack(order + "I", head[4:8])
-    (count,) = struct.unpack(order + "H", head[place : place + 2])
-    values = {}
-    for entry in range(count):
-        start = place + 2 + 12 * entry
-        tag, kind = struct.unpack(order + "HH", head[start : start + 4])
-        code = {3: "H", 4: "I"}.get(kind)
-        if tag in (_WIDTH, _LENGTH, _SAMPLES, _TILE_WIDTH, _TILE_LENGTH) and code:
-            (values[tag],) = struct.unpack_from(order + code, head, start + 8)
+    values, following = _tiff_page(head, order, place)
+    if 0 < following < len(head) - 6 and not _tiff_page(head, order, following)[0].get(_SUBFILE, 0) & 1:
+        raise InputError(where, "has several pages, expected a single image")
     if values.get(_SAMPLES, 1) > 4:
         raise InputError(where, f"has {values[_SAMPLES]} channels, expected at most 4")
     # A tile is always decoded completely, even if the image uses little of it.
@@ -124,6 +128,19 @@ def _tiff_size(head: bytes, where: object) -> tuple[int, int]:
     if tile > MAX_PIXELS:
         raise InputError(where, f"has tiles of {tile} px, expected at most {MAX_PIXELS}")
     return values[_WIDTH], values[_LENGTH]
+
+
+def _tiff_page(head: bytes, order: str, place: int) -> tuple[dict[int, int], int]:
+    """Integers of the directory of a page by their tag, and the place of the next page; 0: none."""
+    (count,) = struct.unpack_from(order + "H", head, place)
+    values = {}
+    for start in range(place + 2, place + 2 + 12 * count, 12):
+        tag, kind = struct.unpack_from(order + "HH", head, start)
+        code = {3: "H", 4: "I"}.get(kind)
+        if tag in (_SUBFILE, _WIDTH, _LENGTH, _SAMPLES, _TILE_WIDTH, _TILE_LENGTH) and code:
+            (values[tag],) = struct.unpack_from(order + code, head, start + 8)
+    end = place + 2 + 12 * count
+    return values, struct.unpack_from(order + "I", head, end)[0] if end + 4 <= len(head) else 0
 
 
 def _webp_size(head: bytes, where: object) -> tuple[int, int]:

@@ -12,16 +12,20 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from jaxtyping import UInt8, UInt16
 
 from ..errors import InputError
+from ..ranges import check_choice
 from .atomic import atomic_path
-from .image_header import image_size
+from .image_header import image_size, netpbm_words
 from .regular import read_bytes
 
 #: Larger files are not accepted as images [bytes].
 MAX_IMAGE_BYTES = 1 << 30
 #: Allowance for data other than pixels (comments, tables, profiles) [bytes].
 _EXTRA_BYTES = 1 << 24
+#: Values of twelve bits are below it.
+_TWELVE_BITS = 1 << 12
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 
 #: ``any``: grey or BGR as in the file, 8 bit; ``unchanged``: all channels and bits of the file.
@@ -82,7 +86,8 @@ def decode_image(
     Raises
     ------
     InputError
-        The data has an unknown format, or is too large, truncated or damaged.
+        The data has an unknown format, several pages, or is too large, truncated or damaged; or has 16 bits as rejected
+        by :func:`upper_bytes`.
     """
     import cv2
 
@@ -96,10 +101,13 @@ def decode_image(
         _check_bmp(where, data, width, height)
     elif data[:2] == b"\xff\xd8":
         _check_jpeg(where, data)
+    elif mode != "unchanged" and data[:2] in (b"P2", b"P3", b"P5", b"P6"):
+        white = b"".join(netpbm_words(data)[2:3]).decode("latin-1")
+        check_choice(where, ("255", "65535"), white, field="maxval")
     flags = {
-        "any": cv2.IMREAD_ANYCOLOR,
-        "grey": cv2.IMREAD_GRAYSCALE,
-        "colour": cv2.IMREAD_COLOR,
+        "any": cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR,
+        "grey": cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE,
+        "colour": cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR,
         "unchanged": cv2.IMREAD_UNCHANGED,
     }[mode]
     try:
@@ -115,7 +123,41 @@ def decode_image(
     rows, columns = image.shape[:2]
     if (columns, rows) != (width, height) and not (upright and (rows, columns) == (width, height)):
         raise InputError(where, f"is a damaged image: {columns} x {rows}, header {width} x {height}")
-    return np.asarray(image)
+    if mode == "unchanged" or image.dtype == np.uint8:
+        return np.asarray(image)
+    if image.dtype != np.uint16:
+        raise InputError(where, f"has pixels of type {image.dtype}, expected 8 or 16 bits")
+    return upper_bytes(image, where)
+
+
+def upper_bytes(
+    pixels: UInt16[np.ndarray, "rows columns *colour"], where: object
+) -> UInt8[np.ndarray, "rows columns *colour"]:
+    """The upper eight of sixteen bits.
+
+    Cameras of 10 or 12 bits often store their values in 16 bits without scaling; the upper bytes are then almost empty.
+
+    Parameters
+    ----------
+    pixels
+        Values of 16 bits, (rows, columns) or (rows, columns, channels).
+    where
+        Source of the image, for messages.
+
+    Raises
+    ------
+    InputError
+        No value reaches 4096, and not all are 0: at most 16 grey levels would remain.
+    """
+    highest = int(pixels.max())
+    if 0 < highest < _TWELVE_BITS:
+        raise InputError(
+            where,
+            f"has 16-bit pixels up to {highest}, of which {(highest >> 8) + 1} grey levels would remain; "
+            "expected white at 65535",
+            remedy="scale pixels of 10 or 12 bits to 16, or save 8 bits",
+        )
+    return (pixels >> 8).astype(np.uint8)
 
 
 def _check_png(where: object, data: bytes, check_pixels: bool) -> None:

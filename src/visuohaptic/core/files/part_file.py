@@ -6,6 +6,8 @@ import csv
 import io
 import logging
 import os
+import threading
+import weakref
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -16,12 +18,17 @@ from .regular import check_target, file_size, read_bytes
 
 _log = logging.getLogger(__name__)
 
+#: Data is synced to the disk this long after it was written, at the latest [s]: a power failure loses no more, and the time
+#: that the disk takes for it. Shorter times wear out memory cards.
+SYNC_S = 1.0
+
 
 class PartFile:
     """A file named ``NAME.part`` until it is finished.
 
-    Data is passed to the operating system before ``write`` returns: if the process is killed, none is lost. What a
-    killed run has left under this name is kept as ``NAME.unfinished1...``.
+    Data is passed to the operating system before ``write`` returns: if the process is killed, none is lost. It is synced to
+    the disk, in another thread, within :data:`SYNC_S`: a power failure loses what was written since. What a killed run has
+    left under this name is kept as ``NAME.unfinished1...``.
 
     Parameters
     ----------
@@ -38,11 +45,15 @@ class PartFile:
         self.path = Path(target)
         self.part = self.path.with_name(self.path.name + ".part")
         check_target(target)
+        self._timer: threading.Timer | None = None
+        self._use = threading.Lock()  #: held while the file is synced, and to close it
+        self._failure: OSError | None = None
         try:
             if self.part.exists():
                 _keep(self.part, self.path)
             self._stream = self.part.open("xb", buffering=0)
             lock(self._stream)
+            _sync_folder(self.part.parent)
         except OSError as error:
             raise InputError(target, f"cannot be written ({error.strerror})") from error
 
@@ -67,17 +78,34 @@ class PartFile:
         Raises
         ------
         InputError
-            The disk is full; the file is closed, and what was written before remains in ``NAME.part``.
+            The disk is full or failed; the file is closed, and what was written before remains in ``NAME.part``.
         """
         if self._stream.closed:
             raise InputError(self.path, "is closed")
+        if self._failure is not None:
+            raise self._stopped(self._failure) from self._failure
         left = memoryview(data)
         try:
             while left:
                 left = left[self._stream.write(left) :]
         except OSError as error:
             raise self._stopped(error) from error
+        if self._timer is None or not self._timer.is_alive():
+            # The timer keeps no file open that nobody else has.
+            self._timer = threading.Timer(SYNC_S, _sync, (weakref.ref(self),))
+            self._timer.daemon = True
+            self._timer.start()
         return len(data)
+
+    def _sync(self) -> None:
+        # Writes from now on need another timer, since they may be too late for this one.
+        self._timer = None
+        with self._use:
+            try:
+                if not self._stream.closed:
+                    os.fsync(self._stream.fileno())
+            except OSError as error:
+                self._failure = error
 
     def flush(self) -> None:
         """Does nothing: writes are unbuffered."""
@@ -107,17 +135,38 @@ class PartFile:
     def _end(self, step: Callable[[], object]) -> None:
         """Close after the last step, so that no other run takes what is left of this one; Windows keeps the names of open files."""
         if os.name == "nt":
-            self._stream.close()
+            self._close()
         step()
-        self._stream.close()
+        self._close()
+
+    def _close(self) -> None:
+        if (timer := self._timer) is not None:
+            timer.cancel()
+        with self._use:
+            self._stream.close()
 
     def _stopped(self, error: OSError) -> InputError:
-        self._stream.close()
+        self._close()
         return InputError(
             self.path,
             f"cannot be written ({error.strerror or error})",
             remedy=f"free disk space and run: visuohaptic recording recover {self.part}",
         )
+
+
+def _sync(file: weakref.ref[PartFile]) -> None:
+    if (alive := file()) is not None:
+        alive._sync()
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make the name of a new file outlast a power failure; Windows has no such call."""
+    if os.name != "nt":
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def check_unlocked(path: Path) -> None:

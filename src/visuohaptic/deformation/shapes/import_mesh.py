@@ -53,7 +53,8 @@ class MeshConvention:
     two-sided wall is always sampled, except for ``never``. Notes of the container state the effect of sampling.
     """
 
-    unit: str | None = None  #: unit of length: m, dm, cm, mm or in; None: guessed from the size
+    #: unit of length: m, dm, cm, mm or in; None: as a COLLADA file states it, or guessed from the size
+    unit: str | None = None
     up: Literal["x", "y", "z", "-x", "-y", "-z"] = "z"  #: axis that points up
     remesh: Literal["auto", "cast", "never"] = "auto"  #: repair, resample on rings, or neither
 
@@ -99,7 +100,7 @@ def import_container(
     remesh = convention.remesh
     raw = load_mesh(path)
     points = _turned_up(raw.vertices, convention.up)
-    scale, notes = _scale(points[raw.faces.ravel()], convention.unit, where)
+    scale, notes = _scale(points[raw.faces.ravel()], convention.unit, raw.unit_m, where)
     state = inspect_mesh(points * scale, raw.faces, where)
     _check_upright(state, where)
     notes += state.defects
@@ -197,23 +198,22 @@ def _turned_up(vertices: np.ndarray, up: str) -> np.ndarray:
     return out
 
 
-def _scale(used: np.ndarray, unit: str | None, where: str) -> tuple[float, list[str]]:
+def _scale(used: np.ndarray, unit: str | None, stated_m: float | None, where: str) -> tuple[float, list[str]]:
     extent = float(np.ptp(used, axis=0).max())
     if unit is not None:
         check_choice("unit", UNITS, unit)
         extent_m = extent * UNITS[unit]
         doubt = f"the largest extent is {extent_m:.4g} m with the unit {unit}, of a container {SMALLEST_m:g} to {LARGEST_m:g} m"
         return UNITS[unit], [] if SMALLEST_m <= extent_m <= LARGEST_m else [doubt]
+    # Exporters write one metre whatever the unit is; another one is used if it makes a container.
+    if stated_m not in (None, 1.0) and SMALLEST_m <= extent * stated_m <= LARGEST_m:
+        return stated_m, [f"unit as stated in the file: {stated_m:g} m"]
     for name in ("m", "mm", "cm", "dm"):
         if SMALLEST_m <= extent * UNITS[name] <= LARGEST_m:
             guess = f"unit taken as {name}: the largest extent is {extent:.4g}"
             return UNITS[name], [] if name == "m" else [guess]
-    raise InputError(
-        where,
-        f"the largest extent is {extent:.4g}: no container in m, mm, cm or dm",
-        field="mesh",
-        remedy="give the unit with --unit",
-    )
+    problem = f"the largest extent is {extent:.4g}: no container in m, mm, cm or dm"
+    raise InputError(where, problem, field="mesh", remedy="give the unit with --unit")
 
 
 def _foot_centre(

@@ -16,6 +16,7 @@ import logging
 import re
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -29,6 +30,7 @@ from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...core.files import load_yaml_model, read_image
 from ..image_folder import natural, seconds_in
+from ._conventions import check_conventions, compared
 from .depth_images import DEPTH_SUFFIXES, DepthEncoding, read_depth
 from .poses import StampedPose, interpolate_pose, read_poses
 
@@ -134,6 +136,7 @@ class DepthSequence:
         #: Number of poses without an image, if the file names reveal it.
         self.missing = 0 if seconds_in(self._paths) else len(poses) - len(self._paths)
         self._check_steps()
+        self._check_conventions()
         self.skipped: Counter[str] = Counter()  #: skipped frames, by cause
         self.problems: list[str] = []  #: one line for each skipped frame
 
@@ -170,6 +173,22 @@ class DepthSequence:
                     remedy="check that poses are in metres, and depth_scale_m",
                 )
             return
+
+    def _check_conventions(self) -> None:
+        """Reject poses that are obviously meant otherwise; a few views are read for it."""
+        usable = [
+            (path, stamped.pose)
+            for path, stamped in zip(self._paths, self.stamped, strict=True)
+            if stamped.pose is not None
+        ]
+
+        def views(group: list[int]) -> Iterator[tuple[Float32[np.ndarray, "rows columns"], Pose]]:
+            for path, pose in (usable[number] for number in group):
+                with suppress(InputError):
+                    yield self._read(path), pose
+
+        groups = (list(views(group)) for group in compared(len(usable)))
+        check_conventions(self.folder, self.camera, groups)
 
     def _read(self, path: Path) -> Float32[np.ndarray, "rows columns"]:
         return read_depth(path, self.encoding, size=(self.camera.width, self.camera.height))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,12 +14,15 @@ from jaxtyping import Float
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...core.files import MAX_TEXT_BYTES, read_head, read_text, write_text
+from ...core.ranges import SECONDS, check_numbers
 from ..ros.sqlite_bag import is_bag, open_bag
 
 POSE_HEADER = "# t_s tx_m ty_m tz_m qx qy qz qw, camera to world\n"
 
 #: Matrices that deviate less from a rotation are rounded text, and are orthonormalised.
 _ROUNDING = 1e-3
+#: A comment that names the columns with the real part of the quaternion first, as EuRoC's tables do.
+_W_FIRST = re.compile(r"^\s*#.*\bq_?w\b.*\bq_?x\b", re.MULTILINE | re.IGNORECASE)
 _POSE_TYPES = (
     "geometry_msgs/msg/PoseStamped",
     "geometry_msgs/msg/PoseWithCovarianceStamped",
@@ -42,7 +46,7 @@ def read_poses(path: Path | str, topic: str | None = None) -> list[StampedPose]:
     Lines with eight numbers are TUM (``t tx ty tz qx qy qz qw``); 16 or 12 are a
     row-major matrix; 17 are the same after an index; four are one row of a matrix
     (Redwood's logs, with a header of three numbers, are such files). ``#``
-    starts a comment. An MCAP file supplies its stamped poses, transforms or
+    starts a comment; one that names ``qw`` before ``qx`` gives the order of the quaternions. An MCAP file supplies its stamped poses, transforms or
     odometry. A line with non-finite numbers or without a valid rigid transformation is kept
     with its problem, so that the order of the others is preserved.
 
@@ -62,9 +66,11 @@ def read_poses(path: Path | str, topic: str | None = None) -> list[StampedPose]:
     if is_bag(path) or read_head(path, 8) == b"\x89MCAP0\r\n":
         return _from_mcap(path, topic)
     text = read_text(path, MAX_TEXT_BYTES)
-    found = list(_from_rows(path, _rows(path, text)))
+    found = list(_from_rows(path, _rows(path, text), w_first=_W_FIRST.search(text) is not None))
     if not found:
         raise InputError(path, "has no poses, expected lines of t tx ty tz qx qy qz qw")
+    times = [stamped.t_s for stamped in found if np.isfinite(stamped.t_s)]
+    check_numbers(path, SECONDS, **{"time [s]": max(times, default=0.0)})
     return found
 
 
@@ -81,11 +87,13 @@ def _rows(path: Path, text: str) -> Iterator[tuple[int, list[float]]]:
             ) from error
 
 
-def _from_rows(path: Path, rows: Iterator[tuple[int, list[float]]]) -> Iterator[StampedPose]:
+def _from_rows(
+    path: Path, rows: Iterator[tuple[int, list[float]]], *, w_first: bool
+) -> Iterator[StampedPose]:
     for number, row in rows:
         where = f"line {number}"
         if len(row) == 8:
-            yield _tum(row, where)
+            yield _tum([*row[:4], *row[5:], row[4]] if w_first else row, where)
         elif len(row) in (12, 16, 17):
             numbers = row[1:] if len(row) == 17 else row
             yield stamped_matrix(np.array(numbers).reshape(-1, 4), where)

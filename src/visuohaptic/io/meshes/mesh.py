@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import logging
+import re
 import struct
 import warnings
 from dataclasses import dataclass
@@ -24,6 +25,10 @@ MAX_BYTES = 256 * 1024 * 1024
 MAX_FACES = 2_000_000
 #: Nested instances multiply the contents of a COLLADA file.
 MAX_INSTANCES = 16
+#: Unit of length of a COLLADA file [m].
+_UNIT = re.compile(
+    rb"""<unit\b[^>]*\bmeter\s*=\s*["']\s*([0-9.]*[1-9][0-9]*(?:[eE][-+]?[0-9]{1,2})?)\s*["']"""
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,6 +38,7 @@ class TriangleMesh:
     vertices: Float[np.ndarray, "v 3"]
     faces: Int[np.ndarray, "f 3"]
     source: str
+    unit_m: float | None = None  #: unit of length that the file states (COLLADA only) [m]
 
 
 def load_mesh(path: Path | str) -> TriangleMesh:
@@ -78,7 +84,8 @@ def load_mesh(path: Path | str) -> TriangleMesh:
     if not np.isfinite(used).all() or np.abs(used).max() > 1e9:
         face = int(np.argmax(~(np.abs(used) <= 1e9).all(axis=1))) // 3
         raise InputError(path, f"triangle {face} has corners that are not finite numbers below 1e9")
-    return TriangleMesh(vertices, faces, str(path))
+    stated = _UNIT.search(data) if kind == ".dae" else None
+    return TriangleMesh(vertices, faces, str(path), float(stated[1]) if stated else None)
 
 
 def _by_trimesh(path: Path, kind: str, data: bytes) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from ...core.errors import InputError
-from ...core.files import check_image_size
+from ...core.files import check_image_size, upper_bytes
 from ...core.ranges import check_choice
 
 #: ROS encoding -> channels, bytes per channel, and name of OpenCV's conversion to grey or BGR.
@@ -47,7 +47,8 @@ def decode_raw(message: Any, where: str) -> UInt8[np.ndarray, "rows columns *col
     Raises
     ------
     InputError
-        The encoding is unknown, or size and data are inconsistent.
+        The encoding is unknown, size and data are inconsistent, or 16-bit values are not scaled
+        (:func:`.upper_bytes`).
     """
     width, height, step = int(message.width), int(message.height), int(message.step)
     encoding = str(message.encoding)
@@ -67,8 +68,8 @@ def decode_raw(message: Any, where: str) -> UInt8[np.ndarray, "rows columns *col
         )
     rows = np.lib.stride_tricks.as_strided(data, (height, used), (step, 1), writeable=False)
     if depth == 2:
-        # The upper byte of each value is its 8-bit value.
-        rows = rows[:, 0 if message.is_bigendian else 1 :: 2]
+        kind = ">u2" if message.is_bigendian else "<u2"
+        rows = upper_bytes(np.ascontiguousarray(rows).view(kind), where)
     image = np.ascontiguousarray(rows if channels == 1 else rows.reshape(height, width, channels))
     if conversion:
         import cv2

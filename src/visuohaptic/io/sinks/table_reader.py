@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from ...core.errors import InputError
 from ...core.files import CsvRow, check_columns, file_size, read_csv
 from ...core.measurement import Reason, Wrench
+from ...core.ranges import SECONDS, check_numbers
 from .tables import FORCE_COLUMNS, PROFILE_COLUMNS, WRENCH_COLUMNS, arrow
 
 #: Columns of a reference recording: the value, its standard deviation, and newtons per unit.
@@ -128,6 +129,7 @@ def read_reference_table(path: Path | str) -> dict[str, Float[np.ndarray, "n"]]:
     values: list[tuple[float, float]] = []
     for row in rows:
         times.append(_value(row, "t_s"))
+        check_numbers(f"{path}: line {row.line}", SECONDS, t_s=times[-1])
         values.append((_value(row, force), _value(row, sigma) if sigma in names else 0.0))
         if len(times) > 1 and times[-1] <= times[-2]:
             raise row.problem("found a time that is not later than the previous one", "t_s")

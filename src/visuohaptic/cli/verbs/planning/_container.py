@@ -49,7 +49,7 @@ def add_container_arguments(add: Any, *, also: str = "") -> None:
     shape(
         "--unit",
         str,
-        "unit of a mesh (default: inferred from its size)",
+        "unit of a mesh (default: as its file states, or inferred from its size)",
         choices=("m", "dm", "cm", "mm", "in"),
     )
     shape(
