@@ -21,10 +21,10 @@ from rosbags.typesys import Stores, get_typestore
 from visuohaptic.core import Event, EventKind, InputError, Reason, Wrench
 from visuohaptic.core.camera import Camera, Frame, Pose
 from visuohaptic.io.frames import open_source
-from visuohaptic.io.frames.mcap_frames import camera_from_message
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.io.ros import McapFile, ros_messages
 from visuohaptic.io.ros._ros_definitions import _PARTS, definition
+from visuohaptic.io.ros.ros_image import camera_from_message
 from visuohaptic.io.sinks import MeasurementWriter
 
 from .helpers import picture, profile

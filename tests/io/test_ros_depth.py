@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import InputError
-from visuohaptic.io.ros.ros_image import decode_depth
+from visuohaptic.io.ros.ros_image import decode_compressed_depth, decode_depth
 
 
 def message(data: bytes, encoding: str, step: int, **more: object) -> SimpleNamespace:
@@ -22,6 +22,26 @@ def test_millimetres_with_padded_rows(order: str) -> None:
     depth_m = decode_depth(message(data, "16UC1", 6, is_bigendian=int(order == ">")), "/depth")
     np.testing.assert_allclose(depth_m, [[1.0, np.nan], [0.25, 65.535]], rtol=1e-6)
     assert depth_m.dtype == np.float32
+
+
+def test_intels_recorder_calls_it_mono16() -> None:
+    data = np.array([[1000, 0], [250, 500]], "<u2").tobytes()
+    np.testing.assert_allclose(
+        decode_depth(message(data, "mono16", 4), "/depth"), [[1.0, np.nan], [0.25, 0.5]]
+    )
+
+
+@pytest.mark.parametrize(
+    ("form", "data", "words"),
+    [
+        ("rgb8; jpeg", bytes(20), "encoding"),
+        ("16UC1; compressedDepth", bytes(12), "found 12 bytes, expected a header and a PNG"),
+        ("16UC1; compressedDepth", bytes(40), "/depth"),
+    ],
+)
+def test_compressed_depth_that_is_none_is_refused(form: str, data: bytes, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        decode_compressed_depth(SimpleNamespace(format=form, data=data), "/depth")
 
 
 def test_metres_and_what_is_not_measured() -> None:

@@ -19,8 +19,7 @@ from ..core.camera.pose import Pose
 from ..core.errors import DeviceError, InputError, StaleFrameError
 from ..core.files import ImageMode, decode_image
 from ..core.resources import Closing
-from ..io.frames.mcap_frames import camera_from_message
-from ..io.ros.ros_image import decode_raw
+from ..io.ros.ros_image import camera_from_message, decode_raw
 from .transports.topic_node import Received, TopicNode
 from .wire.graph import Qos
 

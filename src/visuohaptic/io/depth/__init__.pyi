@@ -1,3 +1,6 @@
+from .depth_bag import BagImages as BagImages
+from .depth_bag import import_bag as import_bag
+from .depth_bag import is_recording as is_recording
 from .depth_images import DEPTH_SUFFIXES as DEPTH_SUFFIXES
 from .depth_images import DepthEncoding as DepthEncoding
 from .depth_images import read_depth as read_depth
@@ -23,3 +26,4 @@ from .poses import StampedPose as StampedPose
 from .poses import interpolate_pose as interpolate_pose
 from .poses import read_poses as read_poses
 from .poses import write_poses as write_poses
+from .transforms import TransformTree as TransformTree

@@ -11,6 +11,10 @@
     views without poses, each of a separate scene.
 ``plain``
     Depth images with explicitly given ``camera.yaml`` and pose file.
+``sequence``
+    A sequence folder of this library, to be written again with other poses.
+``bag``
+    An MCAP file or rosbag2 bag (:class:`.BagImages`).
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ import logging
 import re
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -39,14 +43,15 @@ from ...core.files import (
     read_bytes,
     read_text,
 )
+from ..image_folder import seconds_in
 from .depth_images import DEPTH_SUFFIXES, DepthEncoding, read_depth
-from .depth_sequence import DepthFrame, _image_files, _matched
+from .depth_sequence import NO_POSES, DepthFrame, DepthSequence, _image_files, _matched
 from .depth_sequence_out import write_sequence
 from .poses import StampedPose, read_poses, stamped_matrix
 
 _log = logging.getLogger(__name__)
 
-LAYOUTS = ("arm", "apc", "cleargrasp", "plain")
+LAYOUTS = ("arm", "apc", "cleargrasp", "plain", "sequence")
 #: Assumed period of images without timestamps [s].
 _PERIOD_S = 1.0 / 30.0
 _NUMBER = re.compile(r"(\d+)")
@@ -60,6 +65,7 @@ class ImportedSequence:
     layout: str
     frames: int
     skipped: list[str] = field(default_factory=list)  #: one line for each skipped image
+    notes: list[str] = field(default_factory=list)  #: topics that were used of a recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +76,7 @@ class _Layout:
     camera: Camera
     encoding: DepthEncoding
     images: list[tuple[Path, Path | None, StampedPose]]  #: depth, colour, pose
+    poses_source: str = ""
 
 
 class _Pinhole(BaseModel):
@@ -125,7 +132,7 @@ def import_sequence(
         Type of the ClearGrasp pairs: ``transparent`` or ``opaque``.
     camera, poses, depth_scale_m, bit_rotation
         For a plain folder: ``camera_info`` file, pose file, size of one unit [m],
-        and the F200's bit rotation.
+        and the F200's bit rotation. With ``poses="none"``, images of any layout are kept without poses.
 
     Returns
     -------
@@ -150,8 +157,16 @@ def import_sequence(
         found = _cleargrasp(source, kind)
     elif chosen == "plain":
         found = _plain(source, camera, poses, depth_scale_m, bit_rotation)
+    elif chosen == "sequence":
+        found = _sequence(source)
     else:
         raise InputError("layout", f"found {layout!r}, expected auto, {', '.join(LAYOUTS)}")
+    if poses == NO_POSES:
+        # The poses of these frames are not written.
+        kept = [
+            (depth, color, replace(stamped, pose=Pose.identity())) for depth, color, stamped in found.images
+        ]
+        found = replace(found, images=kept, poses_source=NO_POSES)
     return _write(found, target, chosen)
 
 
@@ -164,6 +179,8 @@ def _layout_of(source: Path, camera: Path | str | None) -> str:
         return "apc"
     if (source / "camera_intrinsics.yaml").is_file():
         return "cleargrasp"
+    if (source / "sequence.yaml").is_file():
+        return "sequence"
     raise InputError(
         source,
         "has no camera.json, cam.info.txt or camera_intrinsics.yaml",
@@ -271,10 +288,19 @@ def _plain(
         raise InputError(source, "a plain folder needs camera, poses and depth_scale_m")
     folder = source / "depth" if (source / "depth").is_dir() else source
     paths = _image_files(folder, set(DEPTH_SUFFIXES))
-    stamped = _matched(source, paths, read_poses(poses)) if paths else []
+    if poses == NO_POSES:
+        stamped = [StampedPose(time_s, None) for time_s in seconds_in(paths) or [np.nan] * len(paths)]
+    else:
+        stamped = _matched(source, paths, read_poses(poses)) if paths else []
     colors = [_beside(source / "color", path.stem) for path in paths]
     images = list(zip(paths, colors, stamped, strict=True))
     return _Layout("unknown", Camera.load(camera), DepthEncoding(depth_scale_m, bit_rotation), images)
+
+
+def _sequence(source: Path) -> _Layout:
+    sequence = DepthSequence(source)
+    images = zip(sequence.paths, sequence.color_paths, sequence.stamped, strict=True)
+    return _Layout(sequence.sensor, sequence.camera, sequence.encoding, list(images), sequence.poses_source)
 
 
 def _write(found: _Layout, target: Path, layout: str) -> ImportedSequence:
@@ -284,7 +310,11 @@ def _write(found: _Layout, target: Path, layout: str) -> ImportedSequence:
     scale_m = 1e-4 if found.encoding.scale_m == 1.0 else found.encoding.scale_m
     skipped: list[str] = []
     count = write_sequence(
-        target, _frames(found, target, skipped), sensor=found.sensor, depth_scale_m=scale_m
+        target,
+        _frames(found, target, skipped),
+        sensor=found.sensor,
+        depth_scale_m=scale_m,
+        poses_source=found.poses_source,
     )
     return ImportedSequence(target, layout, count, skipped)
 

@@ -7,6 +7,7 @@
 ``depth/``         16-bit PNG or EXR, in name order
 ``color/``         optional, registered to the depth, same names or same count
 ``poses.txt``      TUM text (``t tx ty tz qx qy qz qw``), camera to world
+``pose_sigma.txt`` optional, of estimated poses: ``sigma_m sigma_rad`` of each
 =================  ====================================================================
 """
 
@@ -32,7 +33,7 @@ from ...core.files import load_yaml_model, read_image
 from ..image_folder import natural, seconds_in
 from ._conventions import check_conventions, compared
 from .depth_images import DEPTH_SUFFIXES, DepthEncoding, read_depth
-from .poses import StampedPose, interpolate_pose, read_poses
+from .poses import StampedPose, interpolate_pose, number_rows, read_poses
 
 _log = logging.getLogger(__name__)
 
@@ -40,6 +41,8 @@ _COLOR_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp"}
 _NUMBER = re.compile(r"(\d+)\D*$")
 #: If the camera moves farther between frames than this multiple of the depth, no point is seen twice: wrong unit.
 _STEP_PER_DEPTH = 4.0
+#: ``poses_source`` of a sequence whose poses are not known.
+NO_POSES = "none"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +85,9 @@ class SequenceFile(BaseModel):
     color: str = "color"  #: folder of the colour images
     poses: str = "poses.txt"  #: TUM text, 4 x 4 text or MCAP
     poses_topic: str | None = None  #: topic of an MCAP file
+    #: where the poses come from; ``none``: there are none
+    poses_source: Annotated[str, Field(max_length=1000)] = ""
+    pose_sigma: str | None = None  #: standard deviations of estimated poses: text, a line for each pose
     bit_rotation: Annotated[int, Field(ge=0, lt=16)] = 0  #: RealSense F200: 3
     invalid: Annotated[list[int], Field(max_length=16)] = [0, 65535]  #: values that mean "not measured"
     min_depth_m: Annotated[FiniteFloat, Field(ge=0)] = 0.05  #: nearer values are ignored
@@ -124,17 +130,30 @@ class DepthSequence:
         self.encoding = DepthEncoding(
             info.depth_scale_m, info.bit_rotation, tuple(info.invalid), info.min_depth_m, info.max_depth_m
         )
-        self._paths = _image_files(self._inside(info.depth, "depth"), set(DEPTH_SUFFIXES))
-        if not self._paths:
+        #: Depth images in name order, and the colour image of each.
+        self.paths = _image_files(self._inside(info.depth, "depth"), set(DEPTH_SUFFIXES))
+        if not self.paths:
             raise InputError(self.folder / info.depth, "has no depth images (.png, .exr)")
         colors = self._inside(info.color, "color")
-        self._colors = {path.stem: path for path in _image_files(colors, _COLOR_SUFFIXES)}
-        self._color_list = list(self._colors.values())
+        named = {path.stem: path for path in _image_files(colors, _COLOR_SUFFIXES)}
+        others: list[Path | None] = [*named.values()]
+        if len(others) != len(self.paths):
+            others = [None] * len(self.paths)
+        self.color_paths = [
+            named.get(path.stem, other) for path, other in zip(self.paths, others, strict=True)
+        ]
         poses = read_poses(self._inside(info.poses, "poses"), info.poses_topic)
         #: Time and pose of each image; missing poses have a reason.
-        self.stamped: list[StampedPose] = _matched(self.folder, self._paths, poses)
+        self.stamped: list[StampedPose] = _matched(self.folder, self.paths, poses)
+        #: Where the poses come from; empty if the description does not say it.
+        self.poses_source = info.poses_source
+        if self.poses_source == NO_POSES:
+            why = "the sequence has no poses, `recording import --poses odometry` estimates them"
+            self.stamped = [StampedPose(stamped.t_s, None, why) for stamped in self.stamped]
+        #: Standard deviation of each estimated pose: translation [m], rotation [rad]; ``None`` if not estimated.
+        self.pose_sigma = self._sigmas(info.pose_sigma) if info.pose_sigma else None
         #: Number of poses without an image, if the file names reveal it.
-        self.missing = 0 if seconds_in(self._paths) else len(poses) - len(self._paths)
+        self.missing = 0 if seconds_in(self.paths) else len(poses) - len(self.paths)
         self._check_steps()
         self._check_conventions()
         self.skipped: Counter[str] = Counter()  #: skipped frames, by cause
@@ -151,13 +170,29 @@ class DepthSequence:
             )
         return path
 
+    def _sigmas(self, name: str) -> Float[np.ndarray, "n 2"]:
+        path = self._inside(name, "pose_sigma")
+        rows = [row for _, row in number_rows(path)]
+        if len(rows) != len(self.paths) or {len(row) for row in rows} != {2}:
+            raise InputError(path, f"expected two numbers for each of {len(self.paths)} images")
+        return np.array(rows)
+
+    def depth_images(self) -> Iterator[Float32[np.ndarray, "rows columns"] | None]:
+        """Depth [m] of every image in name order, also of those without pose; ``None`` if it cannot be read."""
+        for path in self.paths:
+            try:
+                yield self._read(path)
+            except InputError as error:
+                _log.warning("image skipped: %s", error)
+                yield None
+
     def _check_steps(self) -> None:
         """Reject poses whose unit differs from that of the depth."""
         places = np.array([stamped.pose.translation_m for stamped in self.stamped if stamped.pose])
         if len(places) < 2:
             return
         step_m = float(np.median(np.linalg.norm(np.diff(places, axis=0), axis=1)))
-        for path in self._paths[:3]:
+        for path in self.paths[:3]:
             try:
                 depths = self._read(path)
             except InputError:
@@ -194,7 +229,7 @@ class DepthSequence:
         return read_depth(path, self.encoding, size=(self.camera.width, self.camera.height))
 
     def __len__(self) -> int:
-        return len(self._paths)
+        return len(self.paths)
 
     @property
     def times_s(self) -> Float[np.ndarray, "n"]:
@@ -215,7 +250,7 @@ class DepthSequence:
         self.skipped, self.problems = Counter(), []
         delivered = 0
         times_s = self.times_s
-        for index, (path, stamped) in enumerate(zip(self._paths, self.stamped, strict=True)):
+        for index, (path, stamped) in enumerate(zip(self.paths, self.stamped, strict=True)):
             if stamped.pose is None:
                 self._skip("no pose", f"{path.name}: {stamped.problem}")
                 continue
@@ -228,11 +263,11 @@ class DepthSequence:
                 self._skip("empty", f"{path.name}: not one depth is valid")
                 continue
             delivered += 1
-            color = self._color(path, index)
+            color = self._color(self.color_paths[index])
             yield DepthFrame(float(times_s[index]), depth_m, color, stamped.pose, self.camera, index)
         if not delivered:
             raise InputError(
-                self.folder, f"none of {len(self._paths)} frames can be used; the first: {self.problems[0]}"
+                self.folder, f"none of {len(self.paths)} frames can be used; the first: {self.problems[0]}"
             )
 
     def _skip(self, cause: str, problem: str) -> None:
@@ -240,10 +275,7 @@ class DepthSequence:
         self.problems.append(problem)
         _log.warning("frame skipped: %s", problem)
 
-    def _color(self, path: Path, index: int) -> UInt8[np.ndarray, "rows columns 3"] | None:
-        found = self._colors.get(path.stem)
-        if found is None and len(self._color_list) == len(self._paths):
-            found = self._color_list[index]
+    def _color(self, found: Path | None) -> UInt8[np.ndarray, "rows columns 3"] | None:
         if found is None:
             return None
         try:

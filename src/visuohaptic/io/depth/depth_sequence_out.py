@@ -8,7 +8,7 @@ from pathlib import Path
 from ...core.errors import InputError
 from ...core.files import PartFile, save_yaml, whole_lines, write_image, write_text
 from .depth_images import write_depth
-from .depth_sequence import DepthFrame
+from .depth_sequence import NO_POSES, DepthFrame
 from .poses import POSE_HEADER, pose_line, read_poses
 
 #: Name of the description until the sequence is complete.
@@ -16,7 +16,12 @@ DESCRIPTION_PART = "sequence.yaml.part"
 
 
 def write_sequence(
-    folder: Path | str, frames: Iterable[DepthFrame], *, sensor: str = "unknown", depth_scale_m: float = 1e-4
+    folder: Path | str,
+    frames: Iterable[DepthFrame],
+    *,
+    sensor: str = "unknown",
+    depth_scale_m: float = 1e-4,
+    poses_source: str = "",
 ) -> int:
     """Write a sequence folder that :class:`.DepthSequence` reads; returns the number of frames.
 
@@ -33,6 +38,8 @@ def write_sequence(
         Name of the sensor, which selects its noise model.
     depth_scale_m
         Size of one unit [m]; 0.1 mm reaches 6.5 m.
+    poses_source
+        Where the poses come from; with ``none``, those of the frames are not written.
 
     Raises
     ------
@@ -55,10 +62,9 @@ def write_sequence(
             camera = frame.camera
             (folder / "depth").mkdir(parents=True)
             camera.save(folder / "camera.yaml")
-            save_yaml(
-                folder / DESCRIPTION_PART,
-                {"sensor": sensor, "depth_scale_m": depth_scale_m, "camera": "camera.yaml"},
-            )
+            about = {"sensor": sensor, "depth_scale_m": depth_scale_m, "camera": "camera.yaml"}
+            source = {"poses_source": poses_source} if poses_source else {}
+            save_yaml(folder / DESCRIPTION_PART, about | source)
             poses = PartFile(folder / "poses.txt")
             poses.write(POSE_HEADER.encode())
         elif (frame.camera.width, frame.camera.height) != (camera.width, camera.height):
@@ -68,7 +74,8 @@ def write_sequence(
         if frame.color is not None:
             (folder / "color").mkdir(exist_ok=True)
             write_image(folder / "color" / name, frame.color)
-        poses.write(pose_line(frame.t_s, frame.T_world_camera).encode())
+        pose = None if poses_source == NO_POSES else frame.T_world_camera
+        poses.write(pose_line(frame.t_s, pose).encode())
         count += 1
     if poses is None:
         raise InputError("write_sequence", "found no frames, expected at least one")

@@ -23,7 +23,8 @@ POSE_HEADER = "# t_s tx_m ty_m tz_m qx qy qz qw, camera to world\n"
 _ROUNDING = 1e-3
 #: A comment that names the columns with the real part of the quaternion first, as EuRoC's tables do.
 _W_FIRST = re.compile(r"^\s*#.*\bq_?w\b.*\bq_?x\b", re.MULTILINE | re.IGNORECASE)
-_POSE_TYPES = (
+#: Messages that contain a pose.
+POSE_TYPES = (
     "geometry_msgs/msg/PoseStamped",
     "geometry_msgs/msg/PoseWithCovarianceStamped",
     "geometry_msgs/msg/TransformStamped",
@@ -65,8 +66,8 @@ def read_poses(path: Path | str, topic: str | None = None) -> list[StampedPose]:
     path = Path(path)
     if is_bag(path) or read_head(path, 8) == b"\x89MCAP0\r\n":
         return _from_mcap(path, topic)
-    text = read_text(path, MAX_TEXT_BYTES)
-    found = list(_from_rows(path, _rows(path, text), w_first=_W_FIRST.search(text) is not None))
+    w_first = _W_FIRST.search(read_text(path, MAX_TEXT_BYTES)) is not None
+    found = list(_from_rows(path, number_rows(path), w_first=w_first))
     if not found:
         raise InputError(path, "has no poses, expected lines of t tx ty tz qx qy qz qw")
     times = [stamped.t_s for stamped in found if np.isfinite(stamped.t_s)]
@@ -74,8 +75,20 @@ def read_poses(path: Path | str, topic: str | None = None) -> list[StampedPose]:
     return found
 
 
-def _rows(path: Path, text: str) -> Iterator[tuple[int, list[float]]]:
-    for number, line in enumerate(text.splitlines(), start=1):
+def number_rows(path: Path) -> Iterator[tuple[int, list[float]]]:
+    """Number of the line and values of each line of a text of numbers; ``#`` starts a comment.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Raises
+    ------
+    InputError
+        The file is missing, or contains other words.
+    """
+    for number, line in enumerate(read_text(path, MAX_TEXT_BYTES).splitlines(), start=1):
         words = line.partition("#")[0].replace(",", " ").split()
         if not words:
             continue
@@ -149,18 +162,29 @@ def _from_mcap(path: Path, topic: str | None) -> list[StampedPose]:
     found: list[StampedPose] = []
     topics: set[str] = set()
     for message in file.messages({topic} if topic else None):
-        if message.datatype not in _POSE_TYPES:
+        if message.datatype not in POSE_TYPES:
             continue
         topics.add(message.topic)
         if len(topics) > 1:
             raise InputError(path, f"has poses on {', '.join(sorted(topics))}", remedy="name one topic")
-        found.append(_from_message(file.decode(message), message.datatype, message.log_time_ns))
+        found.append(stamped_message(file.decode(message), message.datatype, message.log_time_ns))
     if not found:
-        raise InputError(path, f"has no poses on {topic or 'any topic'}, expected {_POSE_TYPES[0]}")
+        raise InputError(path, f"has no poses on {topic or 'any topic'}, expected {POSE_TYPES[0]}")
     return sorted(found, key=lambda stamped: stamped.t_s)
 
 
-def _from_message(message: Any, datatype: str, log_time_ns: int) -> StampedPose:
+def stamped_message(message: Any, datatype: str, log_time_ns: int) -> StampedPose:
+    """Pose of a stamped pose, transform or odometry message.
+
+    Parameters
+    ----------
+    message
+        Decoded message, of one of :data:`POSE_TYPES`.
+    datatype
+        ROS 2 name of its type.
+    log_time_ns
+        Recording time, for messages without a stamp [ns].
+    """
     stamp = message.header.stamp
     time_s = stamp.sec + stamp.nanosec * 1e-9 if stamp.sec or stamp.nanosec else log_time_ns * 1e-9
     if datatype.endswith("TransformStamped"):
@@ -228,7 +252,7 @@ def write_poses(path: Path | str, poses: Iterable[tuple[float, Pose]]) -> None:
     write_text(path, POSE_HEADER + "".join(pose_line(time_s, pose) for time_s, pose in poses))
 
 
-def pose_line(time_s: float, pose: Pose) -> str:
+def pose_line(time_s: float, pose: Pose | None) -> str:
     """One line of TUM text, with line ending.
 
     Parameters
@@ -236,7 +260,7 @@ def pose_line(time_s: float, pose: Pose) -> str:
     time_s
         Time [s].
     pose
-        Camera to world.
+        Camera to world; NaN if there is none.
     """
-    numbers = [*pose.translation_m, *pose.quaternion_xyzw]
+    numbers = [np.nan] * 7 if pose is None else [*pose.translation_m, *pose.quaternion_xyzw]
     return f"{time_s:.6f} " + " ".join(f"{number:.9g}" for number in numbers) + "\n"

@@ -7,5 +7,4 @@ from .live import LiveSource as LiveSource
 from .live import find_cameras as find_cameras
 from .live import open_camera as open_camera
 from .mcap_frames import McapSource as McapSource
-from .mcap_frames import camera_from_message as camera_from_message
 from .video import VideoSource as VideoSource

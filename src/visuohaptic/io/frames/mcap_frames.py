@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import logging
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Int, UInt8
@@ -16,7 +14,7 @@ from ...core.camera.model import Camera
 from ...core.errors import InputError
 from ...core.files import ImageMode, decode_image
 from ..ros.mcap_records import McapDamage, McapMessage
-from ..ros.ros_image import decode_raw
+from ..ros.ros_image import camera_from_message, decode_raw, image_stamp_ns
 from ..ros.sqlite_bag import open_bag
 from ..source import RecordedSource
 
@@ -24,8 +22,6 @@ _log = logging.getLogger(__name__)
 
 _IMAGE, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 
-#: Topics of rectified images, as image_proc names them.
-_RECTIFIED = re.compile(r"(/|_)rect(_[^/]*)?$")
 #: Frames that are out of order in the file are sorted within this number of messages.
 _REORDER = 64
 
@@ -101,7 +97,7 @@ class McapSource(RecordedSource):
         infos: dict[str, McapMessage] = {}
         for message in self._file.messages():
             if message.datatype in (_IMAGE, _COMPRESSED):
-                stamps.setdefault(message.topic, []).append(_stamp_ns(message))
+                stamps.setdefault(message.topic, []).append(image_stamp_ns(message))
             else:
                 others.add(message.topic)
                 if message.datatype == "sensor_msgs/msg/CameraInfo":
@@ -176,49 +172,3 @@ class McapSource(RecordedSource):
             _log.warning("frame skipped: %s", error)
             return
         yield position, image
-
-
-def _stamp_ns(message: McapMessage) -> int:
-    """Timestamp of the header, the first field of both image messages, without decoding the pixels."""
-    order: Literal["little", "big"] = "little" if len(message.data) >= 12 and message.data[1] & 1 else "big"
-    seconds = int.from_bytes(message.data[4:8], order, signed=True)
-    nanoseconds = int.from_bytes(message.data[8:12], order)
-    if seconds <= 0 and nanoseconds == 0:
-        return message.log_time_ns
-    return seconds * 1_000_000_000 + nanoseconds
-
-
-def camera_from_message(message: Any, where: str, topic: str = "") -> Camera:
-    """Camera model of a ``sensor_msgs/CameraInfo``.
-
-    Parameters
-    ----------
-    message, where
-        As in :func:`.decode_raw`.
-    topic
-        Topic of the images. Rectified ones (``image_rect``, ``image_rect_color``) have the matrix of the projection
-        and no distortion: the message describes the raw ones, too, by ROS convention.
-
-    Raises
-    ------
-    InputError
-        The distortion model is not supported, or the numbers are not valid for a camera.
-    """
-    if message.distortion_model not in ("", "plumb_bob", "rational_polynomial"):
-        raise InputError(
-            where,
-            f"found {message.distortion_model!r}, expected plumb_bob or rational_polynomial",
-            field="distortion_model",
-        )
-    distortion = np.array(message.d, dtype=np.float64)
-    matrix = np.array(message.k, dtype=np.float64).reshape(3, 3)
-    projection = np.array(message.p, dtype=np.float64).reshape(3, 4)[:, :3]
-    if _RECTIFIED.search(topic.removesuffix("/compressed")) and projection[0, 0] > 0:
-        matrix, distortion = projection, np.zeros(0)
-    return Camera(
-        int(message.width),
-        int(message.height),
-        matrix,
-        distortion if distortion.size else np.zeros(5),
-        name=str(message.header.frame_id) or "camera",
-    )

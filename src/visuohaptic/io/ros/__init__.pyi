@@ -4,8 +4,11 @@ from .mcap_records import McapMessage as McapMessage
 from .mcap_records import RecordedChannel as RecordedChannel
 from .mcap_records import RecordedSchema as RecordedSchema
 from .mcap_records import Topic as Topic
+from .ros_image import camera_from_message as camera_from_message
+from .ros_image import decode_compressed_depth as decode_compressed_depth
 from .ros_image import decode_depth as decode_depth
 from .ros_image import decode_raw as decode_raw
+from .ros_image import image_stamp_ns as image_stamp_ns
 from .ros_messages import camera_info as camera_info
 from .ros_messages import cloud as cloud
 from .ros_messages import compressed_image as compressed_image

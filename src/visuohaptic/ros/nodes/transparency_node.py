@@ -13,9 +13,8 @@ from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...core.errors import DeviceError
 from ...io.depth.depth_sequence import DepthFrame
-from ...io.frames.mcap_frames import camera_from_message
 from ...io.ros import ros_messages as messages
-from ...io.ros.ros_image import decode_depth
+from ...io.ros.ros_image import camera_from_message, decode_depth
 from ...reconstruction.fusion.depth_noise import sensor_noise
 from ...reconstruction.fusion.volume import space_of_interest
 from ...reconstruction.pipeline import reconstruct

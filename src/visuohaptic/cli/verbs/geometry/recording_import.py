@@ -1,6 +1,7 @@
-"""``visuohaptic recording import``: convert third-party depth images into a sequence folder.
+"""``visuohaptic recording import``: convert recorded depth images into a sequence folder.
 
-reads   a folder with camera.json, cam.info.txt or camera_intrinsics.yaml (layouts arm, apc, cleargrasp),
+reads   an MCAP file or rosbag2 bag with depth images, camera_info, and tf or a topic of poses;
+        a folder with camera.json, cam.info.txt or camera_intrinsics.yaml (layouts arm, apc, cleargrasp);
         or any folder of 16-bit PNG or EXR depth images with --camera, --poses and --depth-scale-m
 writes  sequence.yaml, camera.yaml, poses.txt, depth/ and color/ in the folder --out
 
@@ -12,32 +13,70 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from .... import io
+from .... import core, io
+from ....core.camera import Camera
 from ....core.files.plain_json import picked
+from ....io import depth
 
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("folder", Path, "folder to convert")
+    add("source", Path, "folder, MCAP file or bag to convert", metavar="PATH")
     add("--out", Path, "new sequence folder", required=True)
-    add("--layout", "auto", "auto, arm, apc, cleargrasp or plain")
+    add("--layout", "auto", "auto, arm, apc, cleargrasp, sequence or plain")
     add("--kind", "transparent", "which of a ClearGrasp pair: transparent or opaque")
-    add("--camera", Path, "camera_info YAML file of a plain folder")
-    add("--poses", Path, "TUM text, 4 x 4 text or MCAP of a plain folder")
-    add("--depth-scale-m", float, "metres per unit of a plain folder")
+    add("--camera", Path, "camera_info YAML file of a plain folder, or instead of a recording's")
+    add(
+        "--poses",
+        str,
+        "of a plain folder: TUM text, 4 x 4 text or MCAP; of a recording: tf, a topic or such a file (default: tf if it"
+        " moves the camera, else the only topic of poses); of any source: none",
+    )
+    add(
+        "--depth-topic",
+        str,
+        "depth images of a recording (default: the only ones, or those registered to colour)",
+    )
+    add(
+        "--color-topic",
+        str,
+        "colour images of a recording, registered to the depth (default: by coordinate frame)",
+    )
+    add("--depth-scale-m", float, "metres per unit of 16-bit depth (default: 0.001 in a recording)")
     add("--bit-rotation", 0, "bits by which the 16-bit values are rotated (F200: 3)")
 
 
 def run(args: Any) -> dict[str, Any]:
     """Import; returns the mapping that ``--json`` prints."""
-    found = io.import_sequence(
-        args.folder,
-        args.out,
-        layout=args.layout,
-        kind=args.kind,
-        camera=args.camera,
-        poses=args.poses,
-        depth_scale_m=args.depth_scale_m,
-        bit_rotation=args.bit_rotation,
+    found = _imported(args)
+    for note in found.notes:
+        args.report(note)
+    return picked(found, "folder layout frames skipped notes")
+
+
+def _imported(args: Any) -> io.ImportedSequence:
+    if not depth.is_recording(args.source):
+        for name in ("depth_topic", "color_topic"):
+            if getattr(args, name):
+                raise core.InputError(
+                    f"--{name.replace('_', '-')}", f"{args.source} is not a recording with topics"
+                )
+        return io.import_sequence(
+            args.source,
+            args.out,
+            layout=args.layout,
+            kind=args.kind,
+            camera=args.camera,
+            poses=args.poses,
+            depth_scale_m=args.depth_scale_m,
+            bit_rotation=args.bit_rotation,
+        )
+    images = depth.BagImages(
+        args.source,
+        args.depth_topic,
+        args.color_topic,
+        Camera.load(args.camera) if args.camera else None,
+        args.poses or "auto",
+        args.depth_scale_m,
     )
-    return picked(found, "folder layout frames skipped")
+    return depth.import_bag(images, args.out)

@@ -1,6 +1,7 @@
 """``visuohaptic recording info``: summarise a recording.
 
-reads   a video, a folder of images, an MCAP file (also a truncated one), or a map_server YAML file
+reads   a video, a folder of images, an MCAP file (also a truncated one), a bag, the folder of a depth sequence (with the
+        source of its poses, and the standard deviations of estimated ones), or a map_server YAML file
 writes  nothing
 
 Example: visuohaptic recording info run.mcap
@@ -38,19 +39,31 @@ def run(args: Namespace) -> dict[str, Any]:
 
 
 def _depth(path: Any) -> dict[str, Any]:
+    import numpy as np
+
     sequence = io.DepthSequence(path)
-    frames = list(sequence)
-    times = [frame.t_s for frame in frames]
-    return {
+    posed = sum(stamped.pose is not None for stamped in sequence.stamped)
+    # Without any pose, no frame can be used, but its images are worth a summary.
+    frames = sum(1 for _ in sequence) if posed else sum(one is not None for one in sequence.depth_images())
+    times = sequence.times_s
+    about = {
         "file": str(path),
         "kind": "depth sequence",
-        "frames": len(frames),
+        "frames": frames,
         "skipped": sequence.skipped,
-        "start_s": min(times, default=0.0),
-        "duration_s": max(times, default=0.0) - min(times, default=0.0),
+        "start_s": float(times.min()),
+        "duration_s": float(times.max() - times.min()),
         "width": sequence.camera.width,
         "height": sequence.camera.height,
+        "sensor": sequence.sensor,
+        "poses": sequence.poses_source or "not stated",
+        "without_pose": len(sequence) - posed,
     }
+    if sequence.pose_sigma is not None and posed:
+        median, largest = np.nanmedian(sequence.pose_sigma, axis=0), np.nanmax(sequence.pose_sigma, axis=0)
+        about["pose_sigma_m"] = {"median": float(median[0]), "largest": float(largest[0])}
+        about["pose_sigma_rad"] = {"median": float(median[1]), "largest": float(largest[1])}
+    return about
 
 
 def _mcap(path: Any) -> dict[str, Any]:
