@@ -25,6 +25,13 @@ def rotation_vector(r: np.ndarray, out: np.ndarray) -> None:
 
 
 @kernel
+def rotation_vectors(rotations: np.ndarray, out: np.ndarray) -> None:
+    """:func:`rotation_vector` of each of (n, 3, 3) matrices into the rows of ``out``."""
+    for k in range(rotations.shape[0]):
+        rotation_vector(rotations[k], out[k])
+
+
+@kernel
 def rotate_nodes(rotations: np.ndarray, spins: np.ndarray) -> np.ndarray:
     """exp(spin) R for each node."""
     out = np.empty((rotations.shape[0], 3, 3))

@@ -167,30 +167,30 @@ def add_blocks(
     """Add an array whose rows belong to local nodes ``places`` (``size`` rows each) to a front; all transposed.
 
     Transposed, the blocks of a front are in the order of C, whatever their size. The array belongs to an element, or
-    to a child front (extend-add). Only the lower triangle when not ``full``: a child's places ascend, so only the
-    lower triangle of its update is read.
+    to a child front (extend-add). Only the lower triangle, with whole nodes on the diagonal, when not ``full``: a
+    child's places ascend, so nothing is read above the nodes on the diagonal of its update, and what is
+    above the diagonal inside these is never used.
     """
     split_at = f11.shape[0]
-    rows = places.size * size
-    target = np.empty(rows, dtype=np.int64)
-    for a in range(places.size):
-        for i in range(size):
-            target[size * a + i] = places[a] * size + i
-    for q in range(rows):
-        column = target[q]
-        for p in range(rows):
-            row = target[p]
-            if row < column and not full:
+    for b in range(places.size):
+        column = places[b] * size
+        inside = column < split_at
+        if not inside:
+            column -= split_at
+        above, under = (f11, f21) if inside else (f12, f22)
+        for a in range(places.size):
+            row = places[a] * size
+            if places[a] < places[b] and not full:
                 continue
             if row < split_at:
-                if column < split_at:
-                    f11[column, row] += block[q, p]
-                else:
-                    f12[column - split_at, row] += block[q, p]
-            elif column < split_at:
-                f21[column, row - split_at] += block[q, p]
+                for j in range(size):
+                    for i in range(size):
+                        above[column + j, row + i] += block[size * b + j, size * a + i]
             else:
-                f22[column - split_at, row - split_at] += block[q, p]
+                row -= split_at
+                for j in range(size):
+                    for i in range(size):
+                        under[column + j, row + i] += block[size * b + j, size * a + i]
 
 
 @kernel

@@ -51,11 +51,10 @@ class ShellState:
         other
             State of the same shell.
         """
-        turn = np.einsum("vij,vkj->vik", other.rotations, self.rotations)
+        turn = other.rotations @ self.rotations.swapaxes(1, 2)
         out = np.empty((len(turn), 6))
         out[:, :3] = other.points_m - self.points_m
-        for vertex, found in enumerate(turn):
-            kernels.rotation_vector(found, out[vertex, 3:])
+        kernels.rotation_vectors(turn, out[:, 3:])
         return out
 
 

@@ -56,16 +56,16 @@ class Factor:
 
         tree, size = self.tree, self.dofs
         loads = np.asarray(loads, dtype=float)
-        x = loads.reshape(tree.order.size, size, -1)[tree.order]
+        x = np.ascontiguousarray(loads.reshape(tree.order.size, size, -1)[tree.order])
         columns = x.shape[2]
         for front in range(tree.fronts):
             begin, end, outside = self._part(front)
             top = x[begin:end].reshape(-1, columns)
             if self.definite:
-                top = dtrsm(1.0, self.pivots[front], top, lower=1)
+                # Transposed, the rows of a front are columns in the order of Fortran: solved in place.
+                dtrsm(1.0, self.pivots[front], top.T, side=1, lower=1, trans_a=1, overwrite_b=1)
             else:
-                top = dgetrs(*self.pivots[front], top)[0]
-            x[begin:end] = top.reshape(-1, size, columns)
+                top[:] = dgetrs(*self.pivots[front], top)[0]
             if outside.size:
                 x[outside] -= (self.below[front] @ top).reshape(-1, size, columns)
         for front in reversed(range(tree.fronts)):
@@ -74,9 +74,8 @@ class Factor:
             if self.definite:
                 top = x[begin:end].reshape(-1, columns)
                 if outside.size:
-                    top = top - self.below[front].T @ beyond
-                top = dtrsm(1.0, self.pivots[front], top, lower=1, trans_a=1)
-                x[begin:end] = top.reshape(-1, size, columns)
+                    top -= self.below[front].T @ beyond
+                dtrsm(1.0, self.pivots[front], top.T, side=1, lower=1, overwrite_b=1)
             elif outside.size:
                 x[begin:end] -= (self.right[front] @ beyond).reshape(-1, size, columns)
         out = np.empty_like(x)
@@ -145,7 +144,7 @@ class Factor:
 
     def _forward(self, loads: Any, names: Int[np.ndarray, "m"], out: Float[np.ndarray, "..."]) -> None:
         """Add ``(L^-1 F)^2``, or the products of its columns, of permuted loads to ``out``."""
-        from scipy.linalg.blas import dtrsm
+        from scipy.linalg.blas import dgemm, dtrsm
 
         tree, size = self.tree, self.dofs
         by_row = loads.tocsr()
@@ -180,7 +179,7 @@ class Factor:
             else:
                 out[np.ix_(names[columns], names[columns])] += top.T @ top
             if outside:
-                bottom -= self.below[front] @ top
+                bottom = dgemm(-1.0, self.below[front], top, beta=1.0, c=bottom, overwrite_c=1)
                 carried[front] = columns, bottom
 
 

@@ -34,9 +34,10 @@ def surface_stress(
         return np.full(points_m.shape[:-1], np.nan)
     faces, count = mesh.faces, len(mesh.vertices_m)
     sides, turns = _frames(mesh.vertices_m, faces)
-    inverse = np.linalg.inv(sides)
-    before = turns @ inverse
-    half = 0.5 * np.broadcast_to(np.asarray(mesh.thickness_m), len(faces))[:, None, None]
+    (p, q), (r, s) = sides
+    inverse = np.array([[s, -q], [-r, p]]) / (p * s - q * r)
+    before = _product(turns, inverse)
+    half = 0.5 * np.broadcast_to(np.asarray(mesh.thickness_m), len(faces))
     law = plane_stress(material)
     area = np.linalg.norm(area_vectors(mesh.vertices_m, faces), axis=1) * np.asarray(mesh.fraction)
     corners = faces.ravel()
@@ -44,17 +45,17 @@ def surface_stress(
     out = np.zeros(points_m.shape[:-1])
     for points, found in zip(points_m.reshape(-1, count, 3), out.reshape(-1, count), strict=True):
         sides, turns = _frames(points, faces)
-        gradient = sides @ inverse
-        turned = np.swapaxes(gradient, 1, 2)
-        membrane = 0.5 * (turned @ gradient - np.eye(2))
+        gradient = _product(sides, inverse)
+        turned = np.swapaxes(gradient, 0, 1)
+        membrane = 0.5 * (_product(turned, gradient) - np.eye(2)[..., None])
         # Both curvatures in the coordinates of the undeformed triangle; those of the deformed one are
         # ``turns sides^-1``, and ``sides^-1 gradient`` is the inverse of the undeformed sides.
-        bent = turned @ turns @ inverse - before
-        curvature = 0.5 * (bent + np.swapaxes(bent, 1, 2))
+        bent = _product(_product(turned, turns), inverse) - before
+        curvature = 0.5 * (bent + np.swapaxes(bent, 0, 1))
         worst = np.zeros(len(faces))
         for side in (half, -half):
             strain = membrane + side * curvature
-            xx, yy, xy = (np.stack([strain[:, 0, 0], strain[:, 1, 1], 2 * strain[:, 0, 1]], axis=1) @ law).T
+            xx, yy, xy = law @ np.stack([strain[0, 0], strain[1, 1], 2 * strain[0, 1]])
             worst = np.maximum(worst, np.sqrt(xx**2 - xx * yy + yy**2 + 3 * xy**2))
         sums = np.bincount(corners, np.repeat(area * worst, 3), count)
         np.divide(sums, whole, out=found, where=whole > 0)
@@ -63,15 +64,20 @@ def surface_stress(
 
 def _frames(
     points: Float[np.ndarray, "v 3"], faces: np.ndarray
-) -> tuple[Float[np.ndarray, "f 2 2"], Float[np.ndarray, "f 2 2"]]:
+) -> tuple[Float[np.ndarray, "2 2 f"], Float[np.ndarray, "2 2 f"]]:
     """Two sides of each triangle in its plane (columns), and the change of the normals along them."""
-    a, b, c = (points[faces[:, k]] for k in range(3))
+    a, b, c = points.T[:, faces.T].swapaxes(0, 1)
     first, second = b - a, c - a
-    x = first / np.linalg.norm(first, axis=1, keepdims=True)
-    z = np.cross(first, second)
-    z /= np.linalg.norm(z, axis=1, keepdims=True)
-    plane = np.stack([x, np.cross(z, x)], axis=1)
-    normal = vertex_normals(points, faces)[faces]
-    sides = np.stack([first, second], axis=2)
-    turns = np.stack([normal[:, 1] - normal[:, 0], normal[:, 2] - normal[:, 0]], axis=2)
-    return plane @ sides, plane @ turns
+    x = first / np.sqrt(np.sum(first**2, axis=0))
+    z = np.cross(first, second, axis=0)
+    z /= np.sqrt(np.sum(z**2, axis=0))
+    plane = np.stack([x, np.cross(z, x, axis=0)])
+    u, v, w = vertex_normals(points, faces).T[:, faces.T].swapaxes(0, 1)
+    sides, turns = np.stack([first, second], axis=1), np.stack([v - u, w - u], axis=1)
+    return _product(plane, sides), _product(plane, turns)
+
+
+def _product(a: Float[np.ndarray, "i j f"], b: Float[np.ndarray, "j k f"]) -> Float[np.ndarray, "i k f"]:
+    """Matrix product of each face; faces come last, so that every operation runs over all of them."""
+    out: np.ndarray = sum(a[:, j, None] * b[j] for j in range(len(b)))
+    return out
