@@ -12,14 +12,14 @@ from tests.tasks.laser_hits import VIEWS_M, box, cylinder, scans
 from visuohaptic.core import Estimate, HapticTag, VisuoHapticObject
 from visuohaptic.core.objects import Geometry
 from visuohaptic.demo.chapters import CHAPTERS
-from visuohaptic.demo.memory import (
-    BottleMemory,
-    MissionMemory,
-    RememberedMap,
-    recognise_bottle,
-)
 from visuohaptic.demo.story import Mission, Story, run_chapters
 from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.tasks.memory import (
+    PlaceMemory,
+    RememberedContainer,
+    RememberedMap,
+    recognise_container,
+)
 from visuohaptic.tasks.mobile import FloorOutline, fit_outlines, recognise, remembered_outline
 
 BIN_M, BOX_M, LEG_M = 0.09, 0.17, 0.05
@@ -77,36 +77,38 @@ def test_a_container_is_recognised_by_the_part_that_is_seen() -> None:
     z = np.linspace(0.0, 0.2, 24)
     shapes = {"a": 0.035 + 0.004 * np.sin(30 * z), "b": 0.028 + 0.05 * z}
     known = [
-        BottleMemory(name, "bottle", 0.99, np.column_stack([r, z]), 0.002, "closed", 0.3)
+        RememberedContainer(name, "bottle", 0.99, np.column_stack([r, z]), 0.002, "closed", 0.3)
         for name, r in shapes.items()
     ]
     none = np.zeros((0, 2))
     seen = known[0].outline_m[z < 0.08] + np.array([0.001, 0.0])
-    match = recognise_bottle(seen, 0.2, known, none)
+    match = recognise_container(seen, 0.2, known, none)
     assert match is not None
     assert match[0].id == "a"
     wide = seen + np.array([0.012, 0.0])  # a centimetre wider all round: another one
-    assert recognise_bottle(wide, 0.2, known, none) is None
+    assert recognise_container(wide, 0.2, known, none) is None
     # Of one that is transparent all over, the height alone tells nothing, three contacts do.
-    assert recognise_bottle(none, 0.2, known, none) is None
+    assert recognise_container(none, 0.2, known, none) is None
     touched = known[0].outline_m[[4, 10, 20]] + np.array([0.001, 0.0])
-    match = recognise_bottle(none, 0.2, known[:1], touched)
+    match = recognise_container(none, 0.2, known[:1], touched)
     assert match is not None
     assert match[0].id == "a"
-    assert recognise_bottle(none, 0.2, known, touched + np.array([0.006, 0.0])) is None
+    assert recognise_container(none, 0.2, known, touched + np.array([0.006, 0.0])) is None
 
 
 def test_what_is_kept_is_there_for_another_robot_and_refined(tmp_path: Path) -> None:
     cells = np.full((20, 30), -1, np.int8)
     cells[2:18, 2:28] = 0
     cells[2] = 100
-    bottle = BottleMemory("", "smoothie", 0.99, np.array([[0.03, 0.0], [0.03, 0.15]]), 0.002, "closed", 0.4)
+    bottle = RememberedContainer(
+        "", "smoothie", 0.99, np.array([[0.03, 0.0], [0.03, 0.15]]), 0.002, "closed", 0.4
+    )
     outline = FloorOutline(True, (3.0 - BIN_M, 1.0, 0.0), (2 * BIN_M, 2 * BIN_M), (0.002, 0.003))
 
     def tag(force_N: float) -> HapticTag:
         return HapticTag(static_friction_N=Estimate(force_N, 0.1), fixed=False, explored=1)
 
-    with MissionMemory(tmp_path / "memory", "house-2") as first:
+    with PlaceMemory(tmp_path / "memory", "house-2") as first:
         assert first.map() is None
         first.store_map(
             RememberedMap(
@@ -118,7 +120,7 @@ def test_what_is_kept_is_there_for_another_robot_and_refined(tmp_path: Path) -> 
         )
         name = first.store_floor_object(outline, tag(2.0))
         first.store_bottle(bottle, Estimate(4e-4, 1e-4))
-    with MissionMemory(tmp_path / "memory", "house-2") as second:
+    with PlaceMemory(tmp_path / "memory", "house-2") as second:
         found = second.map()
         assert found is not None
         np.testing.assert_array_equal(found.grid.cells, cells)
@@ -139,7 +141,7 @@ def test_what_is_kept_is_there_for_another_robot_and_refined(tmp_path: Path) -> 
         assert (kept.class_name, kept.lid) == ("smoothie", "closed")
         assert kept.fill == pytest.approx(0.4)
         np.testing.assert_allclose(kept.outline_m[:, 0], 0.03)
-    with MissionMemory(tmp_path / "memory", "house-2") as third:
+    with PlaceMemory(tmp_path / "memory", "house-2") as third:
         crate = third.store_floor_object(outline, HapticTag(min_static_friction_N=3.9, explored=1))
         third.move_floor_object(crate, (1.0, 1.5), HapticTag(fixed=False, explored=2))
         third.move_floor_object(name, (4.0, 1.5), tag(2.0).updated(explored=2))
@@ -164,14 +166,14 @@ def test_what_is_kept_is_there_for_another_robot_and_refined(tmp_path: Path) -> 
             crate,
             heavier,
         )
-    with MissionMemory(tmp_path / "memory", "house-4") as other:
+    with PlaceMemory(tmp_path / "memory", "house-4") as other:
         assert other.map() is None
         assert not other.floor_objects()
 
 
 def visit(folder: Path, number: int, names: tuple[str, ...]) -> Story:
     mission = Mission(2, folder, quick=True, world=2, visit=number)
-    with MissionMemory(folder / "memory", "house-2") as mission.memory:
+    with PlaceMemory(folder / "memory", "house-2") as mission.memory:
         given = [one for one in CHAPTERS if one.name in ("drive", "beam") and one.name not in names]
         return run_chapters(mission, [one for one in CHAPTERS if one.name in names], given)
 
@@ -200,7 +202,7 @@ def test_the_map_of_the_first_visit_saves_the_tour_of_the_second(
 
 def test_a_map_that_does_not_fit_is_made_again(mapped: tuple[Path, Story], tmp_path: Path) -> None:
     shutil.copytree(mapped[0], tmp_path, dirs_exist_ok=True)
-    with MissionMemory(tmp_path / "memory", "house-2") as memory:
+    with PlaceMemory(tmp_path / "memory", "house-2") as memory:
         found = memory.map()
         assert found is not None
         x, y, heading = found.home

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -282,6 +283,28 @@ def test_the_probability_is_that_of_drawn_frictions_and_masses():
         said = success_probability(np.array([force]), needed, slant, load, gripper, handling)[0]
         # The logarithm of mu cos - sin is taken as normal: a few percent.
         assert said == pytest.approx(holds, abs=0.03)
+
+
+def test_the_finger_that_an_error_of_the_position_unloads_holds_as_well():
+    """An empty bottle of 30 g and 8 N/mm: drawn positions of the hand, of which each presses one finger less."""
+    found, load = tube_map(0.03, 0.1, 8000.0, around=48), Load(0.03, (0.0, 0.0, 0.05), mass_spread=0.05)
+    task = GraspTask(load=load, gripper=GripperModel(position_sigma_m=2e-4), pairs="axis")
+    (exact,) = plan_map(found, GraspTask(load=load, pairs="axis"), count=1).grasps
+    (best,) = plan_map(found, task, count=1).grasps
+    assert best.needed_N == pytest.approx(exact.force_N)
+    # 1.6 N at one standard deviation.
+    assert best.force_N - best.needed_N == pytest.approx(1.6 * 1.6449, rel=1e-3)
+    rng = np.random.default_rng(0)
+    left_N = best.force_N - 8000.0 * 2e-4 * np.abs(rng.normal(size=100_000))
+    assert np.mean(left_N > best.needed_N) == pytest.approx(0.9, abs=0.005)  # either finger: 0.95 each
+    # Friction and mass are log-normal.
+    slip_N = best.needed_N / 1.5 * np.exp(math.hypot(0.15, 0.05) * rng.normal(size=100_000))
+    assert best.success == pytest.approx(np.mean(left_N > slip_N), abs=0.01)
+    # The margin ends where the wall would deform too much; the load has precedence.
+    loose = replace(task, min_score=0.0, gripper=GripperModel(position_sigma_m=2e-3))
+    (soft,) = plan_map(tube_map(0.03, 0.1, 150.0, around=48), loose, count=1).grasps
+    assert soft.needed_N < soft.deformation_limit_N < soft.needed_N + 0.3 * 1.6449
+    assert soft.force_N == pytest.approx(soft.deformation_limit_N)
 
 
 def boxed(centre: tuple[float, float, float], half: float) -> np.ndarray:

@@ -151,10 +151,10 @@ def run_mission(
     )
     with mission.opened as stack:
         if visit.memory is not None:
-            from .memory import MissionMemory
+            from ..tasks.memory import PlaceMemory
 
             kitchen = f"house-{visit.world}" if visit.world else "office"
-            mission.memory = stack.enter_context(MissionMemory(visit.memory, kitchen))
+            mission.memory = stack.enter_context(PlaceMemory(visit.memory, kitchen))
         return run_chapters(mission, chosen, given)
 
 

@@ -21,12 +21,12 @@ from ..simulation.floor.floor_world import FloorWorld
 from ..simulation.mobile.laser import SimulatedLaser
 from ..simulation.mobile.odometry import DriftingBase
 from ..tasks.framework.supervised_parts import Supervisor
+from ..tasks.memory import MOVED_M
 from ..tasks.mobile.travel.navigate import Travel, travel
 from ..tasks.mobile.travel.travel_memory import map_with_footprints
 from ..tasks.mobile.travel.travel_types import TravelSettings
 from .floor_chapters import MIN_FIT, ROBOT, SEEN_SIGMA_M, fit_fraction, map_picture, outline_m, world_map
 from .judge import Claim
-from .memory import MOVED_M
 from .push_demo import show_obstacle
 from .story import ChapterResult, Illustration, Measure, Mission, counted, done, failed
 

@@ -22,10 +22,10 @@ from ..report.floor_chart import MapObject
 from ..simulation.faults import FaultKind, wrong_map
 from ..simulation.houses.guided_platform import GuidedPlatform
 from ..simulation.mobile.obstacles import ObstacleKind, SimulatedObstacle
+from ..tasks.memory import RememberedMap
 from ..tasks.mobile.doorway_objects import heading_across, join_sides
 from ..tasks.mobile.floor_outline import SIDE_M, FloorOutline, fit_outlines
 from .judge import Claim
-from .memory import RememberedMap
 from .story import ChapterResult, Illustration, Measure, Mission, done, failed
 
 ROBOT = RobotModel(0.17)

@@ -32,9 +32,9 @@ from ..tasks.manipulation.foam_finger import FoamFingerOnDrive
 from ..tasks.manipulation.grasp import LiftPlan, grasp_and_lift
 from ..tasks.manipulation.hand import Hand, Place
 from ..tasks.manipulation.squeeze_task import SqueezeCurve, SqueezeSettings
+from ..tasks.memory import RememberedContainer
 from .bottle import GROUPS, HEIGHTS, PLACE, TableBottle, container_of_outline, training_objects
 from .judge import Claim
-from .memory import BottleMemory
 from .probe_chapters import HEIGHT_SIGMA_M
 from .served import REST, WEIGHTS, hand_truth, place_bottle, robot_at_table
 from .story import ChapterResult, Illustration, Known, Measure, Mission, counted, done, failed
@@ -54,9 +54,9 @@ if TYPE_CHECKING:
 CONFIDENCE, MIN_SQUEEZES, MAX_SQUEEZES = 0.998, 2, 12
 #: The gripper's limit, above the strongest squeeze [N].
 MAX_GRIP_N = 60.0
-#: An empty bottle requires tenths of a newton, which are lost if the finger is 0.2 mm off the
-#: planned height: this is the minimum force, if the wall supports it [N].
-MIN_GRIP_N = 2.5
+#: Repeatability of the arm, of its data sheet [m]: it unloads one finger, which an empty bottle, that requires tenths of a
+#: newton, does not bear.
+REPEAT_M = 2e-4
 #: A free mouth instead of a held one lowers the simulated stiffness of bottles and smoothie bottles at the highest place by
 #: a factor of exp(2.2) (root mean square); training has held ones, half of the objects on the table are open: 2.2 / sqrt(2).
 MOUTH = 1.55
@@ -158,7 +158,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
         return failed(f"{called}, but its contents are not identified: {contents.why}", *parts)
     # An uncertain lid is not claimed: an open wall is softer, and the grasp is planned for it.
     known.closed = contents.confident and contents.lid == "closed"
-    known.fill, known.mass_kg = contents.fill[0], contents.mass_kg[0]
+    known.fill, (known.mass_kg, known.mass_sigma_kg) = contents.fill[0], contents.mass_kg
     if mission.memory is not None:
         _keep_the_bottle(
             mission, found.belief[found.best], wall, contents.lid if contents.confident else UNKNOWN
@@ -187,7 +187,7 @@ def _odds(mission: Mission) -> dict[str, float]:
 def _keep_the_bottle(mission: Mission, probability: float, wall_m: float, lid: str) -> None:
     known, before = mission.known, mission.known_bottle
     assert mission.memory is not None
-    one = BottleMemory(
+    one = RememberedContainer(
         before.id if before is not None else "", known.class_name, probability, known.outline_m,
         known.outline_sigma_m, lid, known.fill,
     )  # fmt: skip
@@ -260,7 +260,7 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
     lift = _lift_plan(best, float(best.first_m[2]) / scale, mission.known)
     mission.log(
         f"  {1e3 * mass:.0f} g need {best.needed_N:.1f} N at {1e3 * lift.place.height_m:.0f} mm; the wall deforms "
-        f"by {1e3 * best.deformation_m:.1f} mm there"
+        f"by {1e3 * best.deformation_m:.1f} mm there; it holds with a probability of {best.success:.3f}"
     )
     begin_s = hand.arm.pose()[0]
     held = grasp_and_lift(hand, lift)
@@ -270,6 +270,7 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
     parts = (
         Measure("mass [kg]", mass, place_bottle(mission).container.mass_kg),
         Measure("force of each finger, needed at least [N]", best.needed_N),
+        Measure("probability that it holds", best.success, held.ending.success),
         Measure("force of each finger, measured [N]", held.force_N, truth["force_N"]),
         Measure("deformation of one side at the grasp [mm]", deformed_mm, truly_mm),
         Measure("lifted [m]", lift.lift_m if held.ending.success else 0.0, truth["lifted_m"]),
@@ -291,7 +292,7 @@ def _planned(known: Known) -> tuple[GraspPlan, float]:
     from ..deformation.maps.confidence_band import object_map
     from ..deformation.nonlinear.contents import Contents
     from ..deformation.shapes.mesher import mesh_container
-    from ..grasping.force import Load, object_load
+    from ..grasping.force import GripperModel, Load, object_load
     from ..grasping.grasp_task import GraspTask
     from ..grasping.planner import plan_grasps
 
@@ -300,10 +301,13 @@ def _planned(known: Known) -> tuple[GraspPlan, float]:
     scale = model.height_m / float(known.outline_m[-1, 1])
     surface = object_map(model, Contents(fill=known.fill) if known.closed else None, band=False)
     surface = correct_by_squeezes(surface, known.curves, known.outline_m, scale=scale)
-    load = object_load(model, known.fill)
+    centre_m = object_load(model, known.fill).centre_m
+    load = Load(known.mass_kg, centre_m, mass_spread=known.mass_sigma_kg / known.mass_kg)
     plan = plan_grasps(
         model,
-        GraspTask(closed=known.closed, fill=known.fill, load=Load(known.mass_kg, load.centre_m)),
+        GraspTask(
+            closed=known.closed, fill=known.fill, load=load, gripper=GripperModel(position_sigma_m=REPEAT_M)
+        ),
         count=3,
         # The map is corrected by the measurements, the class's model in a simulation is not; the fingers monitor the
         # deformation of the wall.
@@ -319,10 +323,9 @@ def _lift_plan(best: Grasp, height_m: float, known: Known) -> LiftPlan:
     """The planned grasp as executed by the gripper."""
     # The two fingers are interchangeable: the smaller rotation is used.
     angle = math.remainder(math.atan2(best.direction[1], best.direction[0]), math.pi)
-    force = max(best.force_N, min(MIN_GRIP_N, best.deformation_limit_N))
-    bound = 2.0 * force / best.force_N * (best.deformation_m + 3.0 * best.deformation_sigma_m) + 0.001
+    bound = 2.0 * (best.deformation_m + 3.0 * best.deformation_sigma_m) + 0.001
     place, give = Place(height_m, angle), min(bound, 0.01)
-    return LiftPlan(place, force, give, _foot_m(known), open_m=_open_m(known), arm_m_s=LIFT_M_S)
+    return LiftPlan(place, best.force_N, give, _foot_m(known), open_m=_open_m(known), arm_m_s=LIFT_M_S)
 
 
 def _belief_figure(history: Sequence[Mapping[str, float]], curve: SqueezeCurve) -> Figure:

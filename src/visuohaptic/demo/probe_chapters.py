@@ -19,9 +19,9 @@ from ..sensing.beam.tracked import TrackedBeam
 from ..tasks.framework.path_clearance import Capsule, KnownObstacles
 from ..tasks.framework.supervised_parts import Supervisor
 from ..tasks.manipulation.complete import CompleteSettings, CompletionByTouch, complete_by_touch
+from ..tasks.memory import TOUCHED_M, RememberedContainer, recognise_container
 from .bottle import PLACE, TableBottle
 from .judge import Claim
-from .memory import TOUCHED_M, BottleMemory, recognise_bottle
 from .served import known_loads, place_bottle, rest_count, robot_at_table, view_count
 from .story import ChapterResult, Illustration, Measure, Mission, counted, done, failed
 
@@ -282,11 +282,11 @@ def _probe_or_recall(
 def _recall(
     mission: Mission,
     seen: tuple[Float[np.ndarray, "k 2"], float],
-    known: Sequence[BottleMemory],
+    known: Sequence[RememberedContainer],
     touched_m: Float[np.ndarray, "n 2"],
 ) -> None:
     """Whether the object on the table, with the visible slices and the height, is known from an earlier visit."""
-    if match := recognise_bottle(*seen, known, touched_m):
+    if match := recognise_container(*seen, known, touched_m):
         mission.known_bottle, mission.known_bottle_probability = match
         mission.log(f"  it looks like {match[0].id}, a {match[0].class_name} (probability {match[1]:.2f})")
 

@@ -42,10 +42,10 @@ if TYPE_CHECKING:
     from ..sensing.foam.sensor import FoamSensor
     from ..simulation.houses.guided_platform import GuidedPlatform
     from ..tasks.manipulation.squeeze_task import SqueezeCurve
+    from ..tasks.memory import PlaceMemory, RememberedContainer
     from ..tasks.mobile.floor_outline import FloorOutline
     from ..viewer.page import LivePage
     from .bottle import TableBottle
-    from .memory import BottleMemory, MissionMemory
 
 
 _log = logging.getLogger(__name__)
@@ -130,6 +130,7 @@ class Known:
     closed: bool = False  #: the contents cannot escape
     fill: float = 0.0  #: filled fraction of its volume
     mass_kg: float = 0.0  #: measured on lifting
+    mass_sigma_kg: float = 0.0  #: its standard deviation
 
 
 @dataclass(slots=True)
@@ -160,9 +161,9 @@ class Mission:
     opened: ExitStack = field(default_factory=ExitStack)  #: robots to close at the end
     scan: Reconstruction = field(init=False)  #: camera views of the table
     tags: dict[str, HapticTag] = field(default_factory=dict)
-    memory: MissionMemory | None = None  #: of earlier visits
+    memory: PlaceMemory | None = None  #: of earlier visits
     remembered: dict[str, str] = field(default_factory=dict)  #: name in the memory, by true name
-    known_bottle: BottleMemory | None = None  #: class assigned to the object on the table
+    known_bottle: RememberedContainer | None = None  #: class assigned to the object on the table
     known_bottle_probability: float = 0.0
     touches: int = 0  #: number of pushes, contacts and squeezes so far
     robot_s: float = 0.0  #: time used by the robot so far, simulated

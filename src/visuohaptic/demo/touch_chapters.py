@@ -19,13 +19,13 @@ from ..sensing.push.tag import BOUND_PROBABILITY, fixed_probability
 from ..simulation.faults import FaultyFrames, frame_faults
 from ..simulation.mobile.obstacles import SimulatedObstacle
 from ..simulation.mobile.office import ApproachPath
+from ..tasks.memory import MOVED_M
 from ..tasks.mobile.floor_outline import FloorOutline
 from ..tasks.mobile.footprint_after_push import footprint_after_push
 from ..tasks.mobile.known_objects import recognise
 from .drive_chapters import route_problem
 from .floor_chapters import ROBOT, default_door, nearest_obstacle, outline_m
 from .judge import Claim
-from .memory import MOVED_M
 from .push_demo import (
     SLOW_EXPLORATION,
     DemoObject,
@@ -253,7 +253,7 @@ def _recall(mission: Mission) -> list[MovableObject | None]:
             continue
         one, probability, outline = match
         name = nearest_obstacle(mission, seen.centre_m).name
-        mission.remembered[name] = one.id.removeprefix(f"{mission.memory.kitchen}.")
+        mission.remembered[name] = one.id.removeprefix(f"{mission.memory.place}.")
         assert one.tag is not None
         mission.tags[name] = one.tag
         found.append(MovableObject(name, outline.corners_m, one.tag))

@@ -63,6 +63,23 @@ class FeasibilityMap:
     spill_limit_N: Float[np.ndarray, "v"]
     width_m: Float[np.ndarray, "v"]  #: distance of the fingers
     confidence: float  #: of ``deformation_limit_N``, from the map's standard deviation
+    unloaded_sigma_N: Float[
+        np.ndarray, "v"
+    ]  #: standard deviation of a finger's force, by the hand's position
+    max_force_N: float  #: of the gripper
+
+    @property
+    def window_force_N(self) -> Float[np.ndarray, "v"]:
+        """Force that holds the load, with ``confidence`` also at a finger that an error of the hand's position unloads.
+
+        It does not exceed the limits of deformation, contents and gripper, unless the load requires more.
+        """
+        from scipy.special import ndtri
+
+        upper = np.fmin(np.fmin(self.deformation_limit_N, self.spill_limit_N), self.max_force_N)
+        wanted = self.needed_N + float(ndtri(self.confidence)) * self.unloaded_sigma_N
+        out: np.ndarray = np.fmax(self.needed_N, np.fmin(wanted, upper))
+        return out
 
     @property
     def feasible(self) -> Bool[np.ndarray, "v"]:
@@ -149,4 +166,16 @@ def feasibility_map(
     verdict = np.zeros(len(points), dtype=np.int64)
     for why, bad in reversed(checks):
         verdict[bad] = why
-    return FeasibilityMap(verdict, force.copy(), needed, limit, spill_limit, width, task.confidence)
+    # Where the wall does not deform, no error of the position is possible.
+    unloaded = gripper.position_sigma_m * np.nan_to_num(k, nan=0.0, posinf=0.0)
+    return FeasibilityMap(
+        verdict,
+        force.copy(),
+        needed,
+        limit,
+        spill_limit,
+        width,
+        task.confidence,
+        unloaded,
+        gripper.max_force_N,
+    )

@@ -23,6 +23,8 @@ from ..deformation.shells.shell import enclosed_volume
 
 #: Moments below this are rounding errors [N m].
 NO_MOMENT = 1e-9
+#: Equally probable errors of the hand's position over which the probability of a slip is averaged: to less than 1 / PARTS.
+PARTS = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +42,8 @@ class GripperModel(Ranged):
     finger_thickness_m: float = field(default=0.012, metadata=POSITIVE)  #: along the closing direction
     #: across the closing direction, and in depth
     palm_thickness_m: float = field(default=0.06, metadata=POSITIVE)
+    #: standard deviation of its centre along the closing direction: the wall unloads one finger by as much as it loads the other
+    position_sigma_m: float = field(default=0.0, metadata=NON_NEGATIVE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,6 +189,8 @@ def success_probability(
     load: Load,
     gripper: GripperModel,
     handling: Handling | None = None,
+    *,
+    unloaded_sigma_N: float | Float[np.ndarray, "m"] = 0.0,
 ) -> Float[np.ndarray, "m"]:
     """Probability that a load does not slip, with friction and mass log-normal.
 
@@ -200,17 +206,22 @@ def success_probability(
         Load and gripper with the relative standard deviations of mass and friction.
     handling
         Handling with the safety factor, which is removed again.
+    unloaded_sigma_N
+        Standard deviation of the force by which the position of the hand loads one finger and unloads the other, normal.
 
     Notes
     -----
     The required force is proportional to ``m / (mu cos - sin)``: its logarithm has the standard deviation
-    ``hypot(s_m, s_mu mu cos / (mu cos - sin))``.
+    ``hypot(s_m, s_mu mu cos / (mu cos - sin))``. The unloaded finger decides; its force is averaged over equally probable values.
     """
-    from scipy.special import ndtr
+    from scipy.special import ndtr, ndtri
 
     handling = handling or Handling()
     hold = gripper.friction * np.cos(slant_rad)
     with np.errstate(divide="ignore", invalid="ignore"):
         spread = np.hypot(load.mass_spread, gripper.friction_spread * hold / (hold - np.sin(slant_rad)))
-        margin = np.log(force_N * handling.safety / needed_N) / np.maximum(spread, 1e-9)
-    return np.where(np.isfinite(needed_N) & (hold > np.sin(slant_rad)), ndtr(margin), 0.0)
+        unloaded = ndtri(0.5 + 0.5 * (np.arange(PARTS) + 0.5) / PARTS)[:, None] * unloaded_sigma_N
+        weaker_N = np.maximum(force_N - unloaded, 1e-9)
+        margin = np.log(weaker_N * handling.safety / needed_N) / np.maximum(spread, 1e-9)
+        holds = ndtr(margin).mean(axis=0)
+    return np.where(np.isfinite(needed_N) & (hold > np.sin(slant_rad)), holds, 0.0)

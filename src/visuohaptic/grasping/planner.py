@@ -233,7 +233,7 @@ def _plan(
     found = feasibility_map(surface, scores, force, task, load=load, spill=spill)
     if task.force_N is None:
         # The minimum force that holds at each location; the scores depend on it.
-        force = np.clip(found.needed_N, 1e-3, 1e6)
+        force = np.clip(found.window_force_N, 1e-3, 1e6)
         scores, spill, rims = rate(force)
         found = feasibility_map(surface, scores, force, task, load=load, spill=spill)
     goals = [
@@ -345,8 +345,9 @@ def _success(
     cosine = np.minimum(scores.perpendicular, scores.opposite(scores.perpendicular))[[vertex]]
     slant = np.arccos(np.clip(cosine, -1, 1))
     holds = success_probability(
-        found.force_N[[vertex]], found.needed_N[[vertex]], slant, load, task.gripper, task.handling
-    )
+        found.force_N[[vertex]], found.needed_N[[vertex]], slant, load, task.gripper, task.handling,
+        unloaded_sigma_N=found.unloaded_sigma_N[[vertex]],
+    )  # fmt: skip
     margin = np.log(task.parameters.max_deformation_m / max(deformation_m, 1e-12))
     return float(holds[0] * (ndtr(margin / spread) if spread > 0 else margin > 0))
 

@@ -20,6 +20,10 @@ from .manipulation.hand import Place as Place
 from .manipulation.squeeze_task import SqueezeCurve as SqueezeCurve
 from .manipulation.squeeze_task import SqueezeSettings as SqueezeSettings
 from .manipulation.squeeze_task import Squeezing as Squeezing
+from .memory import PlaceMemory as PlaceMemory
+from .memory import RememberedContainer as RememberedContainer
+from .memory import RememberedMap as RememberedMap
+from .memory import recognise_container as recognise_container
 from .mobile.explore import ExploreStep as ExploreStep
 from .mobile.explore import ObstacleExploration as ObstacleExploration
 from .mobile.explore import explore_obstacle as explore_obstacle

@@ -47,12 +47,14 @@ def add_arguments(add: Any) -> None:
         ("finger-length", 0.06, "from the palm to the patch [m]"),
         ("finger-thickness", 0.012, "along the closing direction [m]"),
         ("max-force", 60.0, "of one finger [N]"),
+        ("position-sigma", 0.0, "standard deviation of its centre along the closing direction [m]"),
     ):
         hand(f"--{flag}", float, f"{text} ({default:g})", default=default)
     limits = add.group("limits")
     limits("--max-deformation", 0.005, "allowed, of one side [m] (0.005)")
     limits("--min-score", 0.5, "of a grasp (0.5)")
     limits("--mass", float, "instead of that of wall and liquid", metavar="KG")
+    limits("--mass-sigma", 0.0, "standard deviation of --mass (0)", metavar="KG")
 
 
 def run(args: Any) -> dict[str, Any]:
@@ -75,7 +77,7 @@ def run(args: Any) -> dict[str, Any]:
         _check_mass_known(args, container)
         task = _task(args, None)
         if args.mass is not None:
-            task = _with_mass(task, args.mass, container)
+            task = _with_mass(args, task, container)
         plan = grasping.plan_grasps(container, task, count=args.count, confirm=args.confirm)
     if args.plot:
         force = "the force needed" if args.force is None else f"{args.force:g} N"
@@ -105,7 +107,7 @@ def run(args: Any) -> dict[str, Any]:
 def _task(args: Any, centre_m: Any) -> grasping.GraspTask:
     load = None
     if args.mass is not None and centre_m is not None:
-        load = grasping.Load(args.mass, (float(centre_m[0]), float(centre_m[1]), float(centre_m[2])))
+        load = _load(args, (float(centre_m[0]), float(centre_m[1]), float(centre_m[2])))
     return grasping.GraspTask(
         force_N=args.force,
         closed=args.state == "closed",
@@ -117,6 +119,7 @@ def _task(args: Any, centre_m: Any) -> grasping.GraspTask:
             args.friction,
             finger_length_m=args.finger_length,
             finger_thickness_m=args.finger_thickness,
+            position_sigma_m=args.position_sigma,
         ),
         parameters=grasping.ScoreParameters(max_deformation_m=args.max_deformation),
         min_score=args.min_score,
@@ -134,12 +137,16 @@ def _check_mass_known(args: Any, container: Any) -> None:
         )
 
 
-def _with_mass(task: grasping.GraspTask, mass_kg: float, container: Any) -> grasping.GraspTask:
+def _with_mass(args: Any, task: grasping.GraspTask, container: Any) -> grasping.GraspTask:
     from dataclasses import replace
 
     # The value of the density is arbitrary: only the position of the centre is used.
     centre = grasping.object_load(container, task.fill, wall_kg_per_m3=1000.0).centre_m
-    return replace(task, load=grasping.Load(mass_kg, centre))
+    return replace(task, load=_load(args, centre))
+
+
+def _load(args: Any, centre_m: tuple[float, float, float]) -> grasping.Load:
+    return grasping.Load(args.mass, centre_m, mass_spread=args.mass_sigma / args.mass if args.mass else 0.0)
 
 
 def grasp_json(grasp: grasping.Grasp) -> dict[str, Any]:

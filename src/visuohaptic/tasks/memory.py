@@ -1,8 +1,8 @@
-"""Persistent memory between visits, in a database of objects: the map, obstacles, and lifted objects.
+"""Persistent memory of a place between visits of any robot, in a database of objects: its map, obstacles, and containers.
 
-A kitchen is a name; entries about it have this name at the start of their id and in the context of their sighting.
-Objects on the floor are recognised by :func:`~visuohaptic.tasks.mobile.recognise`, containers on the table by
-:func:`recognise_bottle`; a match is used if its probability is at least ``CONFIDENT_PROBABILITY``.
+A place is a name; entries about it have this name at the start of their id and in the context of their sighting.
+Objects on the floor are recognised by :func:`~visuohaptic.tasks.mobile.recognise`, containers on a table by
+:func:`recognise_container`; a match is used if its probability is at least ``CONFIDENT_PROBABILITY``.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from ..core.objects import (
 from ..core.resources import Closing
 from ..io.maps.occupancy_map import OccupancyMap
 from ..recognition.touch.haptic_model import UNKNOWN
-from ..tasks.mobile.floor_outline import POINT_M, FloorOutline
-from ..tasks.mobile.known_objects import CONFIDENT_PROBABILITY, recognise, remembered_outline
+from .mobile.floor_outline import POINT_M, FloorOutline
+from .mobile.known_objects import CONFIDENT_PROBABILITY, recognise, remembered_outline
 
 #: An object within this distance of its last position has not been moved [m].
 MOVED_M = 0.15
@@ -58,10 +58,10 @@ class RememberedMap:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BottleMemory:
+class RememberedContainer:
     """Stored data of a container that stood on the table."""
 
-    id: str
+    id: str  #: its name in this memory; empty: a new one is given
     class_name: str
     probability: float  #: of the class
     outline_m: Float[np.ndarray, "k 2"]
@@ -70,22 +70,22 @@ class BottleMemory:
     fill: float = 0.0
 
 
-class MissionMemory(Closing):
-    """The entries of one kitchen in a database of objects.
+class PlaceMemory(Closing):
+    """The entries of one place in a database of objects.
 
     Parameters
     ----------
     location
         Folder, or URL of a server that several robots share.
-    kitchen
+    place
         Its name.
     """
 
-    def __init__(self, location: Path | str, kitchen: str) -> None:
+    def __init__(self, location: Path | str, place: str) -> None:
         from ..database.database import open_database  # an optional dependency, not needed without memory
 
         self._database = open_database(location)
-        self.kitchen = kitchen
+        self.place = place
 
     def close(self) -> None:
         """Close the database."""
@@ -93,14 +93,12 @@ class MissionMemory(Closing):
 
     def _objects(self, visual_class: str) -> list[VisuoHapticObject]:
         names = [
-            one.id
-            for one in self._database.summaries()
-            if one.id.startswith(f"{self.kitchen}.{visual_class}")
+            one.id for one in self._database.summaries() if one.id.startswith(f"{self.place}.{visual_class}")
         ]
         return [self._database.get(name) for name in sorted(names)]
 
     def map(self) -> RememberedMap | None:
-        """The floor of this kitchen; ``None`` if it was never mapped.
+        """The floor of this place; ``None`` if it was never mapped.
 
         Raises
         ------
@@ -194,21 +192,21 @@ class MissionMemory(Closing):
         """
         parts: dict[str, Any] = {"seen": self._sighting(place_m)}
         if tag is not None:
-            stored = self._database.get(f"{self.kitchen}.{name}").tag or HapticTag()
+            stored = self._database.get(f"{self.place}.{name}").tag or HapticTag()
             # What was measured before is no second measurement.
             again = [one.name for one in fields(stored) if isinstance(getattr(stored, one.name), Estimate)]
             parts["tag"] = tag.updated(**dict.fromkeys(again))
         self._keep(name, **parts)
 
     def _name(self, one: VisuoHapticObject) -> str:
-        return one.id.removeprefix(f"{self.kitchen}.")
+        return one.id.removeprefix(f"{self.place}.")
 
     def _sighting(self, place_m: Sequence[float] | Float[np.ndarray, "2"]) -> Sighting:
         place = (float(place_m[0]), float(place_m[1]), 0.0)
-        return Sighting(place, POINT_M, time.time(), context=(self.kitchen,))
+        return Sighting(place, POINT_M, time.time(), context=(self.place,))
 
-    def bottles(self) -> list[BottleMemory]:
-        """Containers that stood on the table."""
+    def bottles(self) -> list[RememberedContainer]:
+        """Containers that stood on a table."""
         found = []
         for one in self._objects("table"):
             shape = one.features.get("outline")
@@ -217,7 +215,7 @@ class MissionMemory(Closing):
             heights = np.linspace(0.0, float(shape.values[-1]), HEIGHTS)
             state = one.state
             found.append(
-                BottleMemory(
+                RememberedContainer(
                     self._name(one), one.visual_class, float(state.get("class_probability", 0.0)),
                     np.column_stack([shape.values[:-1], heights]), float(shape.sigma[0]),
                     str(state.get("lid", UNKNOWN)), float(state.get("fill", 0.0)),
@@ -225,7 +223,7 @@ class MissionMemory(Closing):
             )  # fmt: skip
         return found
 
-    def store_bottle(self, bottle: BottleMemory, wall: Estimate) -> None:
+    def store_bottle(self, bottle: RememberedContainer, wall: Estimate) -> None:
         """Store a container; a new name is created if its own is empty.
 
         Parameters
@@ -248,7 +246,7 @@ class MissionMemory(Closing):
 
     def _keep(self, name: str, **parts: Any) -> None:
         now = {part: Provenance("mission", time.time()) for part in parts}
-        self._database.add(replace(VisuoHapticObject(f"{self.kitchen}.{name}"), provenance=now, **parts))
+        self._database.add(replace(VisuoHapticObject(f"{self.place}.{name}"), provenance=now, **parts))
 
 
 _NUMBERS = (
@@ -266,12 +264,12 @@ def _agree(first: HapticTag, second: HapticTag) -> bool:
     return all(one.value + AGREE_SIGMAS * one.sigma > low for one in frictions for low in bounds_N)
 
 
-def recognise_bottle(
+def recognise_container(
     seen_m: Float[np.ndarray, "k 2"],
     height_m: float,
-    known: Sequence[BottleMemory],
+    known: Sequence[RememberedContainer],
     touched_m: Float[np.ndarray, "n 2"],
-) -> tuple[BottleMemory, float] | None:
+) -> tuple[RememberedContainer, float] | None:
     """The known container with the observed radii, and its probability.
 
     Parameters
