@@ -69,6 +69,26 @@ def test_slanting_pushes_meet_no_corner():
     assert found > 40
 
 
+def test_perpendicular_pushes_keep_off_sharp_corners():
+    """The line through the centroid of an L passes the corner of its leg: steered, the object turned away by 29 deg."""
+    ell = np.array(
+        [
+            [0.177, -0.166],
+            [0.149, 0.273],
+            [-0.039, 0.261],
+            [-0.023, 0.011],
+            [-0.253, -0.004],
+            [-0.241, -0.193],
+        ]
+    )
+    ell = ell - polygon_centroid(ell)
+    pushes = push_contacts(ell, np.zeros(2), 0.17)
+    assert len(pushes) == 4
+    assert min(np.hypot(*(ell - push.contact).T).min() for push in pushes) > 0.015
+    angle = np.arange(16) * 2 * np.pi / 16  # corners of a drawn disc are not sharp
+    assert len(push_contacts(0.2 * np.column_stack([np.cos(angle), np.sin(angle)]), np.zeros(2), 0.17)) == 16
+
+
 @settings(max_examples=40, deadline=None)
 @given(
     width=st.floats(0.3, 4.0),

@@ -149,6 +149,18 @@ def test_the_guard_tells_blows_from_friction_and_counts_what_is_not_read():
         ForceGuard(math.nan)
 
 
+@pytest.mark.parametrize(("friction_N", "heavy"), [(8.0, False), (25.0, True)])
+def test_impacts_that_come_with_every_motion_are_no_friction(friction_N, heavy):
+    """A rigid rim strikes at 16 N more after each halt, and the object slides out of contact: it was called too heavy."""
+    guard, force_N, states = ForceGuard(20.0), 0.0, []
+    for _ in range(50):
+        states.append(guard.update(force_N))
+        moves = states[-1] is GuardState.GO
+        force_N = friction_N + 16.0 * guard.speed_fraction if moves else 0.0
+    assert (GuardState.TOO_HEAVY in states) is heavy
+    assert heavy or states.count(GuardState.GO) > 30
+
+
 def test_the_planner_believes_the_bound_and_files_keep_it():
     tag = HapticTag(explored=1, min_static_friction_N=20.0)
     assert not manipulability(tag, ROBOT).possible

@@ -86,7 +86,7 @@ def push_contacts(
     robots = -distances[:, None] * directions
     ring = body.exterior
     contacts = get_coordinates(ring.interpolate(ring.project(points(robots))))
-    tilts = _tilts(hull, contacts, directions)
+    tilts = _tilts(hull, contacts, directions, FACE_MARGIN)
     # At a corner of a concavity, the normal is that of the rim, and the object turns until it touches the other side.
     corners = _tilts(hull, contacts, (contacts - robots) / radius) > STABLE_RAD
     found: list[PushContact] = []
@@ -119,11 +119,15 @@ def _seats(body: Any, radius: float) -> Float[np.ndarray, "n 2"]:
 
 
 def _tilts(
-    hull: Float[np.ndarray, "h 2"], contacts: Float[np.ndarray, "n 2"], directions: Float[np.ndarray, "n 2"]
+    hull: Float[np.ndarray, "h 2"],
+    contacts: Float[np.ndarray, "n 2"],
+    directions: Float[np.ndarray, "n 2"],
+    margin: float = 0.0,
 ) -> Float[np.ndarray, "n"]:
     """Angles between pushes and the inward normals of the faces that they touch [rad]; pi without a face.
 
-    Only faces count, not corners: pushed at a corner, a box rotates away.
+    Only faces count, not corners: pushed at a corner, a box rotates away. The margin, a fraction of the face, is kept from
+    corners that the rim would roll around, not from those between the faces of a round outline.
     """
     edges = np.roll(hull, -1, axis=0) - hull
     lengths = np.hypot(*edges.T)
@@ -133,9 +137,13 @@ def _tilts(
     along = contacts @ edges.T - (starts * edges).sum(axis=1)
     across = contacts @ inward.T - (starts * inward).sum(axis=1)
     tolerance = 1e-6 * float(np.abs(hull).max()) + 1e-9
-    # Across a face corners count, where discs are polygons; an oblique push would slide off.
-    ends = np.where(directions @ inward.T < np.cos(STABLE_RAD), tolerance, -tolerance)
-    meets = (np.abs(across) < tolerance) & (along > ends) & (along < lengths - ends)
+    # Beyond a corner that is not sharp, friction holds the rim on the next face: discs are polygons.
+    sharp = (edges * np.roll(edges, 1, axis=0)).sum(axis=1) < np.cos(max(OBLIQUE_RAD))
+    begins, ends = np.where([sharp, np.roll(sharp, -1)], margin * lengths, 0.0) - tolerance
+    # An oblique push would slide off at any corner.
+    slides = directions @ inward.T < np.cos(STABLE_RAD)
+    begins, ends = (np.where(slides, tolerance, limit) for limit in (begins, ends))
+    meets = (np.abs(across) < tolerance) & (along > begins) & (along < lengths - ends)
     cosines = np.where(meets, directions @ inward.T, -1.0).max(axis=1)
     found: Float[np.ndarray, "n"] = np.arccos(np.clip(cosines, -1.0, 1.0))
     return found

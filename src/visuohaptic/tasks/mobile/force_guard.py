@@ -61,6 +61,11 @@ class ForceGuard:
         self._needed = median_of // 2 + 1
         self._max_unread, self._unread, self._held = max_unread, 0, False
 
+    @property
+    def speed_fraction(self) -> float:
+        """Fraction of the speed at which a platform continues: half for each of the counted readings at the limit."""
+        return 0.5 ** sum(self._above)
+
     def update(self, force_N: float, sigma_N: float = 0.0, *, pressing: bool = True) -> GuardState:
         """Evaluate one reading.
 

@@ -243,7 +243,7 @@ class SteeredPush:
             target = max(-0.3, min(0.3, -4.0 * beside))
             speed = s.approach_m_s if s.speed_m_s < s.approach_m_s else s.speed_m_s
         else:
-            speed = s.speed_m_s
+            speed = s.speed_m_s * self._guard.speed_fraction
             if self._seen is not None:
                 return speed, max(-0.6, min(0.6, speed * self._turn_per_m(pose_m, heading, contact_m)))
             beside = float((pose_m[:2] - self._stand) @ self._left)
