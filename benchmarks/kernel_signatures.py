@@ -298,7 +298,7 @@ def run_foam() -> None:
     """Edges of a few lines, and the force of a contact in the middle of a strip; as the sensor calls them."""
     from visuohaptic.sensing.foam._bridge_kernels import bridge, drop_bridged
     from visuohaptic.sensing.foam._chain_kernels import edge_crossing, filter_runs, join, place_odds
-    from visuohaptic.sensing.foam._light_kernels import local_medians, mean_between
+    from visuohaptic.sensing.foam._light_kernels import local_statistics, mean_between
     from visuohaptic.sensing.foam._posterior_kernels import shadow_odds
     from visuohaptic.sensing.foam._profile_kernels import integrate_regions, shared_variance
     from visuohaptic.sensing.foam._texture_kernels import foam_bands, level_odds, texture_odds
@@ -314,8 +314,8 @@ def run_foam() -> None:
     foam_bands(now, rest, front, front, one_px, 1.0, seen, bands)
     texture_odds(bands, states, against, one_px.copy())
     for image in (now, rest):
-        mean_between(image, points_px, np.zeros((6, 1)))
-    local_medians(front, np.zeros((3, 6)))
+        mean_between(image, points_px)
+    local_statistics(front)
     edges = front, front + 9.0, one_px
     shadow_odds(now, rest, np.ones((6, 6)), *edges, 1.0, one_px, 1.0, 1.0, seen, found)
     level_odds(np.full((6, 8), np.nan), one_px, one_px, one_px, one_px, 1.0, against)

@@ -10,12 +10,11 @@ import pytest
 
 from visuohaptic.sensing.foam.deflection import (
     Deflection,
-    edge_uncertainty_m,
     fill_gaps,
     pressed_force_N,
-    with_cancelled_texture,
     with_states,
 )
+from visuohaptic.sensing.foam.edges import edge_uncertainty_m, with_cancelled_texture
 from visuohaptic.sensing.foam.material.hysteresis import HysteresisState
 from visuohaptic.sensing.foam.posterior import EdgeStates
 from visuohaptic.sensing.foam.profile import FoamReading, read_profile

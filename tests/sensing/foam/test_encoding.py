@@ -15,7 +15,7 @@ from tests.worlds.foam_scene import Moment
 from benchmarks import foam_evidence
 from visuohaptic.core.camera import Frame
 from visuohaptic.sensing.foam import FoamSensor
-from visuohaptic.sensing.foam.deflection import _SHIFT_ERROR
+from visuohaptic.sensing.foam.edges import _SHIFT_ERROR
 from visuohaptic.sensing.foam.strip.encoding import edge_skew, encoded_shift_px, encoding_probability
 from visuohaptic.tracking import ConstraintLines, ContourTracker
 

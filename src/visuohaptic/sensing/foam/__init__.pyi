@@ -1,8 +1,10 @@
 from .deflection import Deflection as Deflection
-from .deflection import edge_uncertainty_m as edge_uncertainty_m
 from .deflection import fill_gaps as fill_gaps
 from .deflection import measure_deflection as measure_deflection
 from .deflection import with_states as with_states
+from .edges import MeasuredEdges as MeasuredEdges
+from .edges import edge_uncertainty_m as edge_uncertainty_m
+from .edges import measure_edges as measure_edges
 from .finger import FingerReading as FingerReading
 from .finger import FingerSensor as FingerSensor
 from .finger import load_foam_sensor as load_foam_sensor

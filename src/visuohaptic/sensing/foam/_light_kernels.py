@@ -1,4 +1,4 @@
-"""Compiled statistics of grey levels along the lines and of neighbouring points; used by ``uneven_light.py``."""
+"""Compiled statistics of grey levels along the lines and of neighbouring points; used by ``edges.py``."""
 
 # mypy: disable-error-code="no-untyped-def, assignment"
 from __future__ import annotations
@@ -14,8 +14,8 @@ BESIDE = 4
 
 
 @kernel(nogil=True)
-def mean_between(image, place, result):
-    """Mean grey levels between consecutive positions on each line.
+def mean_between(image, place):
+    """Mean grey levels between consecutive positions on each line, (K, n - 1); NaN where there is no sample.
 
     Parameters
     ----------
@@ -23,10 +23,9 @@ def mean_between(image, place, result):
         Grey levels along the lines, (K, parallels, samples).
     place
         Positions in ascending order [samples]; clipped to the line, NaN where there is none, (K, n).
-    result
-        Filled, (K, n - 1); NaN where there is no sample.
     """
     parallels, samples = image.shape[1], image.shape[2]
+    result = np.empty((place.shape[0], place.shape[1] - 1))
     for k in range(place.shape[0]):
         for i in range(place.shape[1] - 1):
             if not math.isfinite(place[k, i] + place[k, i + 1]):
@@ -39,6 +38,7 @@ def mean_between(image, place, result):
                 for j in range(first, last):
                     total += image[k, lane, j]
             result[k, i] = total / (parallels * (last - first)) if last > first else math.nan
+    return result
 
 
 @kernel(nogil=True)
@@ -54,16 +54,15 @@ def _median(ordered, count):
 
 
 @kernel(nogil=True)
-def local_medians(values, result):
-    """Median over each point and its neighbours, its standard error from their scatter, and their range.
+def local_statistics(values):
+    """Median over each point and ``BESIDE`` neighbours to either side, its standard error from their scatter, and their range.
 
     Parameters
     ----------
     values
-        One value for each point, NaN where unknown, (K,).
-    result
-        Filled, (3, K); zero where all values are unknown.
+        One value for each point, NaN where unknown; where all are unknown, the three are zero, (K,).
     """
+    result = np.empty((3, len(values)))
     near = np.empty(2 * BESIDE + 1)
     for k in range(len(values)):
         count = 0
@@ -81,3 +80,4 @@ def local_medians(values, result):
                 middle,
                 1.4826 * _median(near, count) * math.sqrt(0.5 * math.pi / count),
             )
+    return result

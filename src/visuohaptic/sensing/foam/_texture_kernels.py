@@ -10,7 +10,7 @@ import numpy as np
 from ...core.kernels import kernel
 from ...tracking._solve_kernels import median
 from ._chain_kernels import ALIKE, FOAM, OCCLUDER, SHADOW, log_sum
-from ._light_kernels import BESIDE, local_medians
+from ._light_kernels import BESIDE, local_statistics
 from ._posterior_kernels import BAND, EDGE
 
 #: Columns of the bands: number of samples, current mean grey level, gain relative to the zero image at its old position and
@@ -147,9 +147,7 @@ def texture_odds(bands, unary, against, gain):
             moved[k], fixed[k] = math.nan, math.nan
         instead[k] = fixed[k] - moved[k]
     # Whether a texture moves with the foam, stays in place or differs is the same for neighbours and counts once for them.
-    stayed, still = np.empty((3, n)), np.empty((3, n))
-    local_medians(instead, stayed)
-    local_medians(fixed, still)
+    stayed, still = local_statistics(instead), local_statistics(fixed)
     both = math.exp(_MOVED) + math.exp(_FIXED)
     for k in range(n):
         if bands[k, COUNT] > 0.0:

@@ -8,25 +8,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...tracking.contours.contour import SHARED_NOISE, quick_median
+from ...tracking.contours.contour import SHARED_NOISE
 from ._bridge_kernels import bridge, drop_bridged
+from .edges import MeasuredEdges
 from .material.foam_material import FoamMaterial
-from .posterior import DECAY_PER_WIDTH, REST_PX, EdgePosterior, EdgeStates
+from .posterior import DECAY_PER_WIDTH, REST_PX, EdgeStates
 from .profile import FoamContour, FoamReading
 from .strip.geometry import StripGeometry
 from .strip.optics import ObservedStrip
-from .strip.zero import ZeroReference
-from .uneven_light import SCATTER_POINTS, blur_excess_px2, gap_shift_px, light_shift_px
 
 #: Frame-to-frame scatter of a point at a kink, and of an interpolated point, relative to its systematic error, from rendered
 #: plates of 1 to 10 mm depth. The remaining error is the same in all frames.
 _KINK_NOISE, _BRIDGE_NOISE = 0.08, 0.33
-#: Largest mean squared residual of a clean step, in noise variances: over some hundred pixels it scatters by a seventh.
-_MISFIT = 2.0
 #: Gaps of up to this many points are interpolated from the shape of their neighbours.
 _BRIDGED_POINTS = 2
-#: Relative error of the shift due to encoding: cameras with exponents from 2.07 to 2.33.
-_SHIFT_ERROR = 0.1
 #: Force error of a frame that is negligible beside its standard deviations [N].
 NEGLIGIBLE_N = 0.05
 
@@ -103,114 +98,29 @@ def pressed_force_N(
 
 
 def measure_deflection(
-    strip: ObservedStrip,
-    zero: ZeroReference,
-    geometry: StripGeometry,
-    rest_px: Float[np.ndarray, "K"],
-    edges: EdgePosterior,
+    edges: MeasuredEdges, states: EdgeStates, strip: ObservedStrip, geometry: StripGeometry
 ) -> Deflection:
     """Deflection of each point whose edge belongs to the foam, and bounds for the hidden points.
 
     Parameters
     ----------
-    strip, zero
-        Observation of the strip in one image, and the strip at rest.
+    edges, states
+        Deflection of the edges of one frame, and their states.
+    strip
+        Observation of the strip in the same frame.
     geometry
         Points of the strip.
-    rest_px
-        Position of the front at rest along each line [px].
-    edges
-        Posterior of the edge states up to the previous frame; updated with this frame.
     """
-    # The deflection of a point is unknown without its width at rest.
-    strip = replace(strip, usable=strip.usable & zero.known, low_confidence=strip.low_confidence & zero.known)
-    part = zero.encoding
-    # A zero reference without the shift due to encoding is assumed to have been taken in the present light.
-    encoded = np.where(np.isfinite(zero.encoded_m), zero.encoded_m, strip.encoded_m)
-    rest = zero.width_m - part * encoded
-    scale = geometry.width_m / rest
-    raw = scale * (rest - strip.width_m + part * strip.encoded_m)
-    excess = blur_excess_px2(strip, zero, edges.moved_m(raw) / strip.pixel_m)
-    gap, gap_sigma = gap_shift_px(strip, zero, rest_px, excess)
-    # The edge before a gap is that between foam and floor, as at rest.
-    to_floor = np.where(gap == 0.0, 0.0, encoded - strip.encoded_m)
-    raw = raw + scale * (strip.pixel_m * gap + part * to_floor)
-    noise = scale * strip.width_noise_m
-    kink = scale * np.hypot(edge_uncertainty_m(strip), strip.pixel_m * gap_sigma)
-    # Derivative of the deflection by the fraction of the encoding's shift that is present. A penumbra may look like a gap: its
-    # edge is shifted as without one.
-    shift = scale * (strip.encoded_m - encoded * (1.0 - raw / geometry.width_m))
-    encoding = math.hypot(math.sqrt(part * (1.0 - part)), _SHIFT_ERROR * part) * np.where(
-        np.isfinite(shift), shift, 0.0
-    )
-    clean = strip.usable & (kink == 0.0)
-    sigma = with_cancelled_texture(raw, scale * strip.width_sigma_m, noise, clean, strip.pixel_m)
-    light = strip.pixel_m * light_shift_px(strip, zero, rest_px, np.where(gap == 0.0, excess, np.nan))
-    # The error of the zero reference is the same in every frame; it is not noise of this image.
-    systematic = np.hypot(kink, scale * zero.width_sigma_m)
-    states = edges.infer(strip, zero, rest_px, raw, np.hypot(np.hypot(sigma, systematic), encoding))
     # Under the edge of a shadow the foam looks like the zero image in another light: at rest within the pixel resolution.
-    delta = np.where(states.shadow, 0.0, raw)
-    sigma = np.where(states.shadow, REST_PX * strip.pixel_m, sigma)
+    delta = np.where(states.shadow, 0.0, edges.delta_m)
+    sigma = np.where(states.shadow, REST_PX * strip.pixel_m, edges.sigma_m)
     seen = (states.foam | states.shadow) & (strip.usable | strip.low_confidence)
-    delta, sigma, noise, own, hidden = fill_gaps(geometry, delta, sigma, noise, systematic, seen)
-    # Neighbours share the error of widths that were inferred at rest, and not that of kinks: over 640 pairs its correlation is -0.1.
-    shared = np.where(zero.inferred & zero.known, systematic, 0.0)
-    unclean, encoding = (np.where(states.foam, error, 0.0) for error in (shared, encoding))
+    delta, sigma, noise, own, hidden = fill_gaps(
+        geometry, delta, sigma, edges.noise_m, edges.systematic_m, seen
+    )
+    unclean, encoding = (np.where(states.foam, error, 0.0) for error in (edges.unclean_m, edges.encoding_m))
+    raw, light = edges.delta_m, edges.light_m
     return Deflection(delta, sigma, noise, own, seen, hidden, raw, states, light, unclean, encoding)
-
-
-def edge_uncertainty_m(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
-    """Error of a width where the edge is not a clean step [m], at kinks or beside a narrow gap; 0 at clean steps.
-
-    The errors of its pixels are correlated, so that the error due to noise grows with the residual itself instead of its
-    root: a power of 1.9 fits the squared errors of 1,800 such points of 18 pressed continuum foams best, with a factor of 1.2.
-    The contribution of texture to the residual is already part of the error of the width.
-
-    Parameters
-    ----------
-    strip
-        Observation of the strip in one image.
-    """
-    misfit = np.maximum(strip.front.chi2, 1.0)
-    unclean = strip.low_confidence | (strip.usable & (misfit > _MISFIT))
-    return np.where(unclean, strip.width_noise_m * misfit, 0.0)
-
-
-def with_cancelled_texture(
-    delta_m: Float[np.ndarray, "K"],
-    sigma_m: Float[np.ndarray, "K"],
-    noise_m: Float[np.ndarray, "K"],
-    clean: Bool[np.ndarray, "K"],
-    pixel_m: Float[np.ndarray, "K"],
-) -> Float[np.ndarray, "K"]:
-    """Standard deviation of each deflection [m], without the shift due to texture that cancels with the zero reference.
-
-    The texture shifts an edge at its old position as it did at rest, unless light, focus or floor have changed; the
-    scatter of such edges in the same frame shows how much of the shift remains. An edge that has moved by some pixels
-    is shifted by other texture.
-
-    Parameters
-    ----------
-    delta_m, sigma_m, noise_m
-        Deflection, its standard deviation, and the part of it due to noise alone [m].
-    clean
-        Edges that are clean steps.
-    pixel_m
-        Length of a pixel [m].
-    """
-    texture = np.maximum(sigma_m**2 - noise_m**2, 0.0)
-    alike = np.where(clean, np.exp(-0.5 * (delta_m / pixel_m) ** 2), 0.0)
-    rest = alike > 0.6
-    middle = rest[:-2] & rest[1:-1] & rest[2:]
-    if middle.sum() < SCATTER_POINTS:
-        return sigma_m
-    # Second differences have six times the variance of a point, squares of a normal one a median of 0.455.
-    bend = (delta_m[:-2] - 2.0 * delta_m[1:-1] + delta_m[2:])[middle]
-    scatter = quick_median(bend**2) / (6.0 * 0.455)
-    excess = scatter - quick_median(noise_m[rest] ** 2)
-    left = np.clip(excess / max(quick_median(texture[rest]), 1e-18), 0.0, None)
-    return np.sqrt(noise_m**2 + texture * (alike * left + (1.0 - alike)))
 
 
 def fill_gaps(

@@ -35,12 +35,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ...tracking.contours.contour import PIXEL_PX, quick_median
 from ._chain_kernels import BLUR, FOAM, NOTHING, OPTICS, SHADOW, edge_crossing, filter_runs, join, place_odds
-from ._texture_kernels import MAX_ODDS, SAME_GREY
-from .pixel_evidence import image_evidence
+from ._light_kernels import local_statistics, mean_between
+from ._posterior_kernels import shadow_odds
+from ._texture_kernels import MAX_ODDS, SAME_GREY, foam_bands, level_odds, texture_odds
+from .edges import MeasuredEdges
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
-from .uneven_light import local_statistics
 
 #: Shortest decay length of free foam, relative to the width of the strip: continuum simulations of five foams under plates,
 #: wedges and cylinders stay above it with a tolerance of 3 % of the higher point and 1/400 (``OPTICS``) of the width.
@@ -119,14 +121,13 @@ class EdgePosterior:
 
     def __init__(self, s_m: Float[np.ndarray, "K"], width_m: float, speed_m_s: float) -> None:
         self._s, self._width, self._speed = np.ascontiguousarray(s_m, dtype=np.float64), width_m, speed_m_s
-        self._trusted_m = np.full(len(s_m), np.nan)  # last observed deflection of the foam, and its time
-        self._since_s = np.full(len(s_m), np.nan)
+        #: Last observed deflection of the foam, NaN where there is none, and its time
+        self.last_m, self._since_s = np.full((2, len(s_m)), np.nan)
         self._pressed = np.zeros(len(s_m), dtype=bool)  # points of contacts
         self._wrong, self._best = np.zeros((2, len(s_m), len(s_m)))  # see filter_runs
         self._foam = np.ones(len(s_m), dtype=bool)
-        self._beyond = np.full(
-            len(s_m), np.nan
-        )  # last grey level beyond the front, relative to that of the foam
+        #: Last grey level beyond the front, relative to that of the foam
+        self._beyond = np.full(len(s_m), np.nan)
         self._last: tuple[float, Float[np.ndarray, "K 4"]] | None = None
 
     def start(self, t_s: float) -> None:
@@ -137,40 +138,27 @@ class EdgePosterior:
         t_s
             Time [s].
         """
-        self._trusted_m[:], self._since_s[:] = 0.0, t_s
+        self.last_m[:], self._since_s[:] = 0.0, t_s
 
-    def infer(
-        self,
-        strip: ObservedStrip,
-        zero: ZeroReference,
-        rest_px: Float[np.ndarray, "K"],
-        delta_m: Float[np.ndarray, "K"],
-        sigma_m: Float[np.ndarray, "K"],
-    ) -> EdgeStates:
+    def infer(self, strip: ObservedStrip, zero: ZeroReference, edges: MeasuredEdges) -> EdgeStates:
         """Infer the states of one frame; the positions of foam become the reference for the next frame.
 
         Parameters
         ----------
-        strip, zero, rest_px
-            See :func:`~visuohaptic.sensing.foam.pixel_evidence.image_evidence`.
-        delta_m, sigma_m
-            Deflection of each edge and its standard deviation, including that of the zero reference [m].
+        strip, zero
+            Observation of the strip in this image, and the strip at rest.
+        edges
+            Deflection of the edges in this image, and its errors.
         """
-        seen = (strip.usable | strip.low_confidence) & np.isfinite(delta_m) & np.isfinite(sigma_m)
-        delta, sigma = np.where(seen, delta_m, 0.0), np.where(seen, sigma_m, self._width)
+        sigma_m = np.hypot(np.hypot(edges.sigma_m, edges.systematic_m), edges.encoding_m)
+        seen = (strip.usable | strip.low_confidence) & np.isfinite(edges.delta_m) & np.isfinite(sigma_m)
+        delta, sigma = np.where(seen, edges.delta_m, 0.0), np.where(seen, sigma_m, self._width)
         deflected = delta > 3.0 * np.minimum(sigma, strip.pixel_m)
-        against = np.zeros((len(seen), len(_CHANNELS)))
-        unary = np.zeros((len(seen), 4))
-        if strip.stripe:
-            against[:, 1] = -MAX_ODDS
-        else:
-            moved_px = self.moved_m(delta) / strip.pixel_m
-            image_evidence(strip, zero, rest_px, seen, deflected, moved_px, unary, against)
-        unary[:, SHADOW] = np.where(deflected, unary[:, SHADOW], -MAX_ODDS)
+        unary, against, same = self._look(strip, zero, seen, deflected, delta)
         own, near = unary[:, FOAM] - unary[:, SHADOW:NOTHING].max(axis=1), np.empty(len(seen))
         apart_s = strip.t_s - self._last[0] if self._last is not None else math.inf
         place_odds(
-            strip.t_s, apart_s, delta, np.hypot(sigma, strip.common_sigma_m), self._trusted_m, self._since_s,
+            strip.t_s, apart_s, delta, np.hypot(sigma, strip.common_sigma_m), self.last_m, self._since_s,
             strip.front.blur_px, strip.lens_px, strip.pixel_m, self._width, self._speed,
             BULGE * max(float(delta.max()), 0.0), against, unary, near,
         )  # fmt: skip
@@ -182,12 +170,19 @@ class EdgePosterior:
         corner = np.zeros(len(seen), dtype=bool)
         corner[[0, -1]] = deflected[[1, -2]] & ~strip.usable[[0, -1]]
         unary[corner, FOAM] = np.maximum(unary[corner, FOAM], math.log(0.5))
-        shared, stay = self._shared(strip, near, seen, deflected)
+        # An occluder or shadow that is there already remains where it was, as foam does; a new one is there by chance.
+        foam = np.where(seen, near + same, 0.0)
+        stay, last = 0.0, 0.25 * np.ones((len(seen), 4))
+        if self._last is not None:
+            stay, last = math.exp(-max(strip.t_s - self._last[0], 0.0) / PERSISTENCE_S), self._last[1]
+        change = 0.25 * (1.0 - stay)
+        log_prior = np.log(stay * last * np.exp(np.maximum(foam, 0.0))[:, None] + change)
+        log_prior[:, FOAM] = foam + np.log(stay * last[:, FOAM] + change)
+        shared = log_prior.max(axis=1, keepdims=True) - log_prior
         probability, runs = np.empty_like(unary), np.empty((len(seen), len(seen)))
         rules = DECAY_PER_WIDTH * self._width, _CHORD, OPTICS * self._width
         crossing = edge_crossing(delta, sigma, self._s, self._width)
-        s_m, rest_m = self._s, REST_PX * strip.pixel_m
-        places = delta, sigma, rest_m, s_m
+        places = delta, sigma, REST_PX * strip.pixel_m, self._s
         join(unary, shared, crossing, *places, _ENTER, *rules, probability, runs, against[:, 3])
         self._last = strip.t_s, probability
         reach = min(self._speed * apart_s, self._width) + np.hypot(sigma, OPTICS * self._width)
@@ -196,49 +191,39 @@ class EdgePosterior:
         states = EdgeStates(probability, runs, against)
         calm = states.foam & seen
         self._beyond[calm] = _beyond(strip)[calm]
-        self._trusted_m[calm], self._since_s[calm] = delta[calm], strip.t_s
+        self.last_m[calm], self._since_s[calm] = delta[calm], strip.t_s
         return states
 
-    def _shared(
+    def _look(
         self,
         strip: ObservedStrip,
-        near: Float[np.ndarray, "K"],
+        zero: ZeroReference,
         seen: Bool[np.ndarray, "K"],
         deflected: Bool[np.ndarray, "K"],
-    ) -> tuple[Float[np.ndarray, "K 4"], float]:
-        """Negative log-likelihoods that neighbours share, see ``join``, and the probability that a state has persisted."""
-        foam = np.where(seen, near + self._same_surface(strip, seen & deflected & self._pressed), 0.0)
-        stay, last = 0.0, 0.25 * np.ones((len(seen), 4))
-        if self._last is not None:
-            stay, last = math.exp(-max(strip.t_s - self._last[0], 0.0) / PERSISTENCE_S), self._last[1]
-        # An occluder or shadow that is there already remains where it was, as foam does; a new one is there by chance.
-        change = 0.25 * (1.0 - stay)
-        log_prior = np.log(stay * last * np.exp(np.maximum(foam, 0.0))[:, None] + change)
-        log_prior[:, FOAM] = foam + np.log(stay * last[:, FOAM] + change)
-        return log_prior.max(axis=1, keepdims=True) - log_prior, stay
+        delta: Float[np.ndarray, "K"],
+    ) -> tuple[Float[np.ndarray, "K 4"], Float[np.ndarray, "K 6"], Float[np.ndarray, "K"]]:
+        """Log-likelihoods of the grey levels on both sides of each edge.
 
-    def _same_surface(self, strip: ObservedStrip, known: Bool[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
-        """Log-likelihood ratio of the grey levels beyond the edges: the body that pressed there before against any surface.
-
-        Neighbours share it: the points of known contacts whose surface is the same have its median over the strip.
+        Returns those of foam, shadow, occluder and nothing; the log-odds against foam by kind of evidence, of which the first
+        two, texture and shadow, are filled; and the log-likelihood ratio of the levels beyond the edges: the body that pressed
+        there before against any surface. Neighbours share it: the points of known contacts whose surface is the same have its
+        median over the strip.
         """
+        unary, against = np.zeros((len(seen), 4)), np.zeros((len(seen), len(_CHANNELS)))
+        if strip.stripe:
+            against[:, 1] = -MAX_ODDS
+        else:
+            moved_m = np.abs(delta - self.last_m)
+            moved_px = np.where(np.isfinite(moved_m), moved_m, 0.0) / strip.pixel_m
+            _compare(strip, zero, seen, deflected, moved_px, unary, against)
+        unary[:, SHADOW] = np.where(deflected, unary[:, SHADOW], -MAX_ODDS)
+        known = seen & deflected & self._pressed
         away = (_beyond(strip) - self._beyond) / SAME_GREY
         density = np.exp(-0.5 * away**2) / (2.5 * SAME_GREY)
         each = np.log((1.0 - _OTHER_SURFACE) * density + _OTHER_SURFACE)
         local = local_statistics(np.where(known & np.isfinite(each), each, np.nan))[0]
         same = max(float(np.median(local[known])), 0.0) if known.any() else 0.0
-        return np.where(known, np.where(local > 0.0, same, local), 0.0)
-
-    def moved_m(self, delta_m: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
-        """Distance of the edges from the last observed position of the foam [m]; zero where there is none.
-
-        Parameters
-        ----------
-        delta_m
-            Deflection of each edge [m].
-        """
-        moved = np.abs(delta_m - self._trusted_m)
-        return np.where(np.isfinite(moved), moved, 0.0)
+        return unary, against, np.where(known, np.where(local > 0.0, same, local), 0.0)
 
     def _filter(
         self,
@@ -257,13 +242,13 @@ class EdgePosterior:
         """
         grown = np.convolve(self._pressed, np.ones(3), mode="same") > 0.0
         onset = np.where(deflected & ~grown, _ONSET, 1.0)
-        moved = np.nan_to_num(delta - self._trusted_m)
+        moved = np.nan_to_num(delta - self.last_m)
         same = foam & self._foam & (np.abs(moved) < reach)
         filter_runs(runs, onset, moved, self._s, pixel_m, same, own, stay, self._wrong, self._best)
         # A contact that is hidden is expected to be there afterwards.
         self._pressed = np.where(foam, deflected, self._pressed)
         # How an edge came to its place is known only where there was foam before.
-        self._foam = foam & np.isfinite(self._trusted_m)
+        self._foam = foam & np.isfinite(self.last_m)
 
 
 def _beyond(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
@@ -271,3 +256,38 @@ def _beyond(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
     level = strip.front.level
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(strip.stripe, np.nan, level / (level - strip.front.contrast))
+
+
+def _compare(
+    strip: ObservedStrip,
+    zero: ZeroReference,
+    seen: Bool[np.ndarray, "K"],
+    deflected: Bool[np.ndarray, "K"],
+    moved_px: Float[np.ndarray, "K"],
+    unary: Float[np.ndarray, "K 4"],
+    against: Float[np.ndarray, "K 6"],
+) -> None:
+    """Log-likelihoods of the pixels on both sides of each edge: texture behind it, shadow or body in front of it."""
+    step = strip.step_px * (strip.image.shape[2] - 1) / (zero.image.shape[2] - 1)
+    front = np.where(seen, strip.front.position_px, strip.rest_px) / step
+    resting = strip.rest_px / step
+    blur = math.hypot(strip.blur_px, PIXEL_PX) / quick_median(step) if np.isfinite(strip.blur_px) else 1.0
+    bands, gain = np.empty((len(seen), 9)), np.empty(len(seen))
+    slope = strip.front.slope * strip.across_px / step
+    foam_bands(strip.image, zero.image, front, resting, slope, blur, seen, bands)
+    transfer, variance = texture_odds(bands, unary, against, gain)
+    if variance == 0.0:
+        return
+    found = np.empty((len(seen), 8))
+    lines = np.column_stack(
+        [strip.reference_points_px, strip.front.lines.direction_px, strip.step_px, strip.across_px]
+    )
+    # A shutter that is open from frame to frame, at the most, sees the edge move by a box.
+    places = front, resting, slope, blur, moved_px / step / math.sqrt(12.0)
+    shadow_odds(strip.image, zero.image, lines, *places, transfer, variance, deflected & seen, found)
+    stop = int(0.9 * resting.min())
+    foam = mean_between(zero.image, np.full((len(seen), 2), [float(stop // 2), float(stop)]))[:, 0]
+    change = local_statistics(np.log(np.maximum(gain, 1e-3)))[2]
+    dependence = local_statistics(np.ascontiguousarray(found[:, 6]))[0]
+    level_odds(found, dependence, gain, change, foam, variance, against)
+    unary[:, SHADOW] += against[:, 1]

@@ -22,12 +22,12 @@ from ._chain_kernels import OCCLUDER
 from .deflection import (
     NEGLIGIBLE_N,
     Deflection,
-    edge_uncertainty_m,
     fill_gaps,
     measure_deflection,
     pressed_force_N,
     with_states,
 )  # fmt: skip
+from .edges import edge_uncertainty_m, measure_edges
 from .material.hysteresis import RELEASE_STRAIN, HysteresisState
 from .posterior import FALSE_ALARM, EdgePosterior
 from .profile import NEGLIGIBLE_PART, ContactRegion, FoamReading, read_profile
@@ -189,7 +189,7 @@ class FoamSensor:
         self._forget()
         self.optics.forget_motion()
         # The strip is untouched at this time: any contact in the next frame is new.
-        self._edges.start(zero.t_s)
+        self._posterior.start(zero.t_s)
         return zero
 
     def _check_known(self, zero: ZeroReference, strip: ObservedStrip) -> None:
@@ -236,7 +236,7 @@ class FoamSensor:
         self._memory = HysteresisState.at_rest(points)
         geometry = self.setup.geometry
         speed = self.setup.config.max_contact_speed_m_s
-        self._edges = EdgePosterior(geometry.s_m, geometry.width_m, speed)
+        self._posterior = EdgePosterior(geometry.s_m, geometry.width_m, speed)
         self._seen_t_s = np.full(points, np.nan)  # time of the last observation of each point
         self._frame_s = np.inf  # shortest time between two frames
         self._unseen_s = np.zeros(points)  # total time for which a point was hidden since its last release
@@ -260,8 +260,9 @@ class FoamSensor:
         watch, geometry, material = self._watch, self.setup.geometry, self.setup.material
         if strip is None or watch is None:
             return self.blank(frame.t_s, Reason.LOST if strip is None else Reason.NOT_ZEROED)
-        rest_px = self.optics.rest_px(strip, watch.zero.width_m)
-        found = measure_deflection(strip, watch.zero, geometry, rest_px, self._edges)
+        edges = measure_edges(strip, watch.zero, geometry.width_m, self._posterior.last_m)
+        states = self._posterior.infer(strip, watch.zero, edges)
+        found = measure_deflection(edges, states, strip, geometry)
         contour = found.contour(geometry, math.hypot(strip.common_sigma_m, watch.sigma_m(found.delta_m)))
         reading = read_profile(contour, material, boundary=self.setup.config.boundary, memory=self._memory)
         reading, wrong = with_states(reading, found, material, geometry.cell_m)

@@ -56,6 +56,7 @@ class ObservedStrip:
     reference_px: Float[np.ndarray, "K"]  #: reference contour as used, along the lines of the model
     reference_points_px: Float[np.ndarray, "K 2"]
     front_points_px: Float[np.ndarray, "K 2"]
+    rest_px: Float[np.ndarray, "K"]  #: position of the front at rest along each line, from its origin
     back_m: Float[np.ndarray, "K 2"]  #: reference contour in frame F
     width_m: Float[np.ndarray, "K"]  #: distance between both contours along the deflection
     width_sigma_m: Float[np.ndarray, "K"]  #: its standard deviation due to noise and texture
@@ -67,7 +68,7 @@ class ObservedStrip:
     across_px: Float[np.ndarray, "K"]  #: spacing of its parallel lines
     stripe: bool  #: whether the front is the edge of a colour stripe
     pixel_m: Float[np.ndarray, "K"]  #: length of a pixel along the deflection, at the front
-    usable: Bool[np.ndarray, "K"]
+    usable: Bool[np.ndarray, "K"]  #: observed, with a known width at rest
     low_confidence: Bool[np.ndarray, "K"]  #: observed, but not as a clean step: kinks, texture at the edge
     motion: ImageMotion  #: of the base in the image since the zero reference was taken
     moved_px: float  #: largest shift of a reference point by that motion
@@ -184,7 +185,7 @@ class StripOptics:
         """
         grey = frame.grey
         base = self.find_base(grey, zero)
-        return None if base is None else self.find_front(frame, grey, base, zeroed=zero is not None)
+        return None if base is None else self.find_front(frame, grey, base, zero)
 
     def find_base(self, grey: np.ndarray, zero: ZeroReference | None) -> BaseView | None:
         """Track the reference contour; ``None`` if it cannot be found.
@@ -220,7 +221,7 @@ class StripOptics:
         return BaseView(reference, position, sigma, motion, float(np.abs(moved).max()))
 
     def find_front(
-        self, frame: Frame, grey: np.ndarray, base: BaseView, *, zeroed: bool = True
+        self, frame: Frame, grey: np.ndarray, base: BaseView, zero: ZeroReference | None
     ) -> ObservedStrip:
         """Track the front contour, relative to the reference contour of the same image.
 
@@ -232,8 +233,8 @@ class StripOptics:
             The same frame in grey.
         base
             The reference contour in the same image.
-        zeroed
-            Whether there is a zero reference; without, the whole width is sampled.
+        zero
+            The strip at rest; without it, the whole width is sampled, and any point may be usable.
         """
         base_px = self._origin_px + base.position_px[:, None] * self._direction_px
         # The visible width ends at the front of the geometric model, measured from the moved reference.
@@ -243,7 +244,7 @@ class StripOptics:
         )
         if self.stripe is None:
             # Without a zero reference the strip is assumed to be at rest, with its ends in place.
-            front = self._front_tracker.track(grey, lines, free_ends=self._free_ends if zeroed else 0)
+            front = self._front_tracker.track(grey, lines, free_ends=0 if zero is None else self._free_ends)
         else:
             front = self.stripe.track(frame, lines)
         skew_px, skew_sigma_px = self._rolling_shutter_px(base.motion, base_px, front, frame.t_s)
@@ -262,13 +263,18 @@ class StripOptics:
         sigma = np.hypot(front_sigma, back_sigma)
         noise = np.hypot(front_slope * front.noise_px, back_sigma)
         finite = np.isfinite(width) & np.isfinite(sigma)
+        rest_m = self.rest_width_m * np.ones(len(width)) if zero is None else zero.width_m
+        rest_px = self.plane.project(back_m + rest_m[:, None] * outward) - base_px
+        # The deflection of a point is unknown without its width at rest.
+        finite &= zero is None or zero.known
         # The base is one rigid edge, located by the majority of its points: a shadow beside some does not shift it.
         back_px = quick_median(encoded_shift_px(base.reference)[base.reference.valid])
         encoded = front_slope * encoded_shift_px(front) - back_slope * back_px
         return ObservedStrip(
-            frame.t_s, base.reference, front, base.position_px, base_px, front_px, back_m, width, sigma, noise,
+            frame.t_s, base.reference, front, base.position_px, base_px, front_px,
+            np.einsum("ki,ki->k", rest_px, self._direction_px), back_m, width, sigma, noise,
             np.zeros(len(width)) if self.stripe is not None else encoded,
-            *self._rectified(grey, base_px, position if zeroed else None),
+            *self._rectified(grey, base_px, None if zero is None else position),
             self.stripe is not None,
             front_slope,
             front.valid & finite,
@@ -279,19 +285,6 @@ class StripOptics:
             quick_median(front.blur_px[front.valid]) if front.valid.any() else float("nan"),
             quick_median(base.reference.blur_px[base.reference.valid]),
         )  # fmt: skip
-
-    def rest_px(self, strip: ObservedStrip, width_m: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
-        """Position of a front of given width on each line, from the origin of the line [px].
-
-        Parameters
-        ----------
-        strip
-            Observation of the strip in one image.
-        width_m
-            Distance of the front from the back [m].
-        """
-        front_px = self.plane.project(strip.back_m + width_m[:, None] * self.geometry.outward)
-        return np.einsum("ki,ki->k", front_px - strip.reference_points_px, self._direction_px)
 
     def _rectified(
         self, grey: np.ndarray, base_px: np.ndarray, front_px: Float[np.ndarray, "K"] | None

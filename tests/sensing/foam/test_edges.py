@@ -7,8 +7,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from visuohaptic.sensing.foam._light_kernels import mean_between
-from visuohaptic.sensing.foam.uneven_light import SCATTER_POINTS, gap_shift_px, local_statistics
+from visuohaptic.sensing.foam._light_kernels import local_statistics, mean_between
+from visuohaptic.sensing.foam.edges import SCATTER_POINTS, gap_shift_px
 
 POINTS, GAP_PX = 60, 1.5
 
@@ -27,8 +27,10 @@ def _found(
         noise_px=np.full(count, 0.02),
     )
     image = np.where(np.arange(80) < 40, 180.0, 80.0)[None, None].repeat(count, axis=0)
-    strip: Any = SimpleNamespace(lens_px=0.7, step_px=np.ones(count), front=front)
-    return gap_shift_px(strip, cast(Any, SimpleNamespace(image=image)), np.full(count, 40.0), excess_px2)
+    strip: Any = SimpleNamespace(
+        lens_px=0.7, step_px=np.ones(count), front=front, rest_px=np.full(count, 40.0)
+    )
+    return gap_shift_px(strip, cast(Any, SimpleNamespace(image=image)), excess_px2)
 
 
 def _shift(still: int) -> tuple[np.ndarray, np.ndarray]:
@@ -99,8 +101,7 @@ def test_local_statistics_equal_those_of_each_window() -> None:
 
 def test_grey_levels_between_places_are_means_of_all_parallels() -> None:
     image = np.random.default_rng(9).integers(0, 255, (3, 5, 20)).astype(np.uint8)
-    place, found = np.array([[2.2, 7.7, 7.9], [-4.0, 3.0, 50.0], [18.0, np.nan, 30.0]]), np.empty((3, 2))
-    mean_between(image, place, found)
+    found = mean_between(image, np.array([[2.2, 7.7, 7.9], [-4.0, 3.0, 50.0], [18.0, np.nan, 30.0]]))
     expected = [
         [image[0, :, 2:8].mean(), np.nan],
         [image[1, :, :3].mean(), image[1, :, 3:].mean()],
