@@ -213,7 +213,7 @@ class DepthSequence:
         """Reject poses that are obviously meant otherwise; a few views are read for it."""
         usable = [
             (path, stamped.pose)
-            for path, stamped in zip(self._paths, self.stamped, strict=True)
+            for path, stamped in zip(self.paths, self.stamped, strict=True)
             if stamped.pose is not None
         ]
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from .... import core, io, reconstruction, viewer
-from ....io import meshes
+from ....io import depth, meshes
 from ....reconstruction import fusion
 from ..._console import Arguments
 
@@ -76,8 +76,8 @@ def run(args: Arguments) -> dict[str, Any]:
         grid = fusion.space_of_interest(frames, voxel_m=args.voxel_m)
     model = None
     if args.network:
-        size = tuple(args.network_size) if args.network_size else None
-        model = io.depth.load_pixel_model(args.network, args.network_output, size)
+        width_height = (args.network_size[0], args.network_size[1]) if args.network_size else None
+        model = depth.load_pixel_model(args.network, args.network_output, width_height)
     found = reconstruction.reconstruct(
         frames,
         grid=grid,
