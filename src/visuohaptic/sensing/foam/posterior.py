@@ -20,7 +20,7 @@ crossing couple the states along the strip, and states persist in time for ``PER
 point within reach of the contact covers its neighbours within reach as well: position, surface and persistence of a run of
 points count once, not once per point. The forward-backward algorithm over the points gives p(z_k | all), and the
 probabilities P_ij that the states of all points from i to j are wrong, from which force and variance follow in
-``deflection.py``.
+``validity.py``.
 
 P_ij is filtered from frame to frame (``filter_runs``). An edge that was wrongly taken for foam moves on as foam would, and
 frames share its appearance. Therefore its odds decrease by the rate at which states change, and where its appearance becomes
