@@ -233,7 +233,7 @@ class FoamSensor:
         contour = found.contour(geometry, math.hypot(strip.common_sigma_m, watch.sigma_m(found.delta_m)))
         law = self.setup.config.boundary
         reading = read_profile(contour, self.setup.material, boundary=law, memory=self._memory)
-        reading, reason = self._validity.judge(
+        reading, reason = self._validity.evaluate(
             reading, found, strip, frame_s=self._frame_s, drifted=watch.drifted
         )
         self.reading = reading

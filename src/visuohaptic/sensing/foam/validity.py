@@ -29,7 +29,7 @@ _UNKNOWN_BRANCH, _BRANCH_S = 0.3, 0.1
 
 
 class Validity:
-    """Judges readings; remembers for how long each point was hidden.
+    """Evaluates readings; remembers for how long each point was hidden.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Validity:
         self._seen_t_s = np.full(len(self._cell_m), np.nan)  # time of the last observation of each point
         self._unseen_s = np.zeros(len(self._cell_m))  # total time hidden since its last release
 
-    def judge(
+    def evaluate(
         self, reading: FoamReading, found: Deflection, strip: ObservedStrip, *, frame_s: float, drifted: bool
     ) -> tuple[FoamReading, Reason]:
         """The reading with the uncertainty of what was not seen, and the most severe reason why it is not valid.
@@ -147,7 +147,7 @@ def with_states(
 
 
 def check_known(zero: ZeroReference, noise_m: Float[np.ndarray, "K"], setup: FoamSetup) -> None:
-    """Reject a zero reference with which no frame could be valid, see :meth:`Validity.judge`.
+    """Reject a zero reference with which no frame could be valid, see :meth:`Validity.evaluate`.
 
     Points of unknown width at rest hide force even on a free strip. The zero reference is rejected if this force exceeds
     the accepted error of the largest force that the other points can measure.
