@@ -11,14 +11,13 @@ import pytest
 from visuohaptic.sensing.foam.deflection import (
     Deflection,
     fill_gaps,
-    pressed_force_N,
-    with_states,
 )
 from visuohaptic.sensing.foam.edges import edge_uncertainty_m, with_cancelled_texture
 from visuohaptic.sensing.foam.material.hysteresis import HysteresisState
 from visuohaptic.sensing.foam.posterior import EdgeStates
 from visuohaptic.sensing.foam.profile import FoamReading, read_profile
 from visuohaptic.sensing.foam.strip import StripGeometry
+from visuohaptic.sensing.foam.validity import with_states
 
 GEOMETRY = StripGeometry.straight(0.25, 0.02)
 K = len(GEOMETRY.s_m)
@@ -50,9 +49,7 @@ def test_what_is_hidden_is_bounded_by_what_it_draws_along(continuum, reference_l
 
 def test_a_finger_beside_nothing_hides_little_and_a_hand_hides_anything(material) -> None:
     force = [
-        pressed_force_N(
-            filled(np.zeros(K), np.abs(GEOMETRY.s_m) < half_m).hidden_m, material, GEOMETRY.cell_m
-        )
+        material.pressed_force_N(filled(np.zeros(K), np.abs(GEOMETRY.s_m) < half_m).hidden_m, GEOMETRY.cell_m)
         for half_m in (0.007, 0.04)
     ]
     # 5 points of 3 mm, at most 9 mm from the last one seen: 10 um exp(9 / 3) each at 0.1 N per mm and point.

@@ -7,8 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from visuohaptic.sensing.foam._light_kernels import local_statistics, mean_between
-from visuohaptic.sensing.foam.edges import SCATTER_POINTS, gap_shift_px
+from visuohaptic.sensing.foam.edges import SCATTER_POINTS, gap_shift_px, local_statistics, mean_between
 
 POINTS, GAP_PX = 60, 1.5
 

@@ -1,7 +1,6 @@
 from .deflection import Deflection as Deflection
 from .deflection import fill_gaps as fill_gaps
 from .deflection import measure_deflection as measure_deflection
-from .deflection import with_states as with_states
 from .edges import MeasuredEdges as MeasuredEdges
 from .edges import edge_uncertainty_m as edge_uncertainty_m
 from .edges import measure_edges as measure_edges
@@ -43,3 +42,5 @@ from .strip.stripe_view import train_stripe as train_stripe
 from .strip.zero import DriftSettings as DriftSettings
 from .strip.zero import ZeroReference as ZeroReference
 from .strip.zero import ZeroWatch as ZeroWatch
+from .validity import Validity as Validity
+from .validity import with_states as with_states

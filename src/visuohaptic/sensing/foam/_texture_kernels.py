@@ -10,8 +10,8 @@ import numpy as np
 from ...core.kernels import kernel
 from ...tracking._solve_kernels import median
 from ._chain_kernels import ALIKE, FOAM, OCCLUDER, SHADOW, log_sum
-from ._light_kernels import BESIDE, local_statistics
 from ._posterior_kernels import BAND, EDGE
+from .edges import BESIDE, local_statistics
 
 #: Columns of the bands: number of samples, current mean grey level, gain relative to the zero image at its old position and
 #: compressed with the foam; current variance, and covariance and variance of both predictions.

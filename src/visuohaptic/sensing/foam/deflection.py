@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ...core.kernels import kernel
 from ...tracking.contours.contour import SHARED_NOISE
-from ._bridge_kernels import bridge, drop_bridged
 from .edges import MeasuredEdges
-from .material.foam_material import FoamMaterial
 from .posterior import DECAY_PER_WIDTH, REST_PX, EdgeStates
-from .profile import FoamContour, FoamReading
+from .profile import FoamContour
 from .strip.geometry import StripGeometry
 from .strip.optics import ObservedStrip
 
@@ -22,8 +21,10 @@ from .strip.optics import ObservedStrip
 _KINK_NOISE, _BRIDGE_NOISE = 0.08, 0.33
 #: Gaps of up to this many points are interpolated from the shape of their neighbours.
 _BRIDGED_POINTS = 2
-#: Force error of a frame that is negligible beside its standard deviations [N].
-NEGLIGIBLE_N = 0.05
+#: A flank is free foam where the next point beyond its upper end rises further by this fraction of its rise ...
+_RISES_ON = 0.3
+#: ... and where it does not fall by more than this factor: no foam is steeper, there must be an edge in between.
+_STEEPEST = 8.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,26 +76,6 @@ class Deflection:
             measured=~self.covered,
             end_cells_m=geometry.end_cells_m,
         )
-
-
-def pressed_force_N(
-    delta_m: Float[np.ndarray, "K"], material: FoamMaterial, cell_m: Float[np.ndarray, "K"]
-) -> float:
-    """Force of foam whose deflection is constant along each cell [N].
-
-    Parameters
-    ----------
-    delta_m
-        Deflection of each point [m], which may be infinite.
-    material
-        Calibrated foam.
-    cell_m
-        Length of foam that each point represents [m].
-    """
-    if not delta_m.any():
-        return 0.0
-    pressure = material.stress(np.minimum(delta_m / material.width_m, 1.0))
-    return material.height_m * float(cell_m @ pressure)
 
 
 def measure_deflection(
@@ -180,64 +161,95 @@ def fill_gaps(
     return delta, total, noise, own, hidden
 
 
-def with_states(
-    reading: FoamReading, found: Deflection, material: FoamMaterial, cell_m: Float[np.ndarray, "K"]
-) -> tuple[FoamReading, float]:
-    """The reading with the uncertainty of the edge states in its budget, and the probability that it is wrong nevertheless.
+@kernel(nogil=True)
+def bridge(
+    s: Float[np.ndarray, "K"],
+    value: Float[np.ndarray, "K"],
+    sigma: Float[np.ndarray, "K"],
+    seen: Bool[np.ndarray, "K"],
+    first: int,
+    stop: int,
+    filled: Float[np.ndarray, "K"],
+    error: Float[np.ndarray, "K"],
+) -> None:
+    """Interpolate one or two points between their neighbours, with the error of the interpolation.
 
-    A run of points with a wrong state has an error of its whole force: with the force f_k of each point and the probability
-    P_ij that all states from i to j are wrong, the variance is the sum of f_i P_ij f_j. A run makes the reading wrong if its
-    force exceeds three standard deviations of the other errors plus ``NEGLIGIBLE_N``.
+    Beside a body that presses near a free end of the strip, the front corner moves inwards by up to a sixth of the width, so that
+    the last line meets the end face instead of the front. The front there continues the exponential decay of its two
+    neighbours. Where these do not decay, the error is infinite.
 
     Parameters
     ----------
-    reading
-        Contacts of the frame.
-    found
-        Deflection of the same frame.
-    material
-        Calibrated foam.
-    cell_m
-        Length of foam that each point represents [m].
+    s
+        Position along the strip [m], (K,).
+    value, sigma
+        Deflection and its standard deviation [m], (K,).
+    seen
+        Points with known deflection, including those beside the gap, (K,).
+    first, stop
+        First point of the gap, and first point after it.
+    filled, error
+        Set within the gap [m], (K,).
     """
-    inside = np.zeros(len(cell_m), dtype=bool)
-    runs, states = found.states.runs, found.states
-    known = (states.foam | states.shadow) & np.isfinite(found.raw_m)
-    used = np.where(
-        states.foam, found.delta_m, found.raw_m
-    )  # inferred where that is more accurate than the edge
-    pressed = np.where(known, np.minimum(used / material.width_m, 1.0), 0.0)
-    each_N = material.height_m * cell_m * material.stress(pressed)
-    contacts = []
-    for contact in reading.contacts:
-        part = slice(contact.first, contact.last + 1)
-        inside[part] = True
-        open_var = float(each_N[part] @ runs[part, part] @ each_N[part])
-        model = math.sqrt(contact.budget.model_N**2 + open_var)
-        contacts.append(replace(contact, budget=replace(contact.budget, model_N=model)))
-    delta, sigma = found.delta_m, found.sigma_m
-    # Deflections that are too small, compared with the error of the zero, to count as a contact may still be one.
-    with np.errstate(invalid="ignore"):
-        unexplained = np.where(found.seen & (delta > 2.0 * sigma), delta, 0.0)
-    unexplained = np.where(
-        inside, 0.0, unexplained + np.where(np.isfinite(found.hidden_m), found.hidden_m, 0.0)
-    )
-    loose = pressed_force_N(unexplained, material, cell_m)
-    # Uneven light shifts neighbouring points by a common error.
-    light = found.light_m if not reading.contacts else np.where(inside, found.light_m, 0.0)
-    if light.any():
-        slope = material.slope(np.where(np.isfinite(delta), delta, 0.0) / material.width_m) / material.width_m
-        loose = math.hypot(loose, material.height_m * float(cell_m @ (light * slope)))
-    budget = replace(reading.budget, zero_N=math.hypot(reading.budget.zero_N, loose))
-    wrong = _wrong(each_N, runs, 3.0 * budget.total_N + NEGLIGIBLE_N)
-    budget = replace(budget, model_N=math.sqrt(budget.model_N**2 + float(each_N @ runs @ each_N)))
-    return replace(reading, contacts=tuple(contacts), budget=budget), wrong
+    a, b = first - 1 if first > 0 else stop + 1, stop if stop < len(s) else first - 2
+    low, high = (a, b) if value[a] < value[b] else (b, a)
+    beyond = high + (1 if high > low else -1)
+    rise, noise = value[high] - value[low], 2.0 * max(sigma[a], sigma[b])
+    decays = 0 <= beyond < len(s) and 0.0 < value[low] < value[high] < _STEEPEST * value[low]
+    decays = decays and value[beyond] - value[high] > _RISES_ON * rise
+    if not a < first < b:
+        decays = decays and seen[a] and seen[b] and stop == first + 1 and beyond != first
+        error[first] = math.inf
+        if not decays:
+            return
+    before = a - 1 if a > 0 and seen[a - 1] else a - 2
+    after = b + 1 if b + 1 < len(s) and seen[b + 1] else b + 2
+    left, right, across = 0.0, 0.0, (value[b] - value[a]) / (s[b] - s[a])
+    if before >= 0 and seen[before] and after < len(s) and seen[after]:
+        left = (value[a] - value[before]) / (s[a] - s[before])
+        right = (value[after] - value[b]) / (s[after] - s[b])
+    for k in range(first, stop):
+        part = (s[k] - s[a]) / (s[b] - s[a])
+        line = value[a] + part * (value[b] - value[a])
+        if decays:
+            # The deflection of free foam beside a contact decays exponentially; a straight line is far above it.
+            filled[k] = value[a] ** (1.0 - part) * value[b] ** part
+            error[k] = math.hypot(noise, 0.5 * abs(line - filled[k]))
+            continue
+        # Where both flanks rise towards each other, the front lies between the straight line and the tip where
+        # they meet: half way for a circle, at the tip for an edge.
+        bulge = 0.0
+        if left > across > right:
+            tip = min(value[a] + left * (s[k] - s[a]), value[b] + right * (s[k] - s[b]))
+            bulge = 0.5 * max(tip - line, 0.0)
+        filled[k] = line + bulge
+        error[k] = math.hypot(math.hypot(noise, 0.5 * abs(rise)), bulge)
 
 
-def _wrong(each_N: Float[np.ndarray, "K"], runs: Float[np.ndarray, "K K"], tolerance_N: float) -> float:
-    """Largest probability of a run whose force exceeds the tolerance."""
-    force = np.concatenate([[0.0], np.cumsum(each_N)])
-    first = np.arange(len(each_N))
-    last = np.searchsorted(force, force[:-1] + tolerance_N) - 1
-    possible = last < len(each_N)
-    return float(runs[first[possible], last[possible]].max(initial=0.0))
+@kernel(nogil=True)
+def drop_bridged(
+    s: Float[np.ndarray, "K"],
+    value: Float[np.ndarray, "K"],
+    sigma: Float[np.ndarray, "K"],
+    seen: Bool[np.ndarray, "K"],
+    filled: Float[np.ndarray, "K"],
+    error: Float[np.ndarray, "K"],
+    kept: Bool[np.ndarray, "K"],
+) -> None:
+    """Known points, except those that are inferred from better neighbours more accurately than measured.
+
+    Parameters
+    ----------
+    s, value, sigma, seen
+        See :func:`bridge`.
+    filled, error
+        Overwritten [m], (K,).
+    kept
+        Filled, (K,).
+    """
+    for k in range(len(s)):
+        kept[k] = seen[k]
+        a, b = k - 1 if k > 0 else k + 1, k + 1 if k < len(s) - 1 else k - 1
+        if seen[a] and seen[k] and seen[b] and sigma[k] > 2.0 * max(sigma[a], sigma[b]):
+            bridge(s, value, sigma, seen, k, k + 1, filled, error)
+            kept[k] = not error[k] < sigma[k]

@@ -20,7 +20,7 @@ crossing couple the states along the strip, and states persist in time for ``PER
 point within reach of the contact covers its neighbours within reach as well: position, surface and persistence of a run of
 points count once, not once per point. The forward-backward algorithm over the points gives p(z_k | all), and the
 probabilities P_ij that the states of all points from i to j are wrong, from which force and variance follow in
-``deflection.py``.
+``validity.py``.
 
 P_ij is filtered from frame to frame (``filter_runs``). An edge that was wrongly taken for foam moves on as foam would, and
 frames share its appearance. Therefore its odds decrease by the rate at which states change, and where its appearance becomes
@@ -35,12 +35,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...tracking.contours.contour import PIXEL_PX, quick_median
+from ...tracking.contours.contour import PIXEL_PX
 from ._chain_kernels import BLUR, FOAM, NOTHING, OPTICS, SHADOW, edge_crossing, filter_runs, join, place_odds
-from ._light_kernels import local_statistics, mean_between
 from ._posterior_kernels import shadow_odds
 from ._texture_kernels import MAX_ODDS, SAME_GREY, foam_bands, level_odds, texture_odds
-from .edges import MeasuredEdges
+from .edges import MeasuredEdges, local_statistics, mean_between
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
 
@@ -154,7 +153,8 @@ class EdgePosterior:
         seen = (strip.usable | strip.low_confidence) & np.isfinite(edges.delta_m) & np.isfinite(sigma_m)
         delta, sigma = np.where(seen, edges.delta_m, 0.0), np.where(seen, sigma_m, self._width)
         deflected = delta > 3.0 * np.minimum(sigma, strip.pixel_m)
-        unary, against, same = self._look(strip, zero, seen, deflected, delta)
+        surface = _beyond(strip)
+        unary, against, same = self._look(strip, zero, seen, deflected, delta, surface)
         own, near = unary[:, FOAM] - unary[:, SHADOW:NOTHING].max(axis=1), np.empty(len(seen))
         apart_s = strip.t_s - self._last[0] if self._last is not None else math.inf
         place_odds(
@@ -171,13 +171,13 @@ class EdgePosterior:
         corner[[0, -1]] = deflected[[1, -2]] & ~strip.usable[[0, -1]]
         unary[corner, FOAM] = np.maximum(unary[corner, FOAM], math.log(0.5))
         # An occluder or shadow that is there already remains where it was, as foam does; a new one is there by chance.
-        foam = np.where(seen, near + same, 0.0)
+        common = np.where(seen, near + same, 0.0)
         stay, last = 0.0, 0.25 * np.ones((len(seen), 4))
         if self._last is not None:
             stay, last = math.exp(-max(strip.t_s - self._last[0], 0.0) / PERSISTENCE_S), self._last[1]
         change = 0.25 * (1.0 - stay)
-        log_prior = np.log(stay * last * np.exp(np.maximum(foam, 0.0))[:, None] + change)
-        log_prior[:, FOAM] = foam + np.log(stay * last[:, FOAM] + change)
+        log_prior = np.log(stay * last * np.exp(np.maximum(common, 0.0))[:, None] + change)
+        log_prior[:, FOAM] = common + np.log(stay * last[:, FOAM] + change)
         shared = log_prior.max(axis=1, keepdims=True) - log_prior
         probability, runs = np.empty_like(unary), np.empty((len(seen), len(seen)))
         rules = DECAY_PER_WIDTH * self._width, _CHORD, OPTICS * self._width
@@ -187,10 +187,20 @@ class EdgePosterior:
         self._last = strip.t_s, probability
         reach = min(self._speed * apart_s, self._width) + np.hypot(sigma, OPTICS * self._width)
         own -= against[:, BLUR]
-        self._filter(probability[:, FOAM] > 0.5, deflected, delta, reach, strip.pixel_m, own, stay, runs)
+        foam = probability[:, FOAM] > 0.5
+        # New contacts are as rare as other new edges: they carry the prior odds of their onset.
+        grown = np.convolve(self._pressed, np.ones(3), mode="same") > 0.0
+        onset = np.where(deflected & ~grown, _ONSET, 1.0)
+        moved = np.nan_to_num(delta - self.last_m)
+        same = foam & self._foam & (np.abs(moved) < reach)
+        filter_runs(runs, onset, moved, self._s, strip.pixel_m, same, own, stay, self._wrong, self._best)
+        # A contact that is hidden is expected to be there afterwards.
+        self._pressed = np.where(foam, deflected, self._pressed)
+        # How an edge came to its place is known only where there was foam before.
+        self._foam = foam & np.isfinite(self.last_m)
         states = EdgeStates(probability, runs, against)
         calm = states.foam & seen
-        self._beyond[calm] = _beyond(strip)[calm]
+        self._beyond[calm] = surface[calm]
         self.last_m[calm], self._since_s[calm] = delta[calm], strip.t_s
         return states
 
@@ -201,6 +211,7 @@ class EdgePosterior:
         seen: Bool[np.ndarray, "K"],
         deflected: Bool[np.ndarray, "K"],
         delta: Float[np.ndarray, "K"],
+        surface: Float[np.ndarray, "K"],
     ) -> tuple[Float[np.ndarray, "K 4"], Float[np.ndarray, "K 6"], Float[np.ndarray, "K"]]:
         """Log-likelihoods of the grey levels on both sides of each edge.
 
@@ -218,37 +229,12 @@ class EdgePosterior:
             _compare(strip, zero, seen, deflected, moved_px, unary, against)
         unary[:, SHADOW] = np.where(deflected, unary[:, SHADOW], -MAX_ODDS)
         known = seen & deflected & self._pressed
-        away = (_beyond(strip) - self._beyond) / SAME_GREY
+        away = (surface - self._beyond) / SAME_GREY
         density = np.exp(-0.5 * away**2) / (2.5 * SAME_GREY)
         each = np.log((1.0 - _OTHER_SURFACE) * density + _OTHER_SURFACE)
         local = local_statistics(np.where(known & np.isfinite(each), each, np.nan))[0]
         same = max(float(np.median(local[known])), 0.0) if known.any() else 0.0
         return unary, against, np.where(known, np.where(local > 0.0, same, local), 0.0)
-
-    def _filter(
-        self,
-        foam: Bool[np.ndarray, "K"],
-        deflected: Bool[np.ndarray, "K"],
-        delta: Float[np.ndarray, "K"],
-        reach: Float[np.ndarray, "K"],
-        pixel_m: Float[np.ndarray, "K"],
-        own: Float[np.ndarray, "K"],
-        stay: float,
-        runs: Float[np.ndarray, "K K"],
-    ) -> None:
-        """Filter the probability of wrong runs from frame to frame; changes ``runs``.
-
-        New contacts are as rare as other new edges: they carry the prior odds of their onset.
-        """
-        grown = np.convolve(self._pressed, np.ones(3), mode="same") > 0.0
-        onset = np.where(deflected & ~grown, _ONSET, 1.0)
-        moved = np.nan_to_num(delta - self.last_m)
-        same = foam & self._foam & (np.abs(moved) < reach)
-        filter_runs(runs, onset, moved, self._s, pixel_m, same, own, stay, self._wrong, self._best)
-        # A contact that is hidden is expected to be there afterwards.
-        self._pressed = np.where(foam, deflected, self._pressed)
-        # How an edge came to its place is known only where there was foam before.
-        self._foam = foam & np.isfinite(self.last_m)
 
 
 def _beyond(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
@@ -271,7 +257,7 @@ def _compare(
     step = strip.step_px * (strip.image.shape[2] - 1) / (zero.image.shape[2] - 1)
     front = np.where(seen, strip.front.position_px, strip.rest_px) / step
     resting = strip.rest_px / step
-    blur = math.hypot(strip.blur_px, PIXEL_PX) / quick_median(step) if np.isfinite(strip.blur_px) else 1.0
+    blur = math.hypot(strip.blur_px, PIXEL_PX) / float(np.median(step)) if np.isfinite(strip.blur_px) else 1.0
     bands, gain = np.empty((len(seen), 9)), np.empty(len(seen))
     slope = strip.front.slope * strip.across_px / step
     foam_bands(strip.image, zero.image, front, resting, slope, blur, seen, bands)

@@ -169,26 +169,31 @@ def read_profile(
     points = len(contour.s_m)
     if contour.seen.sum() < 2:
         return _nothing_seen(points)
-    seen, unloading = _seen_points(contour, material, memory)
-    regions = _integrated(contour, seen, material, boundary)
-    each = range(len(regions.table))
-    contacts = tuple(_contact(k, regions, seen, contour, material, boundary) for k in each)
-    strain = seen.delta / material.width_m
+    seen = _integrated(contour, material, boundary, memory)
+    each = range(len(seen.table))
+    contacts = tuple(_contact(k, seen, contour, material, boundary) for k in each)
+    budget = seen.at_rest
+    if contacts:
+        # Image and model errors of the contacts are independent, calibration and zero are common.
+        total = seen.table.sum(axis=0)
+        budget = ErrorBudget(
+            image_N=math.hypot(*(contact.budget.image_N for contact in contacts)),
+            calibration_N=material.force_sigma_N(seen.sums.sum(axis=0), -float(total[_RELIEF])),
+            model_N=math.hypot(*(contact.budget.model_N for contact in contacts)),
+            zero_N=math.hypot(total[_ZERO_SLOPE] * contour.zero_sigma_m, total[_SHARED]),
+        )
     pressure, pressure_sigma = np.zeros(points), np.full(points, np.nan)
-    pressure[seen.index], pressure_sigma[seen.index] = regions.pressure_Pa, regions.pressure_sigma_Pa
-    saturated = np.zeros(points, dtype=bool)
-    saturated[seen.index] = strain > material.densification_strain
+    pressure[seen.index], pressure_sigma[seen.index] = seen.pressure_Pa, seen.pressure_sigma_Pa
+    saturated, unloading = np.zeros((2, points), dtype=bool)
+    saturated[seen.index] = seen.delta / material.width_m > material.densification_strain
+    unloading[seen.index] = seen.unloading
     trusted = contour.seen & ~saturated
     if material.hysteresis is None:
         trusted &= ~unloading
     wrong = [contact.reason for contact in contacts if not contact.valid]
     return FoamReading(
         force_N=float(sum(contact.force_N for contact in contacts)),
-        budget=(
-            _total_budget(contacts, regions, contour, material)
-            if contacts
-            else _budget_at_rest(seen, contour, material)
-        ),
+        budget=budget,
         pressure_Pa=pressure,
         pressure_sigma_Pa=pressure_sigma,
         point_valid=trusted,
@@ -201,75 +206,70 @@ def read_profile(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _SeenPoints:
-    """The n observed points of a contour."""
+class _Integrals:
+    """The n observed points of a contour, and integrals over its R regions."""
 
     index: Int[np.ndarray, "n"]  #: index on the strip
     s: Float[np.ndarray, "n"]
     delta: Float[np.ndarray, "n"]
-    #: Of each deflection [m]: all noise, systematic error, error common to all points, noise that neighbours may
-    #: share, and the part of the systematic error that neighbours share where it is not zero.
-    errors: Float[np.ndarray, "5 n"]
-    #: Ratio of stress to loading stress (hysteresis), its standard deviation, and 1 where a point is unloading.
-    history: Float[np.ndarray, "3 n"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Regions:
-    """Integrals of the kernel over R regions of n observed points."""
-
+    unloading: Bool[np.ndarray, "n"]
     pressure_Pa: Float[np.ndarray, "n"]
     pressure_sigma_Pa: Float[np.ndarray, "n"]
     table: Float[np.ndarray, "R 17"]  #: columns ``_FIRST`` to ``_SHEARED``
     sums: Float[np.ndarray, "R p"]  #: derivative of the force by the parameters of the loading curve
+    at_rest: ErrorBudget  #: without contacts: the force is zero within the noise of the whole strip
 
 
-def _seen_points(
-    contour: FoamContour, material: FoamMaterial, memory: HysteresisState | None
-) -> tuple[_SeenPoints, Bool[np.ndarray, "K"]]:
-    """Observed points with their hysteresis factors, and a mask of the unloading points of the strip."""
-    shown = contour.seen
-    index = np.flatnonzero(shown)
-    delta, errors = contour.delta_m[index].astype(np.float64), np.zeros((5, len(index)))
+def _observed(contour: FoamContour) -> tuple[np.ndarray, ...]:
+    """Index, position, deflection and errors of the n observed points, and lengths and positions of the free ends.
+
+    Errors of each deflection [m], (5, n): all noise, systematic error, error common to all points, noise that neighbours may
+    share, and the part of the systematic error that neighbours share where it is not zero.
+    """
+    index = np.flatnonzero(contour.seen)
+    s, delta = contour.s_m[index].astype(np.float64), contour.delta_m[index].astype(np.float64)
+    errors = np.zeros((5, len(index)))
     given = contour.own_noise_m, contour.uncertainty_m, contour.shared_m, contour.noise_m, contour.unclean_m
     for row, error in zip(errors, given, strict=True):
         if error is not None:
             row[:] = np.where(np.isfinite(error[index]), error[index], 0.0)
     errors[0] = np.hypot(errors[0], errors[3])
     errors[3] *= math.sqrt(contour.shared_noise)
+    # Only the cell of an observed end point is extended to the end of the strip.
+    seen_ends = index[0] == 0, index[-1] == len(contour.s_m) - 1
+    cells_m = np.array(contour.end_cells_m)
+    free_m = contour.s_m[[0, -1]] + np.where(cells_m > 0.0, cells_m, np.inf) * [-1.0, 1.0]
+    ends_m = np.stack([np.where(seen_ends, cells_m, 0.0), free_m])
+    return index, s, delta, errors, ends_m
+
+
+def _integrated(
+    contour: FoamContour, material: FoamMaterial, boundary: Boundary, memory: HysteresisState | None
+) -> _Integrals:
+    """Hysteresis of the observed points, and contact regions without physically impossible ones."""
+    from ._profile_kernels import integrate_regions, shared_variance
+
+    index, s, delta, errors, ends_m = _observed(contour)
+    # Ratio of stress to loading stress (hysteresis), its standard deviation, and 1 where a point is unloading.
     history = np.zeros((3, len(index)))
     history[0] = 1.0
-    unloading = np.zeros(len(shown), dtype=bool)
     if memory is not None:
-        strain, width = delta / material.width_m, material.width_m
-        full, full_sigma, noise = np.zeros((3, len(shown)))
-        full[index], full_sigma[index] = strain, np.hypot(errors[0], errors[1]) / width
-        noise[index] = errors[0] / width
-        moved = shown if contour.measured is None else shown & contour.measured
-        unloading = memory.update(full, full_sigma, moved, material.hysteresis, noise_sigma=noise)
+        strain, full = delta / material.width_m, np.zeros((3, len(contour.s_m)))
+        full[:, index] = (
+            strain,
+            np.hypot(errors[0], errors[1]) / material.width_m,
+            errors[0] / material.width_m,
+        )
+        moved = contour.seen if contour.measured is None else contour.seen & contour.measured
+        history[2] = memory.update(full[0], full[1], moved, material.hysteresis, noise_sigma=full[2])[index]
         if material.hysteresis is not None and memory.xi is not None:
             up = material.stress(strain)
             missing, missing_sigma = material.hysteresis.reduction(up, memory.xi[index])
             history[0] = 1.0 - missing / np.maximum(up, 1e-9)
             history[1] = missing_sigma / np.maximum(up, 1e-9)
-        history[2] = unloading[index]
-    return _SeenPoints(index, contour.s_m[index].astype(np.float64), delta, errors, history), unloading
-
-
-def _integrated(
-    contour: FoamContour, seen: _SeenPoints, material: FoamMaterial, boundary: Boundary
-) -> _Regions:
-    """Contact regions without physically impossible ones."""
-    from ._profile_kernels import integrate_regions
-
     curve = material.narrow
-    # Only the cell of an observed end point is extended to the end of the strip.
-    seen_ends = seen.index[0] == 0, seen.index[-1] == len(contour.s_m) - 1
-    cells_m = np.array(contour.end_cells_m)
-    free_m = contour.s_m[[0, -1]] + np.where(cells_m > 0.0, cells_m, np.inf) * [-1.0, 1.0]
-    ends_m = np.stack([np.where(seen_ends, cells_m, 0.0), free_m])
     count, pressure, pressure_sigma, table, sums = integrate_regions(
-        seen.s, seen.delta, seen.errors, seen.index, seen.history, ends_m, contour.zero_sigma_m,
+        s, delta, errors, index, history, ends_m, contour.zero_sigma_m,
         material.width_m, material.height_m, material.tension.ratio,
         BOUNDARIES.index(boundary), SEED_PAIR_SIGMAS, SEED_SINGLE_SIGMAS, MAX_GAP_POINTS,
         contour.averaged, curve.knots, curve.pieces, curve.basis_pieces, material.softening_table_Pa,
@@ -278,23 +278,41 @@ def _integrated(
     table, sums = table[:count], sums[:count]
     table[:, _RELIEF] *= boundary == "tension"  # no other law subtracts it
     first, last = table[:, _FIRST].astype(np.int64), table[:, _LAST].astype(np.int64)
-    narrow = seen.s[last] - seen.s[first] < NARROW_PER_WIDTH * material.width_m
+    narrow = s[last] - s[first] < NARROW_PER_WIDTH * material.width_m
     spurious = (table[:, _MAX_STRAIN] < RELEASE_STRAIN) & narrow
     for k in np.flatnonzero(spurious):
         pressure[first[k] : last[k] + 1] = 0.0
-    return _Regions(pressure, pressure_sigma, table[~spurious], sums[~spurious])
+    at_rest = ErrorBudget()
+    if spurious.all():
+        each = material.height_m * np.gradient(s) * float(material.slope(np.zeros(1))[0]) / material.width_m
+        common = shared_variance(each, errors[3], 0, len(each) - 1)
+        at_rest = ErrorBudget(
+            image_N=math.sqrt(np.sum((each * errors[0]) ** 2) + common),
+            model_N=float(np.linalg.norm(each * errors[1])),
+            zero_N=math.hypot(each.sum() * contour.zero_sigma_m, each @ errors[2]),
+        )
+    return _Integrals(
+        index,
+        s,
+        delta,
+        history[2] > 0.0,
+        pressure,
+        pressure_sigma,
+        table[~spurious],
+        sums[~spurious],
+        at_rest,
+    )
 
 
 def _contact(
     k: int,
-    regions: _Regions,
-    seen: _SeenPoints,
+    seen: _Integrals,
     contour: FoamContour,
     material: FoamMaterial,
     boundary: Boundary,
 ) -> ContactRegion:
     """One region with its budget, and the first reason why it is not valid."""
-    row = regions.table[k]
+    row = seen.table[k]
     first, last = int(row[_FIRST]), int(row[_LAST])
     force = float(row[_FORCE])
     own = LOCAL_SIGMA * force if boundary == "local" else SHEARED_SIGMA * float(row[_SHEARED])
@@ -308,7 +326,7 @@ def _contact(
         model2 += (relief * material.tension.ratio) ** 2
     budget = ErrorBudget(
         image_N=float(np.sqrt(row[_IMAGE_VAR])),
-        calibration_N=material.force_sigma_N(regions.sums[k], -float(row[_RELIEF])),
+        calibration_N=material.force_sigma_N(seen.sums[k], -float(row[_RELIEF])),
         model_N=float(np.sqrt(model2)),
         zero_N=math.hypot(row[_ZERO_SLOPE] * contour.zero_sigma_m, row[_SHARED]),
     )
@@ -325,32 +343,6 @@ def _contact(
         force, float(row[_ENLARGED]), budget, float(row[_MAX_STRAIN]),
         reason is Reason.OK, reason,
     )  # fmt: skip
-
-
-def _total_budget(
-    contacts: tuple[ContactRegion, ...], regions: _Regions, contour: FoamContour, material: FoamMaterial
-) -> ErrorBudget:
-    """Budget of all contacts: image and model errors are independent, calibration and zero are common."""
-    total = regions.table.sum(axis=0)
-    return ErrorBudget(
-        image_N=math.hypot(*(contact.budget.image_N for contact in contacts)),
-        calibration_N=material.force_sigma_N(regions.sums.sum(axis=0), -float(total[_RELIEF])),
-        model_N=math.hypot(*(contact.budget.model_N for contact in contacts)),
-        zero_N=math.hypot(total[_ZERO_SLOPE] * contour.zero_sigma_m, total[_SHARED]),
-    )
-
-
-def _budget_at_rest(seen: _SeenPoints, contour: FoamContour, material: FoamMaterial) -> ErrorBudget:
-    """Budget without contacts: the force is zero within the noise of the whole strip."""
-    from ._profile_kernels import shared_variance
-
-    each = material.height_m * np.gradient(seen.s) * float(material.slope(np.zeros(1))[0]) / material.width_m
-    shared = shared_variance(each, seen.errors[3], 0, len(each) - 1)
-    return ErrorBudget(
-        image_N=float(np.sqrt(np.sum((each * seen.errors[0]) ** 2) + shared)),
-        model_N=float(np.linalg.norm(each * seen.errors[1])),
-        zero_N=math.hypot(each.sum() * contour.zero_sigma_m, each @ seen.errors[2]),
-    )
 
 
 def _nothing_seen(points: int) -> FoamReading:

@@ -17,34 +17,22 @@ from ...core.camera.model import Camera
 from ...core.camera.plane import PlaneView
 from ...core.errors import CalibrationError, InputError
 from ...core.measurement import Contact, ErrorBudget, ForceProfile, Reason
-from ...tracking.contours.contour import PointReason
-from ._chain_kernels import OCCLUDER
-from .deflection import (
-    NEGLIGIBLE_N,
-    Deflection,
-    fill_gaps,
-    measure_deflection,
-    pressed_force_N,
-    with_states,
-)  # fmt: skip
+from .deflection import Deflection, measure_deflection
 from .edges import edge_uncertainty_m, measure_edges
-from .material.hysteresis import RELEASE_STRAIN, HysteresisState
+from .material.hysteresis import HysteresisState
 from .posterior import FALSE_ALARM, EdgePosterior
-from .profile import NEGLIGIBLE_PART, ContactRegion, FoamReading, read_profile
+from .profile import ContactRegion, FoamReading, read_profile
 from .strip.config import FoamSensorConfig, FoamSetup
 from .strip.encoding import ENCODINGS, EdgeSkew, edge_skew, encoding_probability
 from .strip.optics import ObservedStrip, StripOptics
 from .strip.stripe_view import StripeView
 from .strip.zero import ZeroReference, ZeroWatch, check_width
+from .validity import Validity, check_known
 
 log = logging.getLogger(__name__)
 
 #: Number of recent images that are compared with a new one, because a camera with mixed-up buffers may repeat one of them.
 _REMEMBERED_IMAGES = 8
-
-#: Hysteresis: the force of points that were hidden for ``_BRANCH_S`` or longer
-#: is uncertain by this fraction until they are released.
-_UNKNOWN_BRANCH, _BRANCH_S = 0.3, 0.1
 
 
 class FoamSensor:
@@ -184,32 +172,13 @@ class FoamSensor:
         )
         zero = replace(zero, encoding=encoding_probability(skews))
         self._check_width(float(np.median(zero.width_m)), "zero")
-        self._check_known(zero, seen[-1])
+        check_known(zero, seen[-1].width_sigma_m, self.setup)
         self._watch = self._watching(zero)
         self._forget()
         self.optics.forget_motion()
         # The strip is untouched at this time: any contact in the next frame is new.
         self._posterior.start(zero.t_s)
         return zero
-
-    def _check_known(self, zero: ZeroReference, strip: ObservedStrip) -> None:
-        """Reject a zero reference with which no frame could be valid, see :meth:`_reason`.
-
-        Points of unknown width at rest hide force even on a free strip. The zero reference is rejected if this force exceeds
-        the accepted error of the largest force that the other points can measure.
-        """
-        geometry, material = self.setup.geometry, self.setup.material
-        noise = np.where(zero.known, strip.width_sigma_m, 0.0)
-        hidden = fill_gaps(geometry, np.zeros(len(noise)), noise, noise, zero.width_sigma_m, zero.known)[4]
-        full = np.where(zero.known, material.densification_strain * material.width_m, 0.0)
-        hidden_N, full_N = (pressed_force_N(delta, material, geometry.cell_m) for delta in (hidden, full))
-        if hidden_N > NEGLIGIBLE_N + NEGLIGIBLE_PART * full_N:
-            raise CalibrationError(
-                "zero",
-                f"{zero.inferred.sum()} of {len(noise)} contour points were seen in fewer than half of the "
-                f"{zero.frames} frames, and {(~zero.known).sum()} of them could hide {hidden_N:.1f} N of {full_N:.1f} N",
-                remedy="free the view of the strip, check T_camera_foam and the light",
-            )
 
     def _watching(self, zero: ZeroReference) -> ZeroWatch:
         """Watch the zero reference; the transfer function in the camera file overrides the estimated encoding."""
@@ -232,14 +201,12 @@ class FoamSensor:
 
     def _forget(self) -> None:
         """Start a new history of the foam."""
-        points = len(self.setup.geometry.s_m)
-        self._memory = HysteresisState.at_rest(points)
         geometry = self.setup.geometry
+        self._memory = HysteresisState.at_rest(len(geometry.s_m))
         speed = self.setup.config.max_contact_speed_m_s
         self._posterior = EdgePosterior(geometry.s_m, geometry.width_m, speed)
-        self._seen_t_s = np.full(points, np.nan)  # time of the last observation of each point
+        self._validity = Validity(self.setup)
         self._frame_s = np.inf  # shortest time between two frames
-        self._unseen_s = np.zeros(points)  # total time for which a point was hidden since its last release
         self._last_t_s: float | None = None
 
     def read(self, frame: Frame) -> ForceProfile:
@@ -257,17 +224,19 @@ class FoamSensor:
         if self._stale(frame):
             return self.blank(frame.t_s, Reason.STALE)
         strip = self.strip = self.optics.observe(frame, self.zero_reference)
-        watch, geometry, material = self._watch, self.setup.geometry, self.setup.material
+        watch, geometry = self._watch, self.setup.geometry
         if strip is None or watch is None:
             return self.blank(frame.t_s, Reason.LOST if strip is None else Reason.NOT_ZEROED)
         edges = measure_edges(strip, watch.zero, geometry.width_m, self._posterior.last_m)
         states = self._posterior.infer(strip, watch.zero, edges)
         found = measure_deflection(edges, states, strip, geometry)
         contour = found.contour(geometry, math.hypot(strip.common_sigma_m, watch.sigma_m(found.delta_m)))
-        reading = read_profile(contour, material, boundary=self.setup.config.boundary, memory=self._memory)
-        reading, wrong = with_states(reading, found, material, geometry.cell_m)
-        reading = self.reading = self._with_unknown_branch(reading, strip.t_s, found)
-        reason = self._reason(reading, found, strip, wrong)
+        law = self.setup.config.boundary
+        reading = read_profile(contour, self.setup.material, boundary=law, memory=self._memory)
+        reading, reason = self._validity.evaluate(
+            reading, found, strip, frame_s=self._frame_s, drifted=watch.drifted
+        )
+        self.reading = reading
         if reason is Reason.OK:
             usable = found.states.foam & strip.usable
             watch.update(strip.t_s, strip.width_m, touched=bool(reading.contacts), usable=usable)
@@ -304,26 +273,6 @@ class FoamSensor:
         self._last_t_s = frame.t_s
         return False
 
-    def _with_unknown_branch(self, reading: FoamReading, t_s: float, found: Deflection) -> FoamReading:
-        """Add the uncertainty of the hysteresis of points that were hidden and may have changed direction meanwhile."""
-        material, seen = self.setup.material, ~found.covered
-        # Points without a contact before are included: a contact may have begun and changed direction meanwhile.
-        away = t_s - self._seen_t_s
-        late = seen & (away > 1.5 * self._frame_s)
-        self._unseen_s[late] += away[late] - self._frame_s
-        self._seen_t_s[seen] = t_s
-        if not reading.contacts:
-            self._unseen_s[:] = 0.0
-        if not self._unseen_s.any():
-            return reading
-        released = found.delta_m < np.maximum(RELEASE_STRAIN * material.width_m, 3.0 * found.sigma_m)
-        self._unseen_s[seen & released] = 0.0
-        part = np.where(seen, np.minimum(self._unseen_s / _BRANCH_S, 1.0), 0.0)
-        strain = np.where(np.isfinite(found.delta_m), found.delta_m, 0.0) / material.width_m
-        pressed_N = material.height_m * self.setup.geometry.cell_m * material.stress(np.minimum(strain, 1.0))
-        model = math.hypot(reading.budget.model_N, _UNKNOWN_BRANCH * float(part @ pressed_N))
-        return replace(reading, budget=replace(reading.budget, model_N=model))
-
     def _contact(self, region: ContactRegion, found: Deflection) -> Contact:
         """One region with its contour in frame F, without points of unknown deflection."""
         inside = np.arange(region.first, region.last + 1)
@@ -335,21 +284,6 @@ class FoamSensor:
             region.s_start_m, region.s_end_m, region.force_N, region.budget, region.valid, region.reason,
             front, found.sigma_m[inside], found.delta_m[inside],
         )  # fmt: skip
-
-    def _reason(self, reading: FoamReading, found: Deflection, strip: ObservedStrip, wrong: float) -> Reason:
-        """The most severe reason why the frame is not valid."""
-        assert self._watch is not None
-        if strip.moved_px > self.setup.config.tracking.bump_px:
-            return Reason.MOVED
-        unseen_N = pressed_force_N(found.hidden_m, self.setup.material, self.setup.geometry.cell_m)
-        if unseen_N > NEGLIGIBLE_N + NEGLIGIBLE_PART * reading.force_N:
-            lost = ~found.seen & (strip.front.reason != PointReason.OCCLUDED)
-            lost &= found.states.probability.argmax(axis=1) != OCCLUDER
-            hidden = found.hidden_m > 0.0
-            return Reason.LOST if 2 * (lost & hidden).sum() > hidden.sum() else Reason.OCCLUDED
-        if self._watch.drifted:
-            return Reason.DRIFTED
-        return Reason.OCCLUDED if wrong > FALSE_ALARM else reading.reason
 
     def blank(self, t_s: float, reason: Reason) -> ForceProfile:
         """A profile without force, only with the reason why there is none.

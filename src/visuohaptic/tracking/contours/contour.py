@@ -6,7 +6,6 @@ then a maximum-likelihood fit of a blurred step to the raw pixels of each point.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from enum import IntEnum
 from itertools import chain
@@ -87,8 +86,6 @@ class Contour:
     blur_px: Float[np.ndarray, "k"]  #: blur of the optics, pixel size removed [px]
     slope: Float[np.ndarray, "k"]  #: dt/ds, s along the direction (-d_y, d_x) [px/px]
     chi2: Float[np.ndarray, "k"]  #: mean squared residual in noise variances
-    noise_grey: float  #: standard deviation of one pixel [grey levels]
-    energy: float  #: minimum of Eq. (3.6) over the positions searched
     searched_all: bool  #: whether the whole range was searched in this frame
 
     @property
@@ -196,9 +193,9 @@ class ContourTracker:
     ) -> Contour:
         """Search around ``guess`` (or the whole range), fit, classify; update the state."""
         noise = self.settings.noise_grey or float(np.sqrt(self._noise_var)) or _first_noise(grey, lines)
-        found, strength, energy = self._found(grey, lines, guess, noise, free_ends)
+        found, strength = self._found(grey, lines, guess, noise, free_ends)
         state, noise_var = self._fitted(grey, lines, found)
-        contour = self._classified(lines, state, found, noise_var, energy=energy, searched_all=guess is None)
+        contour = self._classified(lines, state, found, noise_var, searched_all=guess is None)
         self._noise_var = noise_var
         self._position = np.where(contour.valid, contour.position_px, found)
         if contour.valid.any():
@@ -214,11 +211,11 @@ class ContourTracker:
         guess: Float[np.ndarray, "k"] | None,
         noise: float,
         free_ends: int,
-    ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"], float]:
-        """Positions with minimum energy, Eq. (3.6), moved to the edge; their edge strength and the energy."""
+    ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
+        """Positions with minimum energy, Eq. (3.6), moved to the edge, and their edge strength."""
         chosen = self.settings
         start, stop = np.asarray(lines.start_px), np.asarray(lines.stop_px)
-        cap, energy = self._cap, 0.0
+        cap = self._cap
         strength = found = np.zeros(len(lines)) if guess is None else guess
         # First the whole range if necessary, then around the guess at half the density.
         for wide in (True, False) if guess is None else (False,):
@@ -229,7 +226,7 @@ class ContourTracker:
             else:
                 stride, turns, positions = 2, 0, chosen.window_px + 1
                 first = np.rint(np.minimum(np.maximum(found, start), stop)) - chosen.window_px
-            found, strength, energy, cap = search(
+            found, strength, _, cap = search(
                 grey, lines.origin_px, lines.direction_px, start, stop, first, positions, stride,
                 chosen.polarity, cap, self._contrast, 0.4 * noise, chosen.weight_edge, chosen.weight_jump,
                 chosen.weight_smooth / lines.spacing_px**2, free_ends, turns,
@@ -238,7 +235,7 @@ class ContourTracker:
             grey, lines.origin_px, lines.direction_px, found, strength, start, stop, chosen.polarity,
             cap, 0.4 * noise, lines.spacing_px,
         )  # fmt: skip
-        return found, strength, float(energy)
+        return found, strength
 
     def _fitted(
         self, grey: UInt8[np.ndarray, "rows columns"], lines: ConstraintLines, found: Float[np.ndarray, "k"]
@@ -279,7 +276,6 @@ class ContourTracker:
         found: Float[np.ndarray, "k"],
         noise_var: float,
         *,
-        energy: float,
         searched_all: bool,
     ) -> Contour:
         """Validity, reason and standard deviation of each fitted point."""
@@ -293,7 +289,7 @@ class ContourTracker:
         position, sigma, noise, contrast, level, blur, slope, chi2 = edges
         return Contour(
             lines, position, sigma, noise, reason == PointReason.OK, reason, contrast, level, blur, slope, chi2,
-            math.sqrt(noise_var), energy, searched_all,
+            searched_all,
         )  # fmt: skip
 
 

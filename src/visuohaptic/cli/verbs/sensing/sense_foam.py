@@ -41,7 +41,7 @@ from ._reference import add_reference, checked_reference, reported
 #: Modules with kernels of the verb, the last needed first.
 KERNELS = (
     "sensing.foam._profile_kernels",
-    "sensing.foam._bridge_kernels",
+    "sensing.foam.deflection",
     "sensing.foam._chain_kernels",
     "sensing.foam._posterior_kernels",
     "sensing.foam._texture_kernels",

@@ -87,6 +87,21 @@ class FoamMaterial:
         result: Float[np.ndarray, "p"] = np.linalg.lstsq(self.loading.basis(strain), stress)[0]
         return result
 
+    def pressed_force_N(self, delta_m: Float[np.ndarray, "K"], cell_m: Float[np.ndarray, "K"]) -> float:
+        """Force of foam whose deflection is constant along each cell [N].
+
+        Parameters
+        ----------
+        delta_m
+            Deflection of each point [m], which may be infinite.
+        cell_m
+            Length of foam that each point represents [m].
+        """
+        if not delta_m.any():
+            return 0.0
+        pressure = self.stress(np.minimum(delta_m / self.width_m, 1.0))
+        return self.height_m * float(cell_m @ pressure)
+
     def force_sigma_N(self, by_parameters: Float[np.ndarray, "p"], by_ratio_N: float) -> float:
         """Standard deviation of a force from the calibration of curve and tension [N].
 

@@ -57,7 +57,6 @@ class ObservedStrip:
     reference_points_px: Float[np.ndarray, "K 2"]
     front_points_px: Float[np.ndarray, "K 2"]
     rest_px: Float[np.ndarray, "K"]  #: position of the front at rest along each line, from its origin
-    back_m: Float[np.ndarray, "K 2"]  #: reference contour in frame F
     width_m: Float[np.ndarray, "K"]  #: distance between both contours along the deflection
     width_sigma_m: Float[np.ndarray, "K"]  #: its standard deviation due to noise and texture
     width_noise_m: Float[np.ndarray, "K"]  #: the part of it that varies from frame to frame
@@ -70,8 +69,9 @@ class ObservedStrip:
     pixel_m: Float[np.ndarray, "K"]  #: length of a pixel along the deflection, at the front
     usable: Bool[np.ndarray, "K"]  #: observed, with a known width at rest
     low_confidence: Bool[np.ndarray, "K"]  #: observed, but not as a clean step: kinks, texture at the edge
-    motion: ImageMotion  #: of the base in the image since the zero reference was taken
-    moved_px: float  #: largest shift of a reference point by that motion
+    moved_px: (
+        float  #: largest shift of a reference point by unexpected motion since the zero reference was taken
+    )
     common_sigma_m: float  #: common error of all widths due to motion of camera or finger
     blur_px: float  #: median blur of the front, pixel included; NaN if no front was observed
     lens_px: float  #: blur of the base, due only to the lens and the motion of the camera
@@ -272,14 +272,13 @@ class StripOptics:
         encoded = front_slope * encoded_shift_px(front) - back_slope * back_px
         return ObservedStrip(
             frame.t_s, base.reference, front, base.position_px, base_px, front_px,
-            np.einsum("ki,ki->k", rest_px, self._direction_px), back_m, width, sigma, noise,
+            np.einsum("ki,ki->k", rest_px, self._direction_px), width, sigma, noise,
             np.zeros(len(width)) if self.stripe is not None else encoded,
             *self._rectified(grey, base_px, None if zero is None else position),
             self.stripe is not None,
             front_slope,
             front.valid & finite,
             finite & ((front.reason == PointReason.POOR_FIT) | (front.reason == PointReason.JUMP)),
-            base.motion,
             base.moved_px,
             float(np.hypot(self.rest_width_m * base.moved_px / self._depth_lever_px, common)),
             quick_median(front.blur_px[front.valid]) if front.valid.any() else float("nan"),
@@ -303,11 +302,6 @@ class StripOptics:
         across = 2.0 * _BESIDE / (PARALLELS - 1) * self._half_width_px
         rectify(grey, base_px, self._direction_px, step, across, first, image)
         return image, step, across
-
-    @property
-    def direction_px(self) -> Float[np.ndarray, "K 2"]:
-        """Unit directions of the lines in the image, from back to front."""
-        return self._direction_px
 
     def visible_width_m(self, frame: Frame) -> float:
         """Median distance from the back to the first strong edge in front of it, at any distance [m].
