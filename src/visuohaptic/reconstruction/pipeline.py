@@ -15,7 +15,8 @@ from ..io.depth.depth_sequence import DepthFrame, DepthSequence
 from ..io.meshes.ply import PlyMesh, write_ply
 from .body_completion import BodyCompletion
 from .completion.hole_region import HoleRegion
-from .completion.surface_completion import Completion, CompletionSettings
+from .completion.surface_completion import Completion
+from .completion.touch import CompletionSettings
 from .fusion.depth_fusion import TsdfVolume
 from .fusion.depth_noise import SENSOR_NOISE, DepthNoise, sensor_noise
 from .fusion.volume import SpaceGrid, space_of_interest

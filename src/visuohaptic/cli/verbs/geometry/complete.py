@@ -107,7 +107,8 @@ def _joined(
 ) -> Completion | BodyCompletion:
     """The completion with all touches: from the visible band, or of a fully clear vessel from its outlines."""
     from ....reconstruction.body_completion import BodyCompletion
-    from ....reconstruction.completion.surface_completion import Completion, CompletionSettings
+    from ....reconstruction.completion.surface_completion import Completion
+    from ....reconstruction.completion.touch import CompletionSettings
 
     if not args.clear:
         settings = CompletionSettings(use_priors=not args.no_priors)
