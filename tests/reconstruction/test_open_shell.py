@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.reconstruction import SurfaceMesh
-from visuohaptic.reconstruction.completion import Completion, HoleRegion
+from visuohaptic.reconstruction.completion import Completion, HoleRegion, between
 
 HIGH_M, LOW_M, TOP_M = 0.08, 0.022, 0.058
 
@@ -88,3 +88,9 @@ def test_a_solid_and_a_body_without_a_rim_have_no_inner_side():
         np.flatnonzero(visible.vertices_m[visible.faces][..., 2].max(axis=1) < TOP_M - 1e-6)
     )
     assert Completion(lower, region).shell is None
+
+
+def test_a_shell_of_which_nothing_is_hidden_adds_no_points():
+    known_m = np.eye(3)
+    assert between(known_m, np.ones(3), np.zeros((0, 3))).shape == (0,)
+    assert between(known_m[:1], np.ones(1), np.zeros((2, 3))).tolist() == [1.0, 1.0]
