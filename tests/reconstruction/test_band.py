@@ -144,3 +144,26 @@ def test_what_a_surface_hides_ends_without_a_surface():
         )
         places = volume.mesh(min_weight=0.0).vertices_m
         assert ((places[:, 1] > 0.02) & (places[:, 2] < 0.025)).any() == seen
+
+
+@pytest.mark.parametrize("factor", [1.0, 2.0, 8.0])
+def test_the_noise_of_an_unknown_camera_is_measured(factor):
+    """A camera with once, twice and eight times the noise of a Kinect, with exact poses; views are steep, so that pixels do not matter."""
+    rng, device = np.random.default_rng(5), replace(SENSOR_NOISE["kinect"], tracking_m=0.0)
+    frames = [
+        replace(
+            f,
+            depth_m=(
+                f.depth_m + factor * device.sigma_m(f.depth_m) * rng.normal(size=f.depth_m.shape)
+            ).astype(np.float32),
+        )
+        for f in views(CAMERA, 75.0, 8, BALLS)
+    ]
+    found = pipeline.measured_noise(frames)
+    assert found.quadratic_per_m == pytest.approx(factor * device.quadratic_per_m, rel=0.2)
+    assert found.edge_rad == SENSOR_NOISE["realsense_d435"].edge_rad
+
+
+def test_views_without_a_common_surface_have_the_noise_of_a_kinect(caplog):
+    assert pipeline.measured_noise(views(CAMERA, 35.0, 1), "odd") == SENSOR_NOISE["kinect"]
+    assert "'odd' cannot be measured" in caplog.text

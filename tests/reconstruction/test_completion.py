@@ -388,6 +388,20 @@ def test_the_verb_completes_and_plans(files, capsys):
     assert np.abs(np.hypot(middle[:, 0], middle[:, 1]) - wall).max() < 0.002
 
 
+def test_the_verb_plans_for_several_fingers(files, capsys):
+    words = ["complete", str(files / "model.ply"), "--region", str(files / "regions.json"), "--fingers", "3"]
+    words += ["--out", str(files / "done.ply"), "--json"]
+    assert main([*words, "--apart-m", "0.02", "0.08"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["fingers"][0] == found["next"]
+    starts_m = np.array([plan["start_m"] for plan in found["fingers"]])
+    assert len(starts_m) == 3
+    apart_m = np.linalg.norm(starts_m[1:] - starts_m[0], axis=1)
+    assert ((apart_m >= 0.02) & (apart_m <= 0.08)).all()
+    assert main([*words, "--apart-m", "0.08", "0.02"]) == 2
+    assert "expected 0 <= LOW < HIGH" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [

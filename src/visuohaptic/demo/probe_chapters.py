@@ -307,8 +307,7 @@ def _confirmed(mission: Mission, touched: CompletionByTouch, foot_m: np.ndarray)
 
 def _visible(mission: Mission) -> Completion:
     """The visible part of the bottle, and the missing region."""
-    from ..reconstruction.completion.hole_region import HoleRegion
-    from ..reconstruction.completion.surface_completion import Completion, CompletionSettings
+    from ..reconstruction.completion import Completion, CompletionSettings, HoleRegion
 
     region = mission.scan.regions[0]
     foot = region.centroid_m[:2]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,8 @@ from ..io.depth.pixel_model import PixelModel
 from ..io.meshes.ply import PlyMesh, write_ply
 from .body_completion import BodyCompletion
 from .completion.hole_region import HoleRegion
-from .completion.surface_completion import Completion, CompletionSettings
+from .completion.surface_completion import Completion
+from .completion.touch import CompletionSettings
 from .fusion.depth_fusion import TsdfVolume
 from .fusion.depth_noise import SENSOR_NOISE, DepthNoise, sensor_noise
 from .fusion.volume import SpaceGrid, space_of_interest
@@ -27,9 +29,13 @@ from .transparency.ray_evidence import EvidenceSettings
 from .transparency.ray_readings import TrackedNoise
 from .transparency.regions import TransparentRegion, mask_refracted_rays, outer_voxels, save_regions
 from .transparency.search_report import SearchReport
+from .transparency.view_geometry import view_graph
 
 #: Half width of the band of signed distances: standard deviations of a depth, and at least this many voxels; see :func:`_band_m`.
 _BAND_SIGMAS, _MIN_BAND_VOXELS = 3.0, 2.0
+
+#: Views from which the noise of an unknown camera is measured, and rounds; readings are rounded to 1 mm (uniform distribution).
+_MEASURED_VIEWS, _MEASURED_ROUNDS, _MIN_SIGMA_M = 48, 4, 0.001 / 12**0.5
 
 _log = logging.getLogger(__name__)
 
@@ -143,7 +149,7 @@ def reconstruct(
     grid
         Space of interest; a cube of 1 m with voxels of 5 mm around what the camera looks at by default.
     noise
-        Noise of the camera; by default that of the sensor named in the sequence, or of a Kinect.
+        Noise of the camera; by default that of the sensor named in the sequence; see :func:`sequence_noise`.
     refine
         Whether poses are first refined jointly.
     sparse
@@ -234,18 +240,49 @@ def _placed(
 
 
 def sequence_noise(sequence: DepthSequence | Sequence[DepthFrame]) -> DepthNoise:
-    """Noise of the sensor named in a sequence; of a Kinect, with a warning, if the sensor is unknown.
+    """Noise of the sensor named in a sequence; measured from its views if the sensor is unknown.
 
     Parameters
     ----------
     sequence
-        Sequence folder, or views without a sensor name.
+        Sequence folder, or views without a sensor name, whose noise is that of a Kinect.
     """
     if isinstance(sequence, DepthSequence):
         try:
             return sensor_noise(sequence.sensor)
         except InputError:
-            _log.warning(
-                "the noise of the sensor %r is unknown: that of a Kinect is used (--sensor)", sequence.sensor
-            )
+            return measured_noise(list(islice(sequence, _MEASURED_VIEWS)), sequence.sensor)
     return SENSOR_NOISE["kinect"]
+
+
+def measured_noise(frames: Sequence[DepthFrame], name: str = "") -> DepthNoise:
+    """Noise of an unknown camera, by the agreement of neighbouring views: proportional to the squared depth.
+
+    The agreement contains the errors of the poses and of rounding to pixels on slopes, so that the noise is an upper bound. Baseline and matching window are not
+    measured: they are the largest of the known cameras. Views that show no common surface have the noise of a Kinect.
+
+    Parameters
+    ----------
+    frames
+        Views of one camera.
+    name
+        Name of the camera, for the log.
+    """
+    graph, apart_rad = view_graph(frames), EvidenceSettings().min_angle_rad
+    near = [graph.neighbours(k, 1, apart_rad) for k in range(len(frames))]
+    kinect = SENSOR_NOISE["kinect"]
+    device = replace(
+        kinect, edge_rad=max(known.edge_rad for known in SENSOR_NOISE.values()), source="measured"
+    )
+    middle_m = float(np.nanmedian([np.nanmedian(frame.depth_m) for frame in frames]))
+    # Pairs of readings count within 5 deviations: a noisier camera is measured again with what was found.
+    for _ in range(_MEASURED_ROUNDS):
+        sigma_m = TrackedNoise.measured(frames, near, device).depth_sigma_m
+        if not np.isfinite(sigma_m):
+            _log.warning(
+                "the noise of the sensor %r cannot be measured: that of a Kinect is used (--sensor)", name
+            )
+            return kinect
+        device = replace(device, quadratic_per_m=max(sigma_m, _MIN_SIGMA_M) / middle_m**2)
+    _log.info("noise of the sensor %r, measured: %.2g mm at %.2g m", name, 1e3 * sigma_m, middle_m)
+    return device

@@ -6,7 +6,7 @@ from .hole_region import HoleRegion as HoleRegion
 from .hole_region import load_hole_regions as load_hole_regions
 from .hole_surface import HoleSpace as HoleSpace
 from .hole_surface import supported_part as supported_part
-from .inner_walls import remove_back_sides as remove_back_sides
+from .open_shell import OpenShell as OpenShell
 from .outline import VisibleWall as VisibleWall
 from .outline import axial_part as axial_part
 from .outline import measured_outline as measured_outline
@@ -18,13 +18,14 @@ from .radial_model import fit_radial_mixture as fit_radial_mixture
 from .radial_model import fit_radial_model as fit_radial_model
 from .rbf_centres import Centres as Centres
 from .rbf_centres import constrain_core as constrain_core
+from .rbf_centres import constrain_free as constrain_free
 from .rbf_centres import constrain_to_hull as constrain_to_hull
 from .rbf_centres import free_points as free_points
 from .rbf_centres import with_off_surface as with_off_surface
 from .surface_completion import Completion as Completion
-from .surface_completion import CompletionSettings as CompletionSettings
 from .symmetry import ShapePrior as ShapePrior
 from .symmetry import fit_prior as fit_prior
+from .touch import CompletionSettings as CompletionSettings
 from .touch import Touch as Touch
 from .touch import TouchPlan as TouchPlan
 from .touch import best_vertex as best_vertex
@@ -38,3 +39,4 @@ from .uncertainty import TouchResiduals as TouchResiduals
 from .uncertainty import between as between
 from .uncertainty import spline_sigma_m as spline_sigma_m
 from .visibility import open_sight as open_sight
+from .visibility import remove_back_sides as remove_back_sides

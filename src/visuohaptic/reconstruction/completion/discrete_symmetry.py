@@ -60,11 +60,11 @@ class DiscreteSymmetry:
         size_m, z_m = region.size_m, band.samples_m[:, 2]
         # Points near the foot may belong to the table; horizontal surfaces are invariant under every such map.
         above = (z_m > outer.hull_m[:, 2].min() + 0.02 * size_m) & outer.within(band.samples_m, self.spread_m)
-        self._seen = _even_subset(band.samples_m, np.flatnonzero(above), _STEP * size_m)
+        self._seen = even_subset(band.samples_m, np.flatnonzero(above), _STEP * size_m)
         walls = self._seen[np.abs(band.sample_normals[self._seen, 2]) < _WALL]
         low_m, high_m = region.hull_m[:, 2].min(), region.hull_m[:, 2].max()
         level = np.abs(z_m[walls] - 0.5 * (low_m + high_m)) < 0.5 * _SAME * (high_m - low_m)
-        self._tests = _even_subset(band.samples_m, walls, _APART * size_m)[: None if level.any() else 0]
+        self._tests = even_subset(band.samples_m, walls, _APART * size_m)[: None if level.any() else 0]
         self._place = cKDTree(band.samples_m)
         self._side = cKDTree(np.hstack([band.samples_m, _APART * size_m * band.sample_normals]))
         self._known: dict[str, np.ndarray] = {}
@@ -203,7 +203,7 @@ class DiscreteSymmetry:
             into.put(points[k], 0.0, float(sigma_m[k]))
 
 
-def _even_subset(
+def even_subset(
     points_m: Float[np.ndarray, "n 3"], chosen: Int[np.ndarray, "k"], apart_m: float
 ) -> Int[np.ndarray, "m"]:
     """Greedy subset of the chosen points with a minimum distance from each other, in the given order.

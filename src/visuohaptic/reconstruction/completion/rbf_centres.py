@@ -16,6 +16,8 @@ from .touch import Touch
 
 #: Maximum number of refinement rounds that add centres at violated constraints, and of centres per round.
 _CORE_ROUNDS, _CORE_POINTS = 4, 6
+#: Maximum number of rounds that add centres in free space which the surface still covers.
+_FREE_ROUNDS = 3
 #: Number of directions in which the surface is constrained to the hull.
 _BEYOND = 200
 
@@ -148,6 +150,36 @@ def constrain_to_hull(
         some = points[worst]
         fit = fit.added(some, np.full(len(some), push_m), rho(np.full(len(some), 0.5 * push_m), fit.extent_m))
         points = np.delete(points, worst, axis=0)
+    return fit
+
+
+def constrain_free(
+    fit: RbfSurface,
+    free_m: Float[np.ndarray, "n 3"],
+    push_m: float,
+    rho: Callable[[Float[np.ndarray, "n"], float], Float[np.ndarray, "n"]],
+) -> RbfSurface:
+    """Add centres in free space that the surface still covers.
+
+    Parameters
+    ----------
+    fit
+        Spline.
+    free_m
+        Points (n, 3) that probes passed without contact [m].
+    push_m
+        Signed distance of an added centre and its standard deviation [m].
+    rho
+        Smoothing of centres from their standard deviation [m] and the extent of the fit [m].
+    """
+    for _ in range(_FREE_ROUNDS):
+        values = fit(free_m)
+        worst = np.argsort(values)[:3]
+        worst = worst[values[worst] < 0]
+        if not len(worst):
+            break
+        push = np.full(len(worst), push_m)
+        fit = fit.added(free_m[worst], push, rho(push, fit.extent_m))
     return fit
 
 

@@ -10,7 +10,7 @@ off-surface points along an unmeasured normal.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -24,13 +24,21 @@ from .discrete_symmetry import DiscreteSymmetry
 from .hole import support_band
 from .hole_region import HoleRegion
 from .hole_surface import HoleSpace
-from .inner_walls import remove_back_sides
+from .open_shell import OpenShell
 from .outline import VisibleWall, wall_seen
 from .radial_model import RadialMixture, fit_radial_mixture
-from .rbf_centres import Centres, constrain_core, constrain_to_hull, free_points, with_off_surface
+from .rbf_centres import (
+    Centres,
+    constrain_core,
+    constrain_free,
+    constrain_to_hull,
+    free_points,
+    with_off_surface,
+)
 from .symmetry import ShapePrior, fit_prior, height_axis
-from .touch import Touch, TouchPlan, best_vertex, reachable, starts
+from .touch import CompletionSettings, Touch, TouchPlan, best_vertex, reachable, starts
 from .uncertainty import SurfaceUncertainty, TouchResiduals, between, spline_sigma_m
+from .visibility import remove_back_sides
 
 #: Points of a ring with a smaller standard deviation, relative to its radius, are supports for planning.
 _TRUSTED = 0.06
@@ -40,20 +48,8 @@ _USELESS = 0.2
 _OFF_SURFACE = 0.05
 #: Nodes along the longest edge of the region, for the surface and for the mesh on which touches are planned.
 _GRID, _PLAN_GRID = 64, 34
-#: Maximum number of rounds that add centres in free space which the surface still covers.
-_FREE_ROUNDS = 3
 #: Minimum number of contacts before an exploration is complete.
 MIN_TOUCHES = 3
-
-
-@dataclass(frozen=True, slots=True)
-class CompletionSettings:
-    """Settings of a completion."""
-
-    visual_sigma_m: float = 0.0005  #: standard deviation of the visible surface [m]
-    use_priors: bool = True  #: whether a touch predicts a ring from the visible cross-sections
-    #: lower bound of missing parts and touches: the table plus the radius of the tip [m]
-    floor_m: float = -np.inf
 
 
 class Completion:
@@ -98,6 +94,7 @@ class Completion:
         T_visual_haptic: Pose | None = None,
     ) -> None:
         self.settings = settings or CompletionSettings()
+        self._both_sides = visual
         self.visual = remove_back_sides(visual, region)
         self.region = region
         self._pose = T_visual_haptic
@@ -118,9 +115,8 @@ class Completion:
         self._scale = max(first.process_scale, 1e-12)
         rho = self._rho(np.full(len(centers), self.settings.visual_sigma_m), first.extent_m)
         self._of_band = RbfSurface(centers, values, rho)
-        self._contacts: list[
-            tuple[np.ndarray, float]
-        ] = []  #: averaged contacts and their standard deviations
+        #: Averaged contacts and their standard deviations.
+        self._contacts: list[tuple[np.ndarray, float]] = []
         self._bound()
         self._fit = self._visible
         self._free: list[np.ndarray] = []  #: points that probes passed without contact
@@ -230,19 +226,8 @@ class Completion:
             if self._symmetric:
                 self._symmetry.put(self._contacts, fresh)
         self._fit = self._joined(base, fresh)
-        if not self._free:
-            return
-        free = np.array(self._free)
-        for _ in range(_FREE_ROUNDS):
-            values = self._fit(free)
-            covered = np.flatnonzero(values < 0)
-            if not len(covered):
-                return
-            worst = covered[np.argsort(values[covered])][:3]
-            more = Centres()
-            for row in worst:
-                more.put(free[row], 0.25 * self._d_m, 0.25 * self._d_m)
-            self._fit = self._joined(self._fit, more)
+        if self._free:
+            self._fit = constrain_free(self._fit, np.array(self._free), 0.25 * self._d_m, self._rho)
 
     def _joined(self, base: RbfSurface, added: Centres) -> RbfSurface:
         if not added.points:
@@ -263,9 +248,21 @@ class Completion:
         missing = self.band.away(found.vertices_m[found.faces].mean(axis=1))
         if not missing.any():
             return self.visual
-        part = found.submesh(np.flatnonzero(missing))
-        colors = None if self.visual.colors is None else np.full((len(part.vertices_m), 3), 200, np.uint8)
-        return self.visual.joined(SurfaceMesh(part.vertices_m, part.faces, colors))
+        part, visible = found.submesh(np.flatnonzero(missing)), self.visual
+        if self.shell is not None:
+            part, visible = part.joined(self._inner()[0]), self.shell.visible
+        colors = None if visible.colors is None else np.full((len(part.vertices_m), 3), 200, np.uint8)
+        return visible.joined(SurfaceMesh(part.vertices_m, part.faces, colors))
+
+    @cached_property
+    def shell(self) -> OpenShell | None:
+        """Wall of an open container of which both sides are seen; ``None`` if a solid is more probable."""
+        return OpenShell.seen(self._both_sides, self.band, self._outer, self.region, self.visual_sigma_m)
+
+    def _inner(self) -> tuple[SurfaceMesh, Float[np.ndarray, "v"]]:
+        """Hidden inner side of the shell, and its standard deviation from the outer side [m]."""
+        assert self.shell is not None
+        return self.shell.inner(self.surface(), self.region, self.band.gap_m)
 
     def _planned(self) -> tuple[SurfaceMesh, BiharmonicMesh]:
         if self._plan is None:
@@ -316,7 +313,12 @@ class Completion:
         missing = self.band.away(points_m) & (self.region.distance_m(points_m) < self.band.gap_m)
         if missing.any():
             found = self.uncertainty()
-            sigma[missing] = between(found.mesh.vertices_m, found.sigma_m, points_m[missing])
+            places_m, known_m = found.mesh.vertices_m, found.sigma_m
+            if self.shell is not None:
+                inner, off_m = self._inner()
+                known_m = np.append(known_m, np.hypot(between(places_m, known_m, inner.vertices_m), off_m))
+                places_m = np.vstack([places_m, inner.vertices_m])
+            sigma[missing] = between(places_m, known_m, points_m[missing])
         return sigma
 
     def _support_vertices(self, mesh: SurfaceMesh) -> Int[np.ndarray, "s"]:

@@ -19,6 +19,16 @@ from ..mesh import SurfaceMesh
 MAX_TOUCH_BYTES = 16 * 1024 * 1024
 
 
+@dataclass(frozen=True, slots=True)
+class CompletionSettings:
+    """Settings of a completion."""
+
+    visual_sigma_m: float = 0.0005  #: standard deviation of the visible surface [m]
+    use_priors: bool = True  #: whether a touch predicts a ring from the visible cross-sections
+    #: lower bound of missing parts and touches: the table plus the radius of the tip [m]
+    floor_m: float = -np.inf
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Touch:
     """One movement of a point probe along a line.

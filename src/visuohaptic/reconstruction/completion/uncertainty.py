@@ -63,7 +63,7 @@ def between(
     from scipy.spatial import cKDTree
 
     nearest = min(3, len(known_m))
-    gaps, near = (part.reshape(len(points_m), -1) for part in cKDTree(known_m).query(points_m, k=nearest))
+    gaps, near = (part.reshape(-1, nearest) for part in cKDTree(known_m).query(points_m, k=nearest))
     fraction = 1 / np.maximum(gaps, 1e-9)
     return (values[near] * fraction).sum(axis=1) / fraction.sum(axis=1)
 

@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ...reconstruction.completion.hole_region import HoleRegion
-from ...reconstruction.completion.surface_completion import Completion, CompletionSettings
-from ...reconstruction.completion.touch import Touch
+from ...reconstruction.completion.surface_completion import Completion
+from ...reconstruction.completion.touch import CompletionSettings, Touch
 from ...reconstruction.mesh import SurfaceMesh
 from ...simulation.tabletop.bottles import Bottle
 

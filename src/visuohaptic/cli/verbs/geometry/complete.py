@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 #: Optional modules that the verb imports.
 NEEDS = ("robust_laplacian", "skimage")
+#: Default distances of further fingers from the first [m].
+_APART_M = (0.01, 0.1)
 
 
 def add_arguments(add: Any) -> None:
@@ -37,6 +39,14 @@ def add_arguments(add: Any) -> None:
     add("--register", Path, "CSV file of contacts on the visible part, to align the frame of the touches")
     add("--out", Path, "completed surface, PLY", required=True)
     add("--next", bool, "plan the next touch")
+    add("--fingers", 1, "plan as many touches at once, each finger apart from the first (1)", low=1, high=10)
+    add(
+        "--apart-m",
+        float,
+        "distance of the further fingers' starts from that of the first [m] (0.01 0.1)",
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+    )
     add("--bound-m", 0.001, "expected error at which to stop [m] (0.001)", low=0, above=True)
     add("--plot", Path, "figure of the completed surface (.png, .pdf, .svg)")
     add("--no-priors", bool, "do not use the cross-sections of the visible bands as priors")
@@ -93,9 +103,31 @@ def run(args: Any) -> dict[str, Any]:
                 "mirror": prior.p_mirror,
                 "sweep": prior.p_sweep,
             }
-    if args.next:
-        found["next"] = _planned(completion.next_touch())
+    if args.next or args.fingers > 1:
+        plans = _plans(completion, args)
+        found["next"] = plans[0]
+        if args.fingers > 1:
+            found["fingers"] = plans
     return found
+
+
+def _plans(completion: Completion | BodyCompletion, args: Any) -> list[dict[str, Any]]:
+    """The next touch of every finger that reaches one; the first finger's is the best."""
+    from ....reconstruction.completion.surface_completion import Completion
+
+    if args.fingers == 1:
+        return [_planned(completion.next_touch())]
+    if not isinstance(completion, Completion):
+        raise core.InputError("--fingers", "found --clear, expected a surface with a visible band")
+    low_m, high_m = args.apart_m or _APART_M
+    if not 0 <= low_m < high_m:
+        raise core.InputError("--apart-m", f"found {low_m:g} {high_m:g}, expected 0 <= LOW < HIGH")
+    plans = completion.next_touches([(low_m, high_m)] * (args.fingers - 1))
+    if len(plans) < args.fingers:
+        args.report(
+            f"{len(plans)} of {args.fingers} fingers have a target {low_m:g} to {high_m:g} m from the first"
+        )
+    return [_planned(plan) for plan in plans]
 
 
 def _joined(
@@ -107,7 +139,8 @@ def _joined(
 ) -> Completion | BodyCompletion:
     """The completion with all touches: from the visible band, or of a fully clear vessel from its outlines."""
     from ....reconstruction.body_completion import BodyCompletion
-    from ....reconstruction.completion.surface_completion import Completion, CompletionSettings
+    from ....reconstruction.completion.surface_completion import Completion
+    from ....reconstruction.completion.touch import CompletionSettings
 
     if not args.clear:
         settings = CompletionSettings(use_priors=not args.no_priors)
