@@ -54,8 +54,7 @@ if TYPE_CHECKING:
 CONFIDENCE, MIN_SQUEEZES, MAX_SQUEEZES = 0.998, 2, 12
 #: The gripper's limit, above the strongest squeeze [N].
 MAX_GRIP_N = 60.0
-#: Repeatability of the arm, of its data sheet [m]: it unloads one finger, which an empty bottle, that requires tenths of a
-#: newton, does not bear.
+#: Repeatability of the arm, of its data sheet [m].
 REPEAT_M = 2e-4
 #: A free mouth instead of a held one lowers the simulated stiffness of bottles and smoothie bottles at the highest place by
 #: a factor of exp(2.2) (root mean square); training has held ones, half of the objects on the table are open: 2.2 / sqrt(2).
@@ -253,13 +252,12 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
     """
     robot, hand = hand_of_mission(mission)
     plan, scale = _planned(mission.known)
-    mass = mission.known.mass_kg
     if not plan.grasps:
-        return failed(f"no grasp: {plan.reason} ({1e3 * mass:.0f} g)")
+        return failed(f"no grasp: {plan.reason} ({1e3 * mission.known.mass_kg:.0f} g)")
     best = plan.grasps[0]
     lift = _lift_plan(best, float(best.first_m[2]) / scale, mission.known)
     mission.log(
-        f"  {1e3 * mass:.0f} g need {best.needed_N:.1f} N at {1e3 * lift.place.height_m:.0f} mm; the wall deforms "
+        f"  {1e3 * mission.known.mass_kg:.0f} g need {best.needed_N:.1f} N at {1e3 * lift.place.height_m:.0f} mm; the wall deforms "
         f"by {1e3 * best.deformation_m:.1f} mm there; it holds with a probability of {best.success:.3f}"
     )
     begin_s = hand.arm.pose()[0]
@@ -268,7 +266,7 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
     finger, wrist, truth = next(iter(robot.camera)), next(iter(robot.load_camera)), hand_truth(mission)
     deformed_mm, truly_mm = 1e3 * held.deformation_m, 1e3 * truth["deformation_m"]
     parts = (
-        Measure("mass [kg]", mass, place_bottle(mission).container.mass_kg),
+        Measure("mass [kg]", mission.known.mass_kg, place_bottle(mission).container.mass_kg),
         Measure("force of each finger, needed at least [N]", best.needed_N),
         Measure("probability that it holds", best.success, held.ending.success),
         Measure("force of each finger, measured [N]", held.force_N, truth["force_N"]),

@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -287,14 +287,13 @@ def run_chapters(mission: Mission, chapters: Sequence[Chapter], given: Sequence[
             raise InputError("mission", f"chapter {one.name} cannot be skipped")
         one.without(mission)
         mission.log(f"given, not measured: {one.title.lower()}")
-    left_out = {one.name for one in given}
+    # Chapters whose results are there.
+    found = {one.name for one in given}
     for number, chapter in enumerate(chapters, 1):
         mission.log("")
         left_s = _left_s(chapters, number - 1, time.monotonic() - start_s)
         mission.log(f"{number}/{len(chapters)}  {chapter.title}   (about {left_s:.0f} s left)")
-        missing = next(
-            (name for name in chapter.needs if name not in left_out and not _ended(ended, name)), None
-        )
+        missing = next((name for name in chapter.needs if name not in found), None)
         started = time.monotonic()
         if missing is not None:
             result = ChapterResult(ChapterOutcome.SKIPPED, f"it needs what chapter {missing} was to find out")
@@ -303,6 +302,8 @@ def run_chapters(mission: Mission, chapters: Sequence[Chapter], given: Sequence[
         spent = time.monotonic() - started
         result = replace(result, name=chapter.name, title=chapter.title, duration_s=spent)
         ended[chapter.name] = result
+        if result.done:
+            found.add(chapter.name)
         mission.log(f"  {result.outcome.value}: {result.reason} ({spent:.0f} s)")
     return Story(tuple(ended.values()), mission, time.monotonic() - start_s)
 
@@ -313,10 +314,6 @@ def _left_s(chapters: Sequence[Chapter], done: int, spent_s: float) -> float:
     # Before the first chapters, the typical speed counts like a chapter of ten seconds.
     pace = (spent_s + 10.0) / (sum(typical_s[:done]) + 10.0)
     return pace * sum(typical_s[done:])
-
-
-def _ended(ended: Mapping[str, ChapterResult], name: str) -> bool:
-    return name in ended and ended[name].done
 
 
 def _attempt(chapter: Chapter, mission: Mission) -> ChapterResult:

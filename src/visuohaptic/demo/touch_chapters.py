@@ -169,7 +169,7 @@ def touch_in_map(
 
 def _take(mission: Mission, one: DemoObject, seen: FloorOutline) -> MovableObject:
     """Result of a push, and the current pose of the object."""
-    known, true = mission.known, _true_pose(mission)
+    known, true = mission.known, mission.platform.pose
     mission.placed[one.name] = one.end_pose
     mission.record_cost(one.exploration.states[-1].t_s - one.exploration.states[0].t_s, 1)
     felt = HapticTag() if one.exploration.fit_state is None else one.tag
@@ -191,12 +191,8 @@ def _approach(mission: Mission, seen: FloorOutline) -> ApproachPath:
     here = relative_2d(mission.known.pose, seen.pose)
     here = compose_2d(here, (0.0, 0.25 * seen.size_m[0] * mission.attempt, 0.0))
     before = ROBOT.radius_m + START_M
-    start = compose_2d(compose_2d(_true_pose(mission), here), (-before, 0.0, 0.0))
+    start = compose_2d(compose_2d(mission.platform.pose, here), (-before, 0.0, 0.0))
     return ApproachPath(true.moved(*mission.placed[true.name]), start, before)
-
-
-def _true_pose(mission: Mission) -> tuple[float, float, float]:
-    return mission.platform.pose
 
 
 def _moved(

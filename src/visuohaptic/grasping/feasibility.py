@@ -63,9 +63,8 @@ class FeasibilityMap:
     spill_limit_N: Float[np.ndarray, "v"]
     width_m: Float[np.ndarray, "v"]  #: distance of the fingers
     confidence: float  #: of ``deformation_limit_N``, from the map's standard deviation
-    unloaded_sigma_N: Float[
-        np.ndarray, "v"
-    ]  #: standard deviation of a finger's force, by the hand's position
+    #: standard deviation of a finger's force, by the hand's position
+    unloaded_sigma_N: Float[np.ndarray, "v"]
     max_force_N: float  #: of the gripper
 
     @property
@@ -77,8 +76,8 @@ class FeasibilityMap:
         from scipy.special import ndtri
 
         upper = np.fmin(np.fmin(self.deformation_limit_N, self.spill_limit_N), self.max_force_N)
-        wanted = self.needed_N + float(ndtri(self.confidence)) * self.unloaded_sigma_N
-        out: np.ndarray = np.fmax(self.needed_N, np.fmin(wanted, upper))
+        force = self.needed_N + float(ndtri(self.confidence)) * self.unloaded_sigma_N
+        out: np.ndarray = np.fmax(self.needed_N, np.fmin(force, upper))
         return out
 
     @property

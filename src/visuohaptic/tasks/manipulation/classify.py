@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
@@ -109,7 +109,7 @@ def classify_by_squeezing(
         place = classifier.next_place()
         if place is None:
             break
-        done = squeeze(hand, [place], replace(settings.squeeze))
+        done = squeeze(hand, [place], settings.squeeze)
         traces.append(done.trace)
         if done.ending.outcome not in (SqueezeOutcome.SQUEEZED, SqueezeOutcome.SOME_MISSED):
             return result(False, ClassifyOutcome.SENSOR_FAILED, f"{done.ending.outcome}: {done.ending.why}")
