@@ -96,11 +96,8 @@ def push_contacts(
         if distances[k] <= 0.0 or any(abs(math.remainder(angle - t, 2.0 * math.pi)) < spacing for t in taken):
             continue
         steep = tilts[k] > STABLE_RAD
-        bridged = (
-            spacing == FACE_SPACING_RAD
-            and (steep or corners[k])
-            and _touches_both_sides(body, robots[k], radius, directions[k])
-        )
+        bridged = spacing == FACE_SPACING_RAD and (steep or corners[k])
+        bridged = bridged and _touches_both_sides(body, robots[k], radius, directions[k])
         if bridged or (tilts[k] <= steepest and not corners[k]):
             contact = robots[k] + radius * directions[k] if bridged else contacts[k]
             found.append(PushContact(directions[k], contact, robots[k], bool(steep and not bridged)))
@@ -139,10 +136,9 @@ def _tilts(
     tolerance = 1e-6 * float(np.abs(hull).max()) + 1e-9
     # Beyond a corner that is not sharp, friction holds the rim on the next face: discs are polygons.
     sharp = (edges * np.roll(edges, 1, axis=0)).sum(axis=1) < np.cos(max(OBLIQUE_RAD))
-    begins, ends = np.where([sharp, np.roll(sharp, -1)], margin * lengths, 0.0) - tolerance
+    limits = np.where([sharp, np.roll(sharp, -1)], margin * lengths, 0.0)[:, None] - tolerance
     # An oblique push would slide off at any corner.
-    slides = directions @ inward.T < np.cos(STABLE_RAD)
-    begins, ends = (np.where(slides, tolerance, limit) for limit in (begins, ends))
+    begins, ends = np.where(directions @ inward.T < np.cos(STABLE_RAD), tolerance, limits)
     meets = (np.abs(across) < tolerance) & (along > begins) & (along < lengths - ends)
     cosines = np.where(meets, directions @ inward.T, -1.0).max(axis=1)
     found: Float[np.ndarray, "n"] = np.arccos(np.clip(cosines, -1.0, 1.0))
