@@ -65,13 +65,12 @@ def goes_through(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray, c: 
 
 
 @kernel
-def _beside(points: np.ndarray, face: np.ndarray, p: np.ndarray, q: np.ndarray, near: float) -> bool:
+def _beside(least: np.ndarray, most: np.ndarray, p: np.ndarray, q: np.ndarray, near: float) -> bool:
     """Whether the bounding boxes of a face and of an edge are more than ``near`` apart along an axis."""
+    apart = False
     for k in range(3):
-        a, b, c = points[face[0], k], points[face[1], k], points[face[2], k]
-        if max(p[k], q[k]) < min(a, b, c) - near or min(p[k], q[k]) > max(a, b, c) + near:
-            return True
-    return False
+        apart = apart or max(p[k], q[k]) < least[k] - near or min(p[k], q[k]) > most[k] + near
+    return apart
 
 
 @kernel
@@ -91,6 +90,12 @@ def meetings(
             lowest, highest = min(lowest, points[v, k]), max(highest, points[v, k])
         low[k] = lowest - near
         size[k] = int((highest + near - low[k]) / cell) + 1
+    least = np.empty((faces.shape[0], 3))
+    greatest = np.empty((faces.shape[0], 3))
+    for f in range(faces.shape[0]):
+        for k in range(3):
+            a, b, c = points[faces[f, 0], k], points[faces[f, 1], k], points[faces[f, 2], k]
+            least[f, k], greatest[f, k] = min(a, b, c), max(a, b, c)
     begin = np.zeros(size[0] * size[1] * size[2] + 1, dtype=np.int64)
     bottom = np.empty(3, dtype=np.int64)
     top = np.empty(3, dtype=np.int64)
@@ -104,9 +109,8 @@ def meetings(
             fill = begin[:-1].copy()
         for f in range(faces.shape[0]):
             for k in range(3):
-                a, b, c = points[faces[f, 0], k], points[faces[f, 1], k], points[faces[f, 2], k]
-                bottom[k] = max(int((min(a, b, c) - near - low[k]) / cell), 0)
-                top[k] = min(int((max(a, b, c) + near - low[k]) / cell), size[k] - 1)
+                bottom[k] = max(int((least[f, k] - near - low[k]) / cell), 0)
+                top[k] = min(int((greatest[f, k] + near - low[k]) / cell), size[k] - 1)
             for i in range(bottom[0], top[0] + 1):
                 for j in range(bottom[1], top[1] + 1):
                     for k in range(bottom[2], top[2] + 1):
@@ -136,10 +140,10 @@ def meetings(
                         if seen[f] == e:
                             continue
                         seen[f] = e
+                        if _beside(least[f], greatest[f], points[p], points[q], 0.0):
+                            continue
                         a_, b_, c_ = faces[f, 0], faces[f, 1], faces[f, 2]
                         if p in (a_, b_, c_) or q in (a_, b_, c_):
-                            continue
-                        if _beside(points, faces[f], points[p], points[q], 0.0):
                             continue
                         if goes_through(points[p], points[q], points[a_], points[b_], points[c_]):
                             vertex[count], face[count], distance[count] = p, f, 0.0
@@ -152,8 +156,10 @@ def meetings(
         s = (bottom[0] * size[1] + bottom[1]) * size[2] + bottom[2]
         for m in range(begin[s], begin[s + 1]):
             f = listed[m]
+            if _beside(least[f], greatest[f], points[v], points[v], near):
+                continue
             a_, b_, c_ = faces[f, 0], faces[f, 1], faces[f, 2]
-            if v in (a_, b_, c_) or _beside(points, faces[f], points[v], points[v], near):
+            if v in (a_, b_, c_):
                 continue
             away = distance_to_triangle(points[v], points[a_], points[b_], points[c_])
             if away < near:
