@@ -164,7 +164,7 @@ _KERNELS = (
     "deformation/test_kernels.py", "reconstruction/test_fusion.py", "io/test_local_remesh.py",
 )  # fmt: skip
 #: Packages whose tests are run in random orders.
-_SHUFFLED = ("core", "io", "database", "viewer", "report")
+_SHUFFLED = ("io", "database", "viewer", "report")
 
 
 def _bounds(_scale: int) -> Iterator[Case]:
