@@ -17,6 +17,7 @@ from visuohaptic.sensing.beam import (
     POSE_COLUMNS,
     Beam,
     BeamSensorConfig,
+    BeamSetup,
     TemplateMeasurement,
     load_beam,
     prior_correction,
@@ -26,6 +27,26 @@ from visuohaptic.sensing.beam import (
 )
 
 AXES = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+
+
+def test_a_file_without_settings_has_those_of_the_sensor(tmp_path):
+    save_beam(tmp_path / "beam.yaml", Beam())
+    pose = {"translation_m": [0.0, 0.0, 0.0], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}
+    templates = [{"name": "tip", "xi": 1.0}]
+    save_yaml(tmp_path / "sensor.yaml", {"kind": "beam", "templates": templates, "T_reference_sensor": pose})
+    found = BeamSensorConfig.load(tmp_path / "sensor.yaml")
+    plain = BeamSetup({"tip": 1.0}, found.T_reference_sensor)
+    for name in (
+        "drift",
+        "reference",
+        "view",
+        "model",
+        "stress_limit",
+        "max_age_s",
+        "linear_limit",
+        "correction",
+    ):
+        assert getattr(found, name) == getattr(plain, name)
 
 
 def write_template_poses(path, frames):
