@@ -39,7 +39,13 @@ class FingerTag:
 
 @lru_cache(maxsize=4)
 def tag_cells(tag_id: int) -> UInt8[np.ndarray, "10 10"]:
-    """1 where the tag is white, with its white margin."""
+    """1 where the tag is white, with its white margin.
+
+    Parameters
+    ----------
+    tag_id
+        Number of the AprilTag of family 36h11.
+    """
     import cv2
 
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
