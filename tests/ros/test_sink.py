@@ -90,11 +90,7 @@ class Kept(MeasurementSink):
 def test_a_scene_is_read(tmp_path: Path) -> None:
     rig, rng = scenes.RIG, np.random.default_rng(0)
     rig.camera.save(tmp_path / "camera.yaml")
-    pose = rig.T_camera_foam
-    described = {
-        "translation_m": [float(v) for v in pose.translation_m],
-        "quaternion_xyzw": [float(v) for v in pose.quaternion_xyzw],
-    }
+    described = rig.T_camera_foam.fields
     path = tmp_path / "scene.yaml"
     save_yaml(path, {"kind": "scene", "camera": "camera.yaml", "T_camera_foam": described})
     assert sensor_kind(path) == "scene"

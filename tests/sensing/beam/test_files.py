@@ -70,16 +70,12 @@ def write_template_poses(path, frames):
 def folder(bench, tmp_path):
     """A sensor on the disk: beam, configuration, poses at rest and of a push."""
     save_beam(tmp_path / "beam.yaml", Beam())
-    pose = bench.setup.T_reference_sensor
     save_yaml(
         tmp_path / "sensor.yaml",
         {
             "kind": "beam",
             "templates": [{"name": "middle", "xi": 0.5}, {"name": "tip", "xi": 1.0}],
-            "T_reference_sensor": {
-                "translation_m": [float(v) for v in pose.translation_m],
-                "quaternion_xyzw": [float(v) for v in pose.quaternion_xyzw],
-            },
+            "T_reference_sensor": bench.setup.T_reference_sensor.fields,
         },
     )
     rng = np.random.default_rng(1)
