@@ -99,8 +99,8 @@ def _bash(verbs: Mapping[str, _Verb], groups: Mapping[str, Mapping[str, str]]) -
 
 def _zsh(verbs: Mapping[str, _Verb], groups: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
     def listed(words: Mapping[str, str]) -> str:
-        told = " ".join(quote(f"{word}:{said}") for word, said in words.items())
-        return f"local -a found=({told}); _describe verb found"
+        entries = " ".join(quote(f"{word}:{said}") for word, said in words.items())
+        return f"local -a found=({entries}); _describe verb found"
 
     yield "#compdef visuohaptic"
     yield "_visuohaptic() {"
