@@ -22,8 +22,8 @@ import numpy as np
 
 from benchmarks._journal import Journal
 from benchmarks._seeds import add_seeds, seeds_of
+from visuohaptic.deformation.maps.features import HEIGHTS
 from visuohaptic.demo import run_mission
-from visuohaptic.demo.bottle import HEIGHTS
 from visuohaptic.demo.hand_chapters import mission_classes
 from visuohaptic.demo.story import Known, Mission
 

@@ -19,8 +19,9 @@ import numpy as np
 
 from benchmarks._seeds import add_seeds, seeds_of
 from visuohaptic.core.resources import one_blas_thread
+from visuohaptic.deformation.maps.features import HEIGHTS
 from visuohaptic.deformation.shapes import ContainerDescription, draw_variant, load_container
-from visuohaptic.demo.bottle import HEIGHTS, ROUND, TableBottle, filled_container, random_table_bottle
+from visuohaptic.demo.bottle import ROUND, TableBottle, filled_container, random_table_bottle
 from visuohaptic.demo.hand_chapters import CONFIDENCE, MAX_SQUEEZES, MIN_SQUEEZES, mission_classes
 from visuohaptic.recognition import UNKNOWN
 from visuohaptic.recognition.touch import HapticModel, container_outline, with_outline

@@ -145,6 +145,7 @@ def test_a_result_has_units_whose_prefixes_fit():
         "holds": True,
         "vertices": 11040,
         "notes": ["a" * 60, "b" * 60],
+        "names": ["a" * 49, "b" * 49],
     }
     assert list(result_lines(result)) == [
         "height: 171.3 mm",
@@ -162,4 +163,5 @@ def test_a_result_has_units_whose_prefixes_fit():
         "notes",
         "  " + "a" * 60,
         "  " + "b" * 60,
+        f"names: {'a' * 49}, {'b' * 49}",  # a hundred characters are one line
     ]

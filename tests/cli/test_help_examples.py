@@ -165,11 +165,7 @@ def _scene(folder: Path, world: World) -> None:
     from visuohaptic.rigs import write_video
 
     scenes.RIG.camera.save(folder / "camera.yaml")
-    pose = scenes.RIG.T_camera_foam
-    described = {
-        "translation_m": [float(v) for v in pose.translation_m],
-        "quaternion_xyzw": [float(v) for v in pose.quaternion_xyzw],
-    }
+    described = scenes.RIG.T_camera_foam.fields
     save_yaml(folder / "scene.yaml", {"kind": "scene", "camera": "camera.yaml", "T_camera_foam": described})
     render, rng = scenes.renderer(scenes.RIG), np.random.default_rng(0)
     images = []

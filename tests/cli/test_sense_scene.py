@@ -27,11 +27,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene")
     rig, rng = scenes.RIG, np.random.default_rng(0)
     rig.camera.save(folder / "camera.yaml")
-    pose = rig.T_camera_foam
-    described = {
-        "translation_m": [float(v) for v in pose.translation_m],
-        "quaternion_xyzw": [float(v) for v in pose.quaternion_xyzw],
-    }
+    described = rig.T_camera_foam.fields
     save_yaml(folder / "scene.yaml", {"kind": "scene", "camera": "camera.yaml", "T_camera_foam": described})
     render = scenes.renderer(rig)
     with MeasurementWriter(folder / "frames.mcap") as writer:

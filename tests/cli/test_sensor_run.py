@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from visuohaptic.cli._console import Console
-from visuohaptic.cli._sensor_run import Outputs, is_live, run_sensor
+from visuohaptic.cli._sensor_run import Outputs, force_text, is_live, run_sensor
 from visuohaptic.cli.main import main
-from visuohaptic.core import Event, EventKind, InputError, Reason
+from visuohaptic.core import ErrorBudget, Event, EventKind, ForceProfile, InputError, Reason
 from visuohaptic.core.camera import Frame
 from visuohaptic.sensing import SensorReader, SensorReading
 
@@ -137,3 +137,11 @@ def test_the_recording_that_import_writes_is_known_to_info(tmp_path, capsys):
     found = json.loads(capsys.readouterr().out)
     assert (found["kind"], found["frames"], found["duration_s"]) == ("depth sequence", 3, 1.0)
     assert (found["width"], found["height"]) == (32, 24)
+
+
+@pytest.mark.parametrize(("force_N", "blocks"), [(2.0, 8), (9.9, 40), (200.0, 40)])
+def test_a_bar_has_a_block_per_quarter_newton_up_to_ten_newtons(force_N, blocks):
+    k = np.zeros(3)
+    budget = ErrorBudget(0.01, 0.0, 0.0, 0.0)
+    profile = ForceProfile(0.0, True, Reason.OK, force_N, budget, k, k, k, k, k, np.ones(3, bool))
+    assert force_text(profile).count("\u2588") == blocks

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 from dataclasses import replace
 from pathlib import Path
@@ -66,6 +67,7 @@ def test_quaternions_go_round(pose: Pose) -> None:
     assert np.linalg.norm(quaternion) == pytest.approx(1, abs=1e-12)
     assert same(Pose.from_quaternion(-2 * quaternion, pose.translation_m), pose, 1e-11)
     assert same(Pose.from_matrix(pose.matrix), pose)
+    assert same(Pose.from_quaternion(**json.loads(json.dumps(pose.fields))), pose, 1e-11)
 
 
 def test_rotation_against_rodrigues() -> None:

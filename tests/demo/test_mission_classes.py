@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from visuohaptic.deformation.maps.features import HEIGHTS
 from visuohaptic.deformation.shapes import ContainerDescription, load_container
 from visuohaptic.deformation.shapes.variants import draw_variants
 from visuohaptic.deformation.shells.fourier_shell import RevolutionShell, pinch_stiffness
-from visuohaptic.demo.bottle import HEIGHTS, NECK_M, training_objects
+from visuohaptic.demo.bottle import NECK_M, training_objects
 from visuohaptic.demo.hand_chapters import MOUTH, mission_classes
 from visuohaptic.recognition import TouchReading
 from visuohaptic.recognition.touch import update_belief

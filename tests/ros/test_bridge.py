@@ -18,7 +18,8 @@ from visuohaptic.core import InputError
 from visuohaptic.core.files import save_yaml
 from visuohaptic.io.ros import ros_messages as messages
 from visuohaptic.rigs import VirtualSensor
-from visuohaptic.ros import Bridge, BridgeConfig, RosNode
+from visuohaptic.ros import Bridge, BridgeConfig, RosNode, RosOptions
+from visuohaptic.ros.bridge_config import NodeSection
 from visuohaptic.ros.wire import message_type
 from visuohaptic.simulation.foam import PressShape, SensorRig, press
 
@@ -180,6 +181,10 @@ def test_a_signal_ends_it_cleanly(sensor, robot: RosNode, endpoint: str, number:
     assert process.returncode == 0, err
     assert json.loads(out)["sensors"][0]["frames"] == 0
     assert until(lambda: not any(e.node == "visuohaptic" for e in robot.graph(0.2)))
+
+
+def test_a_file_without_a_connection_has_that_of_every_node() -> None:
+    assert NodeSection().options(Path("folder")) == RosOptions()
 
 
 def test_the_file_of_the_documentation_is_one() -> None:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from visuohaptic.core import InputError
 from visuohaptic.ros.wire import Entity, EntityKind, Qos, message_type, resolve_name, topic_key
-from visuohaptic.ros.wire.graph import check_node
+from visuohaptic.ros.wire.graph import LATCHED, check_node
 
 STRING = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 #: Printed in the design document of rmw_zenoh, section Graph Cache.
@@ -62,6 +62,7 @@ def test_quality_of_service_of_rmw() -> None:
     """Best effort is 2 and transient local 1 in rmw's enumerations; the depth of 42 is its default."""
     assert Qos(False, True, 42).key() == "2:1:,:,:,:,,"
     assert Qos.parse("1:2:1,5:,:,:1,,") == Qos(depth=5)
+    assert LATCHED.key() == ":1:,1:,:,:,,"  # the last message alone
 
 
 WORD = st.from_regex(r"\A[a-z][a-z0-9]{0,5}(_[a-z0-9]{1,3})?\Z")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,22 @@ from visuohaptic.core import Reason
 from visuohaptic.core.camera import Frame, Pose
 from visuohaptic.core.files import save_yaml
 from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.io.ros._ros_definitions import definition
 from visuohaptic.io.sinks import MeasurementSink
-from visuohaptic.ros import RosNode, RosSink, contact_markers
+from visuohaptic.ros import RosNode, RosSink, contact_markers, markers
 from visuohaptic.ros.bridge_config import sensor_kind
 from visuohaptic.ros.wire import Qos, decode, encode, message_type
 from visuohaptic.sensing import load_reader
 
 from .conftest import until
+
+
+def test_kinds_of_markers_are_those_of_the_message() -> None:
+    text = definition("visualization_msgs/msg/Marker")
+    values = {name: int(value) for name, value in re.findall(r"^int32 ([A-Z_]+)=(\d+)$", text, re.MULTILINE)}
+    ours = (markers._ARROW, markers.LINES, markers.POINTS, markers._TEXT, markers._ADD, markers._DELETE_ALL)
+    names = ("ARROW", "LINE_LIST", "POINTS", "TEXT_VIEW_FACING", "ADD", "DELETEALL")
+    assert dict(zip(names, ours, strict=True)) == {name: values[name] for name in names}
 
 
 def test_a_map_waits_for_those_who_come_late(robot: RosNode, ours: RosNode) -> None:
@@ -80,11 +90,7 @@ class Kept(MeasurementSink):
 def test_a_scene_is_read(tmp_path: Path) -> None:
     rig, rng = scenes.RIG, np.random.default_rng(0)
     rig.camera.save(tmp_path / "camera.yaml")
-    pose = rig.T_camera_foam
-    described = {
-        "translation_m": [float(v) for v in pose.translation_m],
-        "quaternion_xyzw": [float(v) for v in pose.quaternion_xyzw],
-    }
+    described = rig.T_camera_foam.fields
     path = tmp_path / "scene.yaml"
     save_yaml(path, {"kind": "scene", "camera": "camera.yaml", "T_camera_foam": described})
     assert sensor_kind(path) == "scene"

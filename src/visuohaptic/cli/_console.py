@@ -35,6 +35,7 @@ class Arguments(argparse.Namespace):
     verbose: bool
     quiet: bool
     console: Console
+    parsers: Callable[[], dict[str, tuple[str, argparse.ArgumentParser]]]  #: help and parser of every verb
     exit_code: int = 0  #: a verb sets another when only part of its work was done
 
     def report(self, text: str = "") -> None:

@@ -249,6 +249,9 @@ def _run(words: list[str], console: Console, verbs: Mapping[str, tuple[str, str]
     console = Console(json=args.json, quiet=args.quiet, verbose=args.verbose)
     console.start_logging()
     args.console = console
+    args.parsers = lambda: {
+        name: (said, verb_parser(name, _load(name, verbs), verbs)) for name, (_, said) in verbs.items()
+    }
     from ._extras import compiling
 
     with compiling(module, args) if meanwhile else nullcontext():

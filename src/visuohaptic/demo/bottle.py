@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from ..core.camera.model import Camera
 from ..core.camera.pose import Pose
+from ..deformation.maps.features import HEIGHTS
 from ..deformation.shapes.container import Base, ContainerDescription, WallSection, load_container
 from ..deformation.shells.fourier_shell import RevolutionShell
 from ..recognition.data.data_set import FeatureSet, load_feature_set
@@ -28,7 +29,6 @@ from ..simulation.tabletop.refraction import PET, Band, Box, RefractingScene, Re
 CLASS = "bottle"
 #: Round classes known to the robot, of PET.
 ROUND = ("bottle", "smoothie")
-HEIGHTS = 16
 #: The elliptic bottles share one name, as in Table 6.2.
 GROUPS = {"elliptic": ("elliptic", "isana")}
 #: The table's frame in the base of the arm.

@@ -14,6 +14,7 @@ from ..navigation.planning.policies import make_plan, without_pushing
 from ..navigation.problem.path_plan import Plan
 from ..navigation.problem.planning_problem import MovableObject, PlanningProblem
 from ..report.floor_chart import MapObject
+from ..rigs.virtual_office import ROBOT
 from ..simulation.faults import FaultKind
 from ..simulation.floor.floor_model import FloorObject
 from ..simulation.floor.floor_senses import FloorSenses
@@ -25,7 +26,7 @@ from ..tasks.memory import MOVED_M
 from ..tasks.mobile.travel.navigate import Travel, travel
 from ..tasks.mobile.travel.travel_memory import map_with_footprints
 from ..tasks.mobile.travel.travel_types import TravelSettings
-from .floor_chapters import MIN_FIT, ROBOT, SEEN_SIGMA_M, fit_fraction, map_picture, outline_m, world_map
+from .floor_chapters import MIN_FIT, SEEN_SIGMA_M, fit_fraction, map_picture, outline_m, world_map
 from .judge import Claim
 from .push_demo import show_obstacle
 from .story import ChapterResult, Illustration, Measure, Mission, counted, done, failed

@@ -19,6 +19,7 @@ from ..navigation.planning.search.drives import pull_string
 from ..navigation.planning.search.search_domain import grid_from_world, world_from_grid
 from ..navigation.problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 from ..report.floor_chart import MapObject
+from ..rigs.virtual_office import ROBOT
 from ..simulation.faults import FaultKind, wrong_map
 from ..simulation.houses.guided_platform import GuidedPlatform
 from ..simulation.mobile.obstacles import ObstacleKind, SimulatedObstacle
@@ -28,7 +29,6 @@ from ..tasks.mobile.floor_outline import SIDE_M, FloorOutline, fit_outlines
 from .judge import Claim
 from .story import ChapterResult, Illustration, Measure, Mission, done, failed
 
-ROBOT = RobotModel(0.17)
 #: Distance between two scans [m].
 STEP_M = 0.1
 #: Minimum fraction of a scan's beams that end at occupied cells of the map. From 120 poses around the goal at least 0.96 match

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..core.camera.frame import Frame
 from ..core.objects import Estimate
+from ..deformation.maps.features import HEIGHTS
 from ..deformation.shapes.container import load_container
 from ..recognition.touch.belief import with_outline
 from ..recognition.touch.contents import SCALE, ContentsModel, wall_from_stiffness
@@ -33,7 +34,7 @@ from ..tasks.manipulation.grasp import LiftPlan, grasp_and_lift
 from ..tasks.manipulation.hand import Hand, Place
 from ..tasks.manipulation.squeeze_task import SqueezeCurve, SqueezeSettings
 from ..tasks.memory import RememberedContainer
-from .bottle import GROUPS, HEIGHTS, PLACE, TableBottle, container_of_outline, training_objects
+from .bottle import GROUPS, PLACE, TableBottle, container_of_outline, training_objects
 from .judge import Claim
 from .probe_chapters import HEIGHT_SIGMA_M
 from .served import REST, WEIGHTS, hand_truth, place_bottle, robot_at_table

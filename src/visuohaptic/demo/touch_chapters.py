@@ -15,6 +15,7 @@ from ..core.objects import Estimate, HapticTag
 from ..core.robots import FrameSource
 from ..navigation.planning.policies import make_plan
 from ..navigation.problem.planning_problem import MovableObject
+from ..rigs.virtual_office import ROBOT
 from ..sensing.push.tag import BOUND_PROBABILITY, fixed_probability
 from ..simulation.faults import FaultyFrames, frame_faults
 from ..simulation.mobile.obstacles import SimulatedObstacle
@@ -24,7 +25,7 @@ from ..tasks.mobile.floor_outline import FloorOutline
 from ..tasks.mobile.footprint_after_push import footprint_after_push
 from ..tasks.mobile.known_objects import recognise
 from .drive_chapters import route_problem
-from .floor_chapters import ROBOT, default_door, nearest_obstacle, outline_m
+from .floor_chapters import default_door, nearest_obstacle, outline_m
 from .judge import Claim
 from .push_demo import (
     SLOW_EXPLORATION,

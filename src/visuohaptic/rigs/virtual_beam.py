@@ -133,7 +133,6 @@ class VirtualBeam:
                 write_image(folder / "templates" / f"{name}.png", collage(k))
             widths = {f"{name}.png": self.size_m for name in self.names}
             save_yaml(folder / "templates" / "tags.yaml", {"widths_m": widths})
-        pose = self.rig.T_sensor_reference.inverse()
         save_yaml(
             folder / "sensor.yaml",
             {
@@ -143,10 +142,7 @@ class VirtualBeam:
                 "templates_folder": "templates",
                 "reference": self.rig.reference,
                 "templates": [{"name": name, "xi": xi} for name, (xi, _) in self.rig.mounts.items()],
-                "T_reference_sensor": {
-                    "translation_m": [float(f"{value:.9g}") for value in pose.translation_m],
-                    "quaternion_xyzw": [float(f"{value:.12g}") for value in pose.quaternion_xyzw],
-                },
+                "T_reference_sensor": self.rig.T_sensor_reference.inverse().fields,
                 "view": self.view,
             },
         )

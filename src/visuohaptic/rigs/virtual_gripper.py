@@ -91,16 +91,12 @@ class GripperSensor:
         """
         folder, rod = Path(folder), self.geometry
         calibrate_by_press(folder, rod, self.law, self.press_sigma_N, rng)
-        pose = self.tag.T_foam_tag
         sections: dict[str, Any] = {
             "tracking": {"base_is": "brighter", "foam_is": "darker"},
             "finger": {
                 "tag_id": self.tag.tag_id,
                 "tag_size_m": self.tag.size_m,
-                "T_foam_tag": {
-                    "translation_m": [float(value) for value in pose.translation_m],
-                    "quaternion_xyzw": [float(value) for value in pose.quaternion_xyzw],
-                },
+                "T_foam_tag": self.tag.T_foam_tag.fields,
             },
         }
         if self.stripe:

@@ -10,7 +10,6 @@ from .object_view import Picked as Picked
 from .page import LivePage as LivePage
 from .server import Page as Page
 from .server import markdown_text as markdown_text
-from .server import quaternion as quaternion
 from .stage import Stage as Stage
 from .stage import View as View
 from .stage import hit_face as hit_face

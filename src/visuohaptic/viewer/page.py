@@ -16,7 +16,7 @@ from ..core.measurement import ForceProfile
 from ..core.objects import HapticTag
 from .map_layer import draw_map
 from .meshes import columns, pressure_colours, prism
-from .server import Page, markdown_text, quaternion
+from .server import Page, markdown_text
 
 #: Width of the camera image on the page [px].
 PICTURE_WIDTH = 800
@@ -136,7 +136,7 @@ class LivePage(Page):
         fixed
             Determines the colour: fixed, movable, or unknown (``None``).
         """
-        position, wxyz = tuple(T_world_object.translation_m), quaternion(T_world_object.rotation)
+        position, wxyz = T_world_object.translation_m, np.roll(T_world_object.quaternion_xyzw, 1)
         if (handle := self._obstacles.get(name)) is not None:
             handle.position, handle.wxyz = position, wxyz
             return
@@ -225,7 +225,7 @@ class LivePage(Page):
                 self._picture.image = _small_rgb(frame_bgr)
             if T_world_foam is not None:
                 self._foam.position = tuple(T_world_foam.translation_m)
-                self._foam.wxyz = quaternion(T_world_foam.rotation)
+                self._foam.wxyz = np.roll(T_world_foam.quaternion_xyzw, 1)
                 self._foam.visible = True
             if profile is not None:
                 self._status.content = _status_line(t_s, profile, truth_N, note)

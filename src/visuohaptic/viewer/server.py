@@ -5,11 +5,7 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from jaxtyping import Float
-
 from ..core.errors import DeviceError, needs
-from ..core.geometry import so3_log
 from ..core.resources import Closing
 from .access_control import AccessControl
 
@@ -111,21 +107,6 @@ def _start(port: int, title: str, access: AccessControl) -> viser.ViserServer:
     if port and server.get_port() != port:
         _log.warning("port %d is in use, the page is on port %d", port, server.get_port())
     return server
-
-
-def quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float, float]:
-    """Unit quaternion (w, x, y, z) of a rotation matrix.
-
-    Parameters
-    ----------
-    rotation
-        Rotation matrix.
-    """
-    vector = so3_log(rotation)
-    angle = float(np.linalg.norm(vector))
-    axis = vector / angle if angle > 0 else vector
-    x, y, z = np.sin(0.5 * angle) * axis
-    return float(np.cos(0.5 * angle)), float(x), float(y), float(z)
 
 
 def markdown_text(text: str) -> str:

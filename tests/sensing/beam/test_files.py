@@ -17,6 +17,7 @@ from visuohaptic.sensing.beam import (
     POSE_COLUMNS,
     Beam,
     BeamSensorConfig,
+    BeamSetup,
     TemplateMeasurement,
     load_beam,
     prior_correction,
@@ -26,6 +27,26 @@ from visuohaptic.sensing.beam import (
 )
 
 AXES = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+
+
+def test_a_file_without_settings_has_those_of_the_sensor(tmp_path):
+    save_beam(tmp_path / "beam.yaml", Beam())
+    pose = {"translation_m": [0.0, 0.0, 0.0], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}
+    templates = [{"name": "tip", "xi": 1.0}]
+    save_yaml(tmp_path / "sensor.yaml", {"kind": "beam", "templates": templates, "T_reference_sensor": pose})
+    found = BeamSensorConfig.load(tmp_path / "sensor.yaml")
+    plain = BeamSetup({"tip": 1.0}, found.T_reference_sensor)
+    for name in (
+        "drift",
+        "reference",
+        "view",
+        "model",
+        "stress_limit",
+        "max_age_s",
+        "linear_limit",
+        "correction",
+    ):
+        assert getattr(found, name) == getattr(plain, name)
 
 
 def write_template_poses(path, frames):
@@ -49,16 +70,12 @@ def write_template_poses(path, frames):
 def folder(bench, tmp_path):
     """A sensor on the disk: beam, configuration, poses at rest and of a push."""
     save_beam(tmp_path / "beam.yaml", Beam())
-    pose = bench.setup.T_reference_sensor
     save_yaml(
         tmp_path / "sensor.yaml",
         {
             "kind": "beam",
             "templates": [{"name": "middle", "xi": 0.5}, {"name": "tip", "xi": 1.0}],
-            "T_reference_sensor": {
-                "translation_m": [float(v) for v in pose.translation_m],
-                "quaternion_xyzw": [float(v) for v in pose.quaternion_xyzw],
-            },
+            "T_reference_sensor": bench.setup.T_reference_sensor.fields,
         },
     )
     rng = np.random.default_rng(1)

@@ -116,6 +116,14 @@ class Pose:
 
         return Rotation.from_matrix(self.rotation).as_quat(canonical=True)
 
+    @property
+    def fields(self) -> dict[str, list[float]]:
+        """Section of a configuration file: the arguments of :meth:`from_quaternion`, as plain numbers."""
+        return {
+            "translation_m": self.translation_m.tolist(),
+            "quaternion_xyzw": self.quaternion_xyzw.tolist(),
+        }
+
     def inverse(self) -> Pose:
         """``T_source_target``."""
         return Pose(self.rotation.T, -self.rotation.T @ self.translation_m)

@@ -20,7 +20,7 @@ from .mechanics import Beam
 from .observation import RelativePoses, TemplateObservation, relative_poses, section_motion
 from .zero import BeamDriftSettings, BeamZero, BeamZeroWatch
 
-#: Probability that a valid frame is rejected because its templates disagree.
+#: Probability that a valid frame is rejected because its templates disagree, or because its reference seems to have moved.
 _DISAGREEMENT = 1e-7
 #: Probability that the templates of a valid frame disagree by more than the declared noise, without inflation.
 _SURPRISE = 0.05
@@ -231,7 +231,7 @@ class BeamSensor:
         misplaced, calibration = self.correction.transform(found.setup), self.correction.covariance(wrench)
         # Templates disagree, but not enough for rejection: one of them may have come loose. Noise
         # rarely explains this, so the covariance is inflated accordingly.
-        surprise = found.chi2 / _quantile(found.freedom, _SURPRISE)
+        surprise = found.chi2 / chi2_limit(found.freedom, _SURPRISE)
         if surprise > 1:
             misplaced = misplaced + (surprise - 1) * (noise + zero + misplaced)
         result = Wrench(
@@ -254,7 +254,7 @@ class BeamSensor:
 
     def _disagree(self, found: BeamEstimate) -> bool:
         """Whether the templates disagree by more than noise and setup allow."""
-        return found.chi2 > _quantile(found.freedom, _DISAGREEMENT)
+        return found.chi2 > chi2_limit(found.freedom, _DISAGREEMENT)
 
     def _nothing(self, t_s: float, reason: Reason) -> BeamReading:
         nothing, unknown = np.full(3, np.nan), np.full((6, 6), np.nan)
@@ -262,8 +262,16 @@ class BeamSensor:
         return BeamReading(wrench, unknown, unknown, unknown, unknown, False, float("nan"), ())
 
 
-def _quantile(freedom: int, chance: float) -> float:
-    """chi^2 that is exceeded with this probability; infinite without redundancy."""
+def chi2_limit(freedom: int, chance: float) -> float:
+    """chi^2 that is exceeded with a probability; infinite without redundancy.
+
+    Parameters
+    ----------
+    freedom
+        Degrees of freedom.
+    chance
+        The probability.
+    """
     if freedom <= 0:
         return float("inf")
     from scipy.special import chdtri
@@ -289,9 +297,6 @@ class SteadyReference:
     patience
         Number of consecutive deviating frames after which the new pose is accepted.
     """
-
-    #: Squared Mahalanobis distance, 6 degrees of freedom, that one valid frame in ten million exceeds.
-    LIMIT = 45.0
 
     def __init__(self, frames: int = 100, patience: int = 5) -> None:
         self.frames, self.patience = frames, patience
@@ -324,7 +329,8 @@ class SteadyReference:
         offset = pose_difference(self.pose, pose)
         distance = float(offset @ np.linalg.solve(covariance + self.covariance, offset))
         # The first frame has no distance, and stands for the declared covariance.
-        if distance > self.LIMIT * max(1.0, (6.0 + self._squares) / (6.0 * self._count)):
+        declared = max(1.0, (6.0 + self._squares) / (6.0 * self._count))
+        if distance > chi2_limit(6, _DISAGREEMENT) * declared:
             self._deviating += 1
             if self._deviating >= self.patience:
                 self.pose, self.covariance, self._count, self._deviating = pose, covariance, 1, 0

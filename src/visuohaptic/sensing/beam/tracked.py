@@ -19,11 +19,11 @@ from ...tracking.templates.template_tracker import TemplatePose, TemplateTracker
 from .calibration import calibrate_beam
 from .config import BeamSensorConfig
 from .records import LoadRecord
-from .sensor import BeamReading, BeamSensor, BeamSetup
+from .sensor import BeamReading, BeamSensor, BeamSetup, chi2_limit
 from .zero import BeamZero
 
-#: chi^2 of 2 degrees of freedom that one valid pose in ten thousand exceeds.
-_GOOD_CHI2 = 18.4
+#: Probability that the eight corner coordinates of a valid template deviate further from the six parameters of its pose.
+_DEVIATION = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,9 +188,10 @@ class TrackedBeam(Closing):
         frame
             The next frame in time order.
         """
+        good = chi2_limit(8 - 6, _DEVIATION)
         return tuple(
-            replace(pose, covariance=pose.covariance * (pose.chi2 / _GOOD_CHI2))
-            if pose.valid and pose.chi2 > _GOOD_CHI2
+            replace(pose, covariance=pose.covariance * (pose.chi2 / good))
+            if pose.valid and pose.chi2 > good
             else pose
             for pose in self.tracker.update(frame)
         )

@@ -118,14 +118,8 @@ class BeamZero:
         path
             Output file.
         """
-        templates = [
-            {
-                "name": name,
-                "translation_m": [float(f"{value:.10g}") for value in pose.translation_m],
-                "quaternion_xyzw": [float(f"{value:.12g}") for value in pose.quaternion_xyzw],
-            }
-            for name, pose in zip(self.rest.names, self.rest.poses, strict=True)
-        ]
+        poses = zip(self.rest.names, self.rest.poses, strict=True)
+        templates = [{"name": name} | pose.fields for name, pose in poses]
         covariance = [[float(f"{value:.6g}") for value in row] for row in self.rest.covariance]
         about = {"t_s": self.t_s, "frames": self.frames, "noise": float(f"{self.noise:.6g}")}
         save_yaml(path, about | {"templates": templates, "covariance": covariance})

@@ -71,9 +71,6 @@ class ObjectTracker:
     ) -> None:
         """Start tracking an object; its surface is known with the accuracy of the contact.
 
-        ``another`` is False for the previous object, whose face was only measured again: it keeps
-        its tilt and its past events.
-
         Parameters
         ----------
         face

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from ..rendering._finger_tag import CELLS
+from ..rendering._finger_tag import CELLS, tag_cells
 from ..rendering.textures import fractal_noise
 
 #: Subpixels per cell.
@@ -38,12 +38,8 @@ def print_of_tag(tag_id: int, size_m: float) -> Print:
     size_m
         Side of the black border [m].
     """
-    import cv2
-
-    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-    cells = cv2.aruco.generateImageMarker(family, tag_id, CELLS * 4)[2::4, 2::4] > 127
-    fine = np.kron(cells, np.ones((_CELL_PX, _CELL_PX), bool))
-    fine = np.pad(fine, _CELL_PX // 2, constant_values=True)
+    half = _CELL_PX // 2
+    fine = np.kron(tag_cells(tag_id), np.ones((_CELL_PX, _CELL_PX), np.uint8))[half:-half, half:-half]
     levels = np.where(fine, 215.0, 25.0).astype(np.float32)
     return Print(levels, size_m * (CELLS + 1) / CELLS)
 

@@ -76,7 +76,6 @@ class SensorRig:
         """
         folder = Path(folder)
         self.camera.save(folder / "camera.yaml")
-        pose = self.T_camera_foam
         strip: dict[str, float] = {"length_m": length_m}
         if radius_m is not None:
             strip["radius_m"] = radius_m
@@ -87,10 +86,7 @@ class SensorRig:
                 "camera": "camera.yaml",
                 "foam": foam,
                 "strip": strip,
-                "T_camera_foam": {
-                    "translation_m": [float(value) for value in pose.translation_m],
-                    "quaternion_xyzw": [float(value) for value in pose.quaternion_xyzw],
-                },
+                "T_camera_foam": self.T_camera_foam.fields,
                 **more,
             },
         )

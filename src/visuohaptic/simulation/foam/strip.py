@@ -170,14 +170,10 @@ class FoamStrip:
         if len(vertices):
             place = self.geometry.position_of(vertices)
             low, high = min(low, float((place - radius).min())), max(high, float((place + radius).max()))
-        first = (
-            max(0, math.floor((low - margin - self.s_m[0]) / spacing)) if low < math.inf else len(self.s_m)
-        )
-        last = (
-            min(len(self.s_m) - 1, math.ceil((high + margin - self.s_m[0]) / spacing))
-            if high > -math.inf
-            else 0
-        )
+        if low > high:
+            return None
+        first = max(0, math.floor((low - margin - self.s_m[0]) / spacing))
+        last = min(len(self.s_m) - 1, math.ceil((high + margin - self.s_m[0]) / spacing))
         return (first, last) if last - first >= 2 else None
 
     def _columns(

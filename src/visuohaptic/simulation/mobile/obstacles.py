@@ -267,17 +267,10 @@ def leaning_solid(obstacle: SimulatedObstacle, T_world_obstacle: Pose, T_foam_wo
 
 
 def _hull(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
-    """Convex hull, counter-clockwise (monotone chain)."""
-    order = points[np.lexsort((points[:, 1], points[:, 0]))]
-    chains: list[list[Float[np.ndarray, "2"]]] = []
-    for sequence in (order, order[::-1]):
-        chain: list[Float[np.ndarray, "2"]] = []
-        for p in sequence:
-            while len(chain) >= 2:
-                u, v = chain[-1] - chain[-2], p - chain[-1]
-                if u[0] * v[1] - u[1] * v[0] > 1e-12:
-                    break
-                chain.pop()
-            chain.append(p)
-        chains.append(chain[:-1])
-    return np.array(chains[0] + chains[1])
+    """Convex hull, counter-clockwise; empty if all points are on a line."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return points[ConvexHull(points).vertices]
+    except QhullError:
+        return points[:0]

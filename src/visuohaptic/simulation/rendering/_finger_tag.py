@@ -38,8 +38,14 @@ class FingerTag:
 
 
 @lru_cache(maxsize=4)
-def _cells(tag_id: int) -> UInt8[np.ndarray, "10 10"]:
-    """1 where the tag is white, with its white margin."""
+def tag_cells(tag_id: int) -> UInt8[np.ndarray, "10 10"]:
+    """1 where the tag is white, with its white margin.
+
+    Parameters
+    ----------
+    tag_id
+        Number of the AprilTag of family 36h11.
+    """
     import cv2
 
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
@@ -121,7 +127,7 @@ def paint_tag(
     moved_m = np.interp(_samples(top, bottom), np.arange(rows), position_m)
     index = _cell(down_m + moved_m[:, None], tag) * (CELLS + 4) + column
     inside = np.pad(np.ones((CELLS + 2, CELLS + 2), np.float32), 1)
-    levels = np.pad(tag.dark + (tag.bright - tag.dark) * _cells(tag.tag_id), 1).astype(np.float32)
+    levels = np.pad(tag.dark + (tag.bright - tag.dark) * tag_cells(tag.tag_id), 1).astype(np.float32)
     size = int(right - left), int(bottom - top)
     # Means over the samples of each pixel.
     fraction, paint = (

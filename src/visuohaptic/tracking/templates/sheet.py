@@ -18,7 +18,7 @@ from jaxtyping import UInt8
 from ...core.errors import InputError
 from ...core.files import atomic_path, encode_image
 from ...core.ranges import POSITIVE, check_choice, check_numbers, within
-from .template import TAG_CELLS
+from .template import TAG_CELLS, tag_image
 
 #: Width and height of supported papers [m].
 PAPERS_M = {"A4": (0.210, 0.297), "A3": (0.297, 0.420), "letter": (0.2159, 0.2794)}
@@ -63,14 +63,7 @@ def tag_item(tag_id: int, size_m: float) -> SheetItem:
     size_m
         Side of its black border [m].
     """
-    import cv2
-
-    if not 0 <= tag_id < 587:
-        raise InputError("tag", f"found {tag_id}, expected 0..586", field="id")
-    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-    side = 20 * TAG_CELLS
-    tag = cv2.aruco.generateImageMarker(family, tag_id, side)
-    image = cv2.copyMakeBorder(tag, 20, 20, 20, 20, cv2.BORDER_CONSTANT, value=255)
+    image = tag_image(tag_id, 20, 20)
     return SheetItem(f"tag36h11 {tag_id}, {1e3 * size_m:g} mm", image, size_m * (TAG_CELLS + 2) / TAG_CELLS)
 
 

@@ -177,25 +177,43 @@ class Template:
         """
         import cv2
 
-        if not 0 <= tag_id < _TAG_COUNT:
-            raise InputError("tag", f"found {tag_id}, expected 0..{_TAG_COUNT - 1}", field="id")
         check_numbers("tag", POSITIVE, size_m=size_m)
-        side = TAG_CELLS * _TAG_CELL_PX
-        family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-        tag = cv2.aruco.generateImageMarker(family, tag_id, side)
-        margin = round(_TAG_MARGIN_CELLS * _TAG_CELL_PX)
-        image = cv2.copyMakeBorder(tag, margin, margin, margin, margin, cv2.BORDER_CONSTANT, value=255)
+        image = tag_image(tag_id, _TAG_CELL_PX, round(_TAG_MARGIN_CELLS * _TAG_CELL_PX))
         # A camera never sees a step between two pixels, and steps are unfavourable for the tracker's gradients.
         image = cv2.GaussianBlur(image, (0, 0), 0.8)
         return cls(
             name if name is not None else f"tag_{tag_id}",
             image,
-            size_m / side,
+            size_m / (TAG_CELLS * _TAG_CELL_PX),
             tag_id,
             EsmTemplate.from_image(image, sharp=True),
             np.zeros((0, 2)),
             np.zeros((0, 128), np.float32),
         )
+
+
+def tag_image(tag_id: int, cell_px: int, margin_px: int) -> UInt8[np.ndarray, "side side"]:
+    """An AprilTag 36h11 with a white margin around its black border.
+
+    Parameters
+    ----------
+    tag_id
+        Number of the tag, 0 to 586.
+    cell_px, margin_px
+        Edge of a cell, and width of the margin.
+
+    Raises
+    ------
+    InputError
+        There is no such tag.
+    """
+    import cv2
+
+    if not 0 <= tag_id < _TAG_COUNT:
+        raise InputError("tag", f"found {tag_id}, expected 0..{_TAG_COUNT - 1}", field="id")
+    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    tag = cv2.aruco.generateImageMarker(family, tag_id, TAG_CELLS * cell_px)
+    return np.pad(tag, margin_px, constant_values=255)
 
 
 def load_templates(folder: Path | str) -> tuple[Template, ...]:

@@ -3,15 +3,15 @@
 writes
   stdout   the script, made from the arguments of this version
 
-To load it in every shell, add source <(visuohaptic completion bash) to ~/.bashrc, the same with zsh to ~/.zshrc after compinit, and
-write the script for fish to ~/.config/fish/completions/visuohaptic.fish.
+To load it in every shell, add source <(visuohaptic completion bash) to ~/.bashrc, the same with zsh to ~/.zshrc after
+compinit, and write the script for fish to ~/.config/fish/completions/visuohaptic.fish.
 
 example: visuohaptic completion bash
 """
 
 from __future__ import annotations
 
-import importlib
+import argparse
 from collections.abc import Iterator, Mapping
 from shlex import quote
 from typing import Any, NamedTuple
@@ -45,18 +45,13 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
-    from ...main import VERBS
-
-    verbs = {name: _Verb(said, tuple(_options(name, module))) for name, (module, said) in VERBS.items()}
+    verbs = {name: _Verb(said, tuple(_options(parser))) for name, (said, parser) in args.parsers().items()}
     script = "\n".join(_SCRIPTS[args.shell](verbs, _groups(verbs)))
     args.report(script)
     return {"shell": args.shell, "script": script}
 
 
-def _options(verb: str, module: str) -> Iterator[_Option]:
-    from ...main import verb_parser
-
-    parser = verb_parser(verb, importlib.import_module(module))
+def _options(parser: argparse.ArgumentParser) -> Iterator[_Option]:
     formatter = parser._get_formatter()
     for action in parser._actions:
         said = " ".join(formatter._expand_help(action).split()) if action.help else ""
@@ -104,8 +99,8 @@ def _bash(verbs: Mapping[str, _Verb], groups: Mapping[str, Mapping[str, str]]) -
 
 def _zsh(verbs: Mapping[str, _Verb], groups: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
     def listed(words: Mapping[str, str]) -> str:
-        told = " ".join(quote(f"{word}:{said}") for word, said in words.items())
-        return f"local -a found=({told}); _describe verb found"
+        entries = " ".join(quote(f"{word}:{said}") for word, said in words.items())
+        return f"local -a found=({entries}); _describe verb found"
 
     yield "#compdef visuohaptic"
     yield "_visuohaptic() {"

@@ -224,10 +224,7 @@ def _write_sensor(folder: Path, camera: core.Camera, length_m: float, pose: core
             "camera": "camera.yaml",
             "foam": "foam.yaml",
             "strip": {"length_m": length_m},
-            "T_camera_foam": {
-                "translation_m": [float(value) for value in pose.translation_m],
-                "quaternion_xyzw": [float(value) for value in pose.quaternion_xyzw],
-            },
+            "T_camera_foam": pose.fields,
         },
     )
     (folder / "zero.yaml").unlink(missing_ok=True)  # of an earlier mounting
