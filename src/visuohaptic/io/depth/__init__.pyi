@@ -16,12 +16,14 @@ from .depth_live import open_depth_camera as open_depth_camera
 from .depth_sequence import DepthFrame as DepthFrame
 from .depth_sequence import DepthSequence as DepthSequence
 from .depth_sequence import SequenceFile as SequenceFile
+from .depth_sequence_out import write_estimated_poses as write_estimated_poses
 from .depth_sequence_out import write_sequence as write_sequence
 from .pixel_model import MaskFolder as MaskFolder
 from .pixel_model import NetworkOutput as NetworkOutput
 from .pixel_model import OnnxModel as OnnxModel
 from .pixel_model import PixelModel as PixelModel
 from .pixel_model import load_pixel_model as load_pixel_model
+from .poses import EstimatedPose as EstimatedPose
 from .poses import StampedPose as StampedPose
 from .poses import interpolate_pose as interpolate_pose
 from .poses import read_poses as read_poses

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from ...core.errors import InputError
-from ...core.files import PartFile, save_yaml, whole_lines, write_image, write_text
+from ...core.files import PartFile, load_yaml_model, save_yaml, whole_lines, write_image, write_text
 from .depth_images import write_depth
-from .depth_sequence import NO_POSES, DepthFrame
-from .poses import POSE_HEADER, pose_line, read_poses
+from .depth_sequence import NO_POSES, DepthFrame, DepthSequence, SequenceFile
+from .poses import POSE_HEADER, EstimatedPose, pose_line, read_poses
 
 #: Name of the description until the sequence is complete.
 DESCRIPTION_PART = "sequence.yaml.part"
+#: Standard deviations of estimated poses, and the first line of the file.
+SIGMA_FILE, SIGMA_HEADER = "pose_sigma.txt", "# sigma_m sigma_rad, per axis; nan: no pose\n"
 
 
 def write_sequence(
@@ -114,3 +116,36 @@ def recover_sequence(folder: Path) -> int:
     count = len(read_poses(folder / "poses.txt"))
     (folder / DESCRIPTION_PART).replace(folder / "sequence.yaml")
     return count
+
+
+def write_estimated_poses(folder: Path | str, poses: Sequence[EstimatedPose], source: str) -> None:
+    """Give a complete sequence folder estimated poses with their standard deviations; the previous poses are replaced.
+
+    Parameters
+    ----------
+    folder
+        Sequence folder.
+    poses
+        One for each depth image, in name order.
+    source
+        How they were estimated, for the description.
+
+    Raises
+    ------
+    InputError
+        It is not a sequence folder, or has another number of images.
+    """
+    folder = Path(folder)
+    sequence = DepthSequence(folder)
+    if len(poses) != len(sequence):
+        raise InputError(folder, f"has {len(sequence)} images, expected one for each of {len(poses)} poses")
+    lines = [pose_line(t_s, one.pose) for t_s, one in zip(sequence.times_s, poses, strict=True)]
+    sigmas = [f"{one.sigma_m:.6g} {one.sigma_rad:.6g}\n" for one in poses]
+    known = load_yaml_model(folder / "sequence.yaml", SequenceFile)
+    known = known.model_copy(
+        update={"poses": "poses.txt", "poses_topic": None, "poses_source": source, "pose_sigma": SIGMA_FILE}
+    )
+    # The description is written last: until then, it states that there are no poses.
+    write_text(folder / SIGMA_FILE, SIGMA_HEADER + "".join(sigmas))
+    write_text(folder / "poses.txt", POSE_HEADER + "".join(lines))
+    save_yaml(folder / "sequence.yaml", known.model_dump(exclude_unset=True))

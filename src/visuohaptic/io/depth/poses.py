@@ -41,6 +41,16 @@ class StampedPose:
     problem: str = ""  #: why there is no pose
 
 
+@dataclass(frozen=True, slots=True)
+class EstimatedPose:
+    """A pose that was estimated from images."""
+
+    pose: Pose | None  #: camera to world; ``None`` if it could not be estimated
+    sigma_m: float = float("nan")  #: standard deviation of the camera's centre, rms of its axes [m]
+    sigma_rad: float = float("nan")  #: standard deviation of the rotation, rms of its axes [rad]
+    problem: str = ""  #: why there is no pose
+
+
 def read_poses(path: Path | str, topic: str | None = None) -> list[StampedPose]:
     """Camera-to-world poses of a file, in file order.
 

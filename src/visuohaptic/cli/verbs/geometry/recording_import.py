@@ -3,7 +3,8 @@
 reads   an MCAP file or rosbag2 bag with depth images, camera_info, and tf or a topic of poses;
         a folder with camera.json, cam.info.txt or camera_intrinsics.yaml (layouts arm, apc, cleargrasp);
         or any folder of 16-bit PNG or EXR depth images with --camera, --poses and --depth-scale-m
-writes  sequence.yaml, camera.yaml, poses.txt, depth/ and color/ in the folder --out
+writes  sequence.yaml, camera.yaml, poses.txt, depth/ and color/ in the folder --out; with --poses odometry, poses that are
+        estimated from the depth images of a scene at rest, and pose_sigma.txt with their standard deviations
 
 example: visuohaptic recording import d435i_robot_arm --out scan
 """
@@ -17,6 +18,7 @@ from .... import core, io
 from ....core.camera import Camera
 from ....core.files.plain_json import picked
 from ....io import depth
+from ....reconstruction import fusion, odometry
 
 
 def add_arguments(add: Any) -> None:
@@ -30,7 +32,7 @@ def add_arguments(add: Any) -> None:
         "--poses",
         str,
         "of a plain folder: TUM text, 4 x 4 text or MCAP; of a recording: tf, a topic or such a file (default: tf if it"
-        " moves the camera, else the only topic of poses); of any source: none",
+        " moves the camera, else the only topic of poses); of any source: odometry or none",
     )
     add(
         "--depth-topic",
@@ -46,15 +48,37 @@ def add_arguments(add: Any) -> None:
     add("--bit-rotation", 0, "bits by which the 16-bit values are rotated (F200: 3)")
 
 
+def needs(args: Any) -> set[str]:
+    """Libraries beyond the core.
+
+    Parameters
+    ----------
+    args
+        As parsed.
+    """
+    return {"small_gicp"} if args.poses == "odometry" else set()
+
+
 def run(args: Any) -> dict[str, Any]:
     """Import; returns the mapping that ``--json`` prints."""
-    found = _imported(args)
+    by_odometry = args.poses == "odometry"
+    found = _imported(args, "none" if by_odometry else args.poses)
     for note in found.notes:
         args.report(note)
+    if by_odometry:
+        sequence = io.DepthSequence(found.folder)
+        try:
+            noise = fusion.sensor_noise(sequence.sensor)
+        except core.InputError:
+            noise = fusion.SENSOR_NOISE["kinect"]
+        result = odometry.estimate_poses(list(sequence.depth_images()), sequence.camera, noise)
+        depth.write_estimated_poses(found.folder, result.poses, f"odometry: {result.text}")
+        args.report(result.text)
+        found.notes.append(result.text)
     return picked(found, "folder layout frames skipped notes")
 
 
-def _imported(args: Any) -> io.ImportedSequence:
+def _imported(args: Any, poses: str | None) -> io.ImportedSequence:
     if not depth.is_recording(args.source):
         for name in ("depth_topic", "color_topic"):
             if getattr(args, name):
@@ -67,7 +91,7 @@ def _imported(args: Any) -> io.ImportedSequence:
             layout=args.layout,
             kind=args.kind,
             camera=args.camera,
-            poses=args.poses,
+            poses=poses,
             depth_scale_m=args.depth_scale_m,
             bit_rotation=args.bit_rotation,
         )
@@ -76,7 +100,7 @@ def _imported(args: Any) -> io.ImportedSequence:
         args.depth_topic,
         args.color_topic,
         Camera.load(args.camera) if args.camera else None,
-        args.poses or "auto",
+        poses or "auto",
         args.depth_scale_m,
     )
     return depth.import_bag(images, args.out)
