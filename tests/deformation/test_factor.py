@@ -12,6 +12,7 @@ from scipy.spatial import Delaunay
 from visuohaptic.core import InputError
 from visuohaptic.deformation.shapes import grid_faces
 from visuohaptic.deformation.shells import factorise, front_tree, sparse_matrix
+from visuohaptic.deformation.shells.factor import BLOCK_PIVOTS
 
 
 def problem(seed, nodes, dofs=2):
@@ -74,6 +75,21 @@ def test_solve_compliance_and_coupling_equal_dense_algebra(seed, nodes, leaf, de
     expected = loads.T @ np.linalg.solve(dense, loads)
     assert factor.coupling(csc_array(loads)) == pytest.approx(expected, rel=1e-8, abs=1e-12)
     assert factor.compliance(csc_array(loads)) == pytest.approx(np.diag(expected), rel=1e-8, abs=1e-12)
+
+
+@pytest.mark.parametrize("columns", [60, 600])
+def test_large_fronts_divided_by_blocks_equal_dense_algebra(columns):
+    """Fronts of more than two blocks of pivots, with fewer and with more columns than pivots."""
+    rng, points, faces, matrices, diagonal = problem(7, 400)
+    tree = front_tree(points, faces, leaf=90)
+    bordered = np.diff(tree.offset) > 0
+    assert (2 * np.diff(tree.first)[bordered]).max() > 2 * BLOCK_PIVOTS
+    dense = sparse_matrix(matrices, faces, 400, diagonal).toarray()
+    factor = factorise(tree, matrices, diagonal)
+    loads = rng.normal(size=(800, columns)) * (rng.uniform(size=(800, columns)) < 0.02)
+    solved = np.linalg.solve(dense, loads)
+    np.testing.assert_allclose(factor.solve(loads), solved, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(factor.compliance(csc_array(loads)), np.sum(loads * solved, axis=0), rtol=1e-9)
 
 
 def test_unsymmetric_matrices():
