@@ -88,6 +88,12 @@ def test_graph_takes_objects_and_a_route(office, tmp_path, capsys):
     nodes = [f["properties"] for f in json.loads((out / "joint_graph.geojson").read_text())["features"]]
     added = {node["metadata"]["object"]: node["metadata"]["planner"] for node in nodes if "metadata" in node}
     assert added == {"box": "direct push", "door": "trigger and wait"}
+    masks = [
+        OccupancyMap.load(out / f"{name}.yaml").value_at(np.array([4.5, 1.5]))
+        for name in ("felt_obstacles", "keepout")
+    ]
+    assert 0 < masks[0] < 100
+    assert masks[1] == 0, "a box that can be pushed is no place to keep out of"
     # Straight through the lower door, 5 m, but for its middle at 0.85 m.
     assert found["route"]["length_m"] == pytest.approx(5.0, abs=0.1)
 
@@ -95,3 +101,35 @@ def test_graph_takes_objects_and_a_route(office, tmp_path, capsys):
 def test_a_radius_of_nothing_is_one_line(office, tmp_path, capsys):
     assert main(["map", "graph", str(office), "--radius", "0", "--out", str(tmp_path)]) == 2
     assert "radius_m" in capsys.readouterr().err
+
+
+def test_a_plan_keeps_clear_of_the_transparent_parts_of_a_reconstruction(office, tmp_path, capsys):
+    """A clear pane of 5 cm in the lower door: the other way is planned, and none when panes stand in both doors."""
+    (tmp_path / "robot.yaml").write_text("radius_m: 0.17\n")
+    words = [
+        "plan",
+        str(office),
+        "--robot",
+        str(tmp_path / "robot.yaml"),
+        "--start",
+        "0.5",
+        "0.8",
+        "--goal",
+        "5.5",
+        "0.8",
+    ]
+    ways = []
+    for panes in ((), ((2.98, 0.4),), ((2.98, 0.4), (2.98, 1.7))):
+        hulls = [
+            np.array([[x, y, z] for x in (a, a + 0.05) for y in (b, b + 0.9) for z in (0.0, 0.5)])
+            for a, b in panes
+        ]
+        clusters = [{"hull": hull.tolist(), "score": 0.9} for hull in hulls]
+        (tmp_path / "regions.json").write_text(json.dumps({"clusters": clusters}))
+        code = main([*words, *(["--glass", str(tmp_path / "regions.json")] if panes else []), "--json"])
+        ways.append((code, json.loads(capsys.readouterr().out)["length_m"]))
+    assert ways[0] == (0, pytest.approx(5.0, abs=0.1))
+    # Through the upper door, at (3, 1.8) or higher: at least twice the hypotenuse.
+    assert ways[1][0] == 0
+    assert 2 * np.hypot(2.5, 1.0) <= ways[1][1] < 6.5
+    assert ways[2][0] == 3

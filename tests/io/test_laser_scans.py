@@ -275,4 +275,6 @@ def test_ranges_in_millimetres_are_not_free_space(tmp_path: Path) -> None:
 def test_a_time_since_1970_that_is_not_in_seconds_is_refused(tmp_path: Path, t_s: str) -> None:
     with pytest.raises(InputError, match=r"line 2: t_s: found 1\S+, expected -1e\+11 to 1e\+11"):
         read_scans(_one_scan(tmp_path / "s.csv", "1,2,3", t_s))
-    assert read_scans(_one_scan(tmp_path / "s.csv", "1,2,3", "1764336000.5"))[0][0].t_s == 1764336000.5
+    assert read_scans(_one_scan(tmp_path / "s.csv", "1,2,3", "1764336000.5"))[0][0].t_s == pytest.approx(
+        1764336000.5, abs=1e-6
+    )

@@ -257,3 +257,30 @@ def test_the_stata_map_is_turned_by_its_origin(data: Path) -> None:
     np.testing.assert_allclose(far, [25.9, 48.5] + turn @ (np.array([width, height]) - 0.5 * 0.0504))
     assert far[0] < -61
     assert far[1] < -16.8
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"P4\n# a bitmap has no maxval\n10 2\n\x80\x40\xff\x80",
+        b"P1\n10 2\n1000000001\n1 1 1 1 1 1 1 1 1 0 # the last\n",
+    ],
+)
+def test_bitmaps_are_black_where_occupied(tmp_path, data):
+    (tmp_path / "m.pbm").write_bytes(data)
+    (tmp_path / "m.yaml").write_text(
+        "{image: m.pbm, resolution: 0.1, origin: [0, 0, 0], negate: 0, occupied_thresh: 0.65, free_thresh: 0.196}"
+    )
+    top, bottom = [100] + 8 * [0] + [100], 9 * [100] + [0]
+    expected = [bottom, top]
+    np.testing.assert_array_equal(OccupancyMap.load(tmp_path / "m.yaml").cells, expected)
+
+
+@pytest.mark.parametrize("data", [b"P4\n10 2\n\x80\x40\xff", b"P1\n4 1\n0 1 2 0", b"P1\n4 1\n010"])
+def test_a_damaged_bitmap_is_refused(tmp_path, data):
+    (tmp_path / "m.pbm").write_bytes(data)
+    (tmp_path / "m.yaml").write_text(
+        "{image: m.pbm, resolution: 0.1, origin: [0, 0, 0], negate: 0, occupied_thresh: 0.65, free_thresh: 0.196}"
+    )
+    with pytest.raises(InputError, match="pixels, expected"):
+        OccupancyMap.load(tmp_path / "m.yaml")

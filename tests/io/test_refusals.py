@@ -173,7 +173,7 @@ TWO_PARENTS = b'{"nodes": [{"children": [2]}, {"children": [2]}, {}]}'
         (lambda at: OccupancyMap.load(_pgm(at / "m.yaml", b"P2\n2 1\n255\n1 2 3\n")), "has more than 2 pixels"),
         (lambda at: OccupancyMap.load(_pgm(at / "m.yaml", b"P2\n2 1\n255\n1 # 2\n")), "has 1 pixels, expected 2"),
         (lambda at: OccupancyMap.load(_pgm(at / "m.yaml", b"P2\n2 1\n255\n1 70000\n")), "has pixels from 1 to 70000"),
-        (lambda at: OccupancyMap.load(_pgm(at / "m.yaml", encode_image(np.zeros((4, 4), np.uint8), "webp"))), "expected a PGM, PNG, BMP or JPEG image"),
+        (lambda at: OccupancyMap.load(_pgm(at / "m.yaml", encode_image(np.zeros((4, 4), np.uint8), "webp"))), "expected a PBM, PGM, PPM, PNG, BMP or JPEG image"),
         (lambda at: load_mesh(_written(at / "m.ply", PLY.format("", "0 0 0").encode())), "has no triangles"),
         (lambda at: read_ply(_written(at / "m.ply", PLY.format("", "0 nan 0").encode())), "has a vertex that is not finite"),
         (lambda at: read_ply(_written(at / "m.ply", b"solid")), "is not a PLY file: no header of ply ... end_header"),

@@ -1,6 +1,5 @@
 from .bottle import CLASS as CLASS
 from .bottle import GROUPS as GROUPS
-from .bottle import HEIGHTS as HEIGHTS
 from .bottle import PLACE as PLACE
 from .bottle import TableBottle as TableBottle
 from .bottle import container_of_outline as container_of_outline
@@ -15,7 +14,6 @@ from .chapters import Visit as Visit
 from .chapters import run_mission as run_mission
 from .drive_chapters import drive_to_the_table as drive_to_the_table
 from .drive_chapters import route_problem as route_problem
-from .floor_chapters import ROBOT as ROBOT
 from .floor_chapters import find_the_door_blocked as find_the_door_blocked
 from .floor_chapters import map_route as map_route
 from .floor_chapters import world_map as world_map

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Int8, UInt
+from jaxtyping import Bool, Int8, UInt, UInt8
 
 from ...core.errors import InputError
 from ...core.files import MAX_IMAGE_BYTES, check_image_size, decode_image, image_size, read_bytes
@@ -21,7 +21,7 @@ UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 #: Block size for the conversion of text to numbers [bytes].
 _TEXT_BLOCK = 1 << 20
 #: Number of channels of each supported netpbm format.
-_NETPBM = {b"P2": 1, b"P5": 1, b"P3": 3, b"P6": 3}
+_NETPBM = {b"P1": 1, b"P4": 1, b"P2": 1, b"P5": 1, b"P3": 3, b"P6": 3}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +34,7 @@ class MapImage:
 
 
 def read_map_image(path: Path) -> MapImage:
-    """Read a PGM, PPM, PNG, BMP or JPEG file.
+    """Read a PBM, PGM, PPM, PNG, BMP or JPEG file.
 
     Parameters
     ----------
@@ -103,9 +103,11 @@ def cells_from_image(
 
 
 def _read_netpbm(path: Path, data: bytes) -> MapImage:
-    """PGM or PPM, text (P2, P3) or binary (P5, P6), 8 or 16 bit, with comments."""
+    """PBM, PGM or PPM, text (P1, P2, P3) or binary (P4, P5, P6), 1, 8 or 16 bit, with comments."""
     kind = data[:2]
     (width, height, top), place = _netpbm_header(path, data)
+    if kind in (b"P1", b"P4"):
+        return MapImage(1 - _bits(path, data, place, width, height), 1, None)
     count = width * height * _NETPBM[kind]
     if kind in (b"P5", b"P6"):
         dtype = np.dtype(np.uint8) if top < 256 else np.dtype(">u2")
@@ -125,10 +127,10 @@ def _read_netpbm(path: Path, data: bytes) -> MapImage:
 
 
 def _netpbm_header(path: Path, data: bytes) -> tuple[tuple[int, int, int], int]:
-    """Width, height and maxval, and the offset after them."""
+    """Width, height and maxval (1 of a bitmap, which has none), and the offset after them."""
     numbers: list[int] = []
-    place = 2
-    while len(numbers) < 3:
+    place, bitmap = 2, data[:2] in (b"P1", b"P4")
+    while len(numbers) < (2 if bitmap else 3):
         while place < len(data) and (data[place : place + 1].isspace() or data[place] == ord("#")):
             if data[place] == ord("#"):
                 end = data.find(b"\n", place)
@@ -141,12 +143,27 @@ def _netpbm_header(path: Path, data: bytes) -> tuple[tuple[int, int, int], int]:
         if place == start or place - start > 10:
             raise InputError(path, f"found {data[start : start + 10]!r}, expected a number in the PGM header")
         numbers.append(int(data[start:place]))
-    width, height, top = numbers
+    width, height, top = (*numbers, 1) if bitmap else numbers
     check_numbers(path, within(1, 65535), maxval=top)
     if place < len(data) and not data[place : place + 1].isspace():
         raise InputError(path, f"found {data[place : place + 1]!r} after the PGM header, expected a space")
     check_image_size(path, width, height)
     return (width, height, top), place
+
+
+def _bits(path: Path, data: bytes, place: int, width: int, height: int) -> UInt8[np.ndarray, "rows columns"]:
+    """Bits of a bitmap, 1 for black: rows of whole bytes, or digits with or without spaces between them."""
+    if data[:2] == b"P4":
+        row = -(-width // 8)
+        if len(data) - place - 1 < row * height or data[place + 1 + row * height :].strip():
+            raise InputError(path, f"has {len(data) - place - 1} bytes of pixels, expected {row * height}")
+        packed = np.frombuffer(data, np.uint8, row * height, place + 1).reshape(height, row)
+        return np.unpackbits(packed, axis=1)[:, :width]
+    digits = b"".join(line.partition(b"#")[0] for line in data[place:].splitlines())
+    found = np.frombuffer(digits.translate(None, b" \t\r\v\f"), np.uint8) - ord("0")
+    if len(found) != width * height or found.max() > 1:
+        raise InputError(path, f"has {len(found)} pixels, expected {width * height}, each 0 or 1")
+    return found.reshape(height, width)
 
 
 def _text_pixels(path: Path, data: bytes, place: int, count: int) -> UInt[np.ndarray, "count"]:
@@ -182,7 +199,7 @@ def _text_pixels(path: Path, data: bytes, place: int, count: int) -> UInt[np.nda
 
 def _read_other(path: Path, data: bytes) -> MapImage:
     if data[:8] != b"\x89PNG\r\n\x1a\n" and data[:2] not in (b"BM", b"\xff\xd8"):
-        raise InputError(path, f"begins with {data[:4]!r}, expected a PGM, PNG, BMP or JPEG image")
+        raise InputError(path, f"begins with {data[:4]!r}, expected a PBM, PGM, PPM, PNG, BMP or JPEG image")
     if b"tRNS" in data[: max(data.find(b"IDAT"), 0)]:
         # OpenCV shows what is below: unknown cells would become free or occupied.
         raise InputError(

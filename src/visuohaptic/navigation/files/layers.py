@@ -14,17 +14,21 @@ noise.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Int8
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from ...core.errors import InputError
 from ...core.files import load_yaml_model, read_image, save_yaml, write_image
-from ...io.maps.occupancy_map import OccupancyMap
+from ...io.maps.occupancy_map import OCCUPIED, OccupancyMap
+from ..problem.planning_problem import MovableObject
+from ..problem.push_costs import failure_probability, manipulability
+from ..problem.robot_model import RobotModel
 
 #: 16 bit levels for values that are not finite numbers.
 _NAN, _INF, _MINUS_INF, _TOP = 65535, 65534, 65533, 65532
@@ -206,3 +210,39 @@ def load_layer(path: Path | str) -> Layer:
             values = np.rint(raw).astype(np.int32)
     x, y, yaw = info.origin
     return Layer(layer.name, values, info.resolution, (x, y, yaw), layer.unit)
+
+
+def felt_obstacles(
+    grid: OccupancyMap, objects: Iterable[MovableObject], robot: RobotModel
+) -> Int8[np.ndarray, "rows columns"]:
+    """Cost of touched objects for a robot that drives into them, on the cells of a map.
+
+    100 if an object cannot be pushed (fixed, falls, or heavier than the platform's force), 1 to 99 according to the probability
+    that a push fails, 0 elsewhere; untouched objects have no cost.
+
+    Parameters
+    ----------
+    grid
+        The map.
+    objects
+        Footprints with tags.
+    robot
+        Provides the pushing force.
+    """
+    from shapely import Polygon, distance, points
+
+    found = np.zeros(grid.shape, np.int8)
+    for item in objects:
+        if item.tag is None:
+            continue
+        risk = failure_probability(item.tag, 0.0, robot)
+        value = 1 + round(98 * risk) if manipulability(item.tag, robot).possible else OCCUPIED
+        corners = grid.cell_from_world(item.footprint_m)
+        low, high = np.clip([corners.min(axis=0) - 1, corners.max(axis=0) + 2], 0, found.shape)
+        cells = low + np.argwhere(np.ones(high - low, bool))
+        # Every cell that overlaps the object: its centre is at most half a diagonal away.
+        places = points(grid.world_from_cell(cells))
+        reached = cells[distance(Polygon(item.footprint_m), places) <= grid.resolution_m * np.sqrt(0.5)]
+        rows, columns = reached.T
+        found[rows, columns] = np.maximum(found[rows, columns], value)
+    return found

@@ -1,6 +1,7 @@
 from .node_types import ManipulationNode as ManipulationNode
 from .node_types import PassageNode as PassageNode
 from .node_types import TransparencyNode as TransparencyNode
+from .objects_file import glass_objects as glass_objects
 from .objects_file import load_objects as load_objects
 from .objects_file import load_passages as load_passages
 from .objects_file import load_robot as load_robot

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -179,6 +179,34 @@ def passages_from_data(data: Any, *, where: str = "objects") -> tuple[Passage, .
         return Passage(str(entry.id), entry.footprint_m, kind, entry.open_s, entry.haptic_tag)
 
     return _made(data, where, made, passages=True)
+
+
+def glass_objects(
+    hulls_m: Iterable[Float[np.ndarray, "n 3"]], name: str = "glass"
+) -> tuple[MovableObject, ...]:
+    """Transparent parts as objects to avoid: each with its safety region, like an entry of the type ``glass``.
+
+    Parameters
+    ----------
+    hulls_m
+        Points (n, 3) around each part, in the map frame [m], as the hulls of a reconstruction.
+    name
+        Their names, before a number.
+
+    Raises
+    ------
+    InputError
+        A part has no area seen from above.
+    """
+    import shapely
+
+    seen = (shapely.MultiPoint(np.asarray(points_m)[:, :2]).convex_hull for points_m in hulls_m)
+    outlines = [shapely.get_coordinates(hull)[:-1].tolist() for hull in seen]
+    entries = [
+        {"id": f"{name}-{number}", "type": GLASS, "footprint_m": outline}
+        for number, outline in enumerate(outlines, 1)
+    ]
+    return objects_from_data({"objects": entries}, where=name)
 
 
 def _made(data: Any, where: str, make: Callable[[_Entry], T], *, passages: bool) -> tuple[T, ...]:

@@ -11,7 +11,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int8
 from pydantic import Field
 
 from ...core.codec import to_dict
@@ -20,6 +19,7 @@ from ...core.files import parse_yaml
 from ...core.files.plain_json import dumps
 from ...io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ...navigation.files.joint_geojson import save_joint_route_graph
+from ...navigation.files.layers import felt_obstacles
 from ...navigation.graph.navigation_graph import build_graph
 from ...navigation.graph.regions import assign_regions
 from ...navigation.grid.cost_grid import SpeedLimits, grid_layers
@@ -27,8 +27,6 @@ from ...navigation.planning.joint_builder import extend_graph
 from ...navigation.problem.node_types import nodes_of
 from ...navigation.problem.objects_file import load_objects, load_passages, load_robot, objects_from_data
 from ...navigation.problem.planning_problem import MovableObject
-from ...navigation.problem.push_costs import failure_probability, manipulability
-from ...navigation.problem.robot_model import RobotModel
 from ..markers import LINES, POINTS, points_marker
 from ..transports.topic_node import Received
 from ..wire.graph import LATCHED
@@ -150,42 +148,6 @@ class LayersNode(MapNode):
             layer = OccupancyMap(cells.astype(np.int8), grid.resolution_m, grid.origin)
             outlet.publish(layer.to_message(t_s, frame))
         self._told = Status(True, "ok", {"nodes": graph.nodes, "objects": len(objects)})
-
-
-def felt_obstacles(
-    grid: OccupancyMap, objects: Iterable[MovableObject], robot: RobotModel
-) -> Int8[np.ndarray, "rows columns"]:
-    """Cost of touched objects for a robot that drives into them, on the cells of a map.
-
-    100 if an object cannot be pushed (fixed, falls, or heavier than the platform's force), 1 to 99 according to the probability
-    that a push fails, 0 elsewhere; untouched objects have no cost.
-
-    Parameters
-    ----------
-    grid
-        The map.
-    objects
-        Footprints with tags.
-    robot
-        Provides the pushing force.
-    """
-    from shapely import Polygon, distance, points
-
-    found = np.zeros(grid.shape, np.int8)
-    for item in objects:
-        if item.tag is None:
-            continue
-        risk = failure_probability(item.tag, 0.0, robot)
-        value = 1 + round(98 * risk) if manipulability(item.tag, robot).possible else OCCUPIED
-        corners = grid.cell_from_world(item.footprint_m)
-        low, high = np.clip([corners.min(axis=0) - 1, corners.max(axis=0) + 2], 0, found.shape)
-        cells = low + np.argwhere(np.ones(high - low, bool))
-        # Every cell that overlaps the object: its centre is at most half a diagonal away.
-        places = points(grid.world_from_cell(cells))
-        reached = cells[distance(Polygon(item.footprint_m), places) <= grid.resolution_m * np.sqrt(0.5)]
-        rows, columns = reached.T
-        found[rows, columns] = np.maximum(found[rows, columns], value)
-    return found
 
 
 def objects_text(objects: Iterable[MovableObject]) -> str:

@@ -4,7 +4,9 @@ reads   a map_server YAML file with its image
 writes  into the folder: distance_m, cost_s_per_m, reachable, regions, potential_s (PNG with YAML),
         graph.geojson (nodes and the path of every edge), route_graph.geojson (for the Nav2 route server:
         edges are split until every straight segment keeps the radius away from the walls), with --objects
-        joint_graph.geojson (adds nodes for objects, doors and elevators), and with --plot navigation.png
+        joint_graph.geojson (adds nodes for objects, doors and elevators) and two masks for Nav2 (map_server files):
+        keepout.yaml (objects that cannot be pushed), felt_obstacles.yaml (1 to 99 by the failure probability of a
+        push, 100 where none succeeds), and with --plot navigation.png
 
 example: visuohaptic map graph office.yaml --radius 0.17 --out office_graph --plot
 """
@@ -76,13 +78,25 @@ def run(args: Any) -> dict[str, Any]:
     files.save_route_graph(folder / "route_graph.geojson", graph, layers, frame=args.frame)
     written += ["graph.geojson", "route_graph.geojson"]
     if args.objects is not None:
+        import numpy as np
+
         from ....navigation.problem.node_types import nodes_of
 
         robot = problem.RobotModel(args.radius_m, args.v_max_m_s, args.v_min_m_s)
-        nodes = nodes_of(problem.load_objects(args.objects), problem.load_passages(args.objects))
+        objects = problem.load_objects(args.objects)
+        nodes = nodes_of(objects, problem.load_passages(args.objects))
         joint = planning.extend_graph(graph, regions, robot, nodes)
         files.save_joint_route_graph(folder / "joint_graph.geojson", joint, frame=args.frame)
         written.append("joint_graph.geojson")
+        felt = files.felt_obstacles(grid, objects, robot)
+        for name, cells in (
+            ("felt_obstacles", felt),
+            ("keepout", np.where(felt == maps.OCCUPIED, felt, maps.FREE)),
+        ):
+            io.OccupancyMap(cells.astype(np.int8), grid.resolution_m, grid.origin).save(
+                folder / f"{name}.yaml"
+            )
+            written.append(f"{name}.yaml")
     result = {"map": str(args.map), **describe(layers, graph), "folder": str(folder), "written": written}
     if args.route is not None:
         result["route"] = _route(grid, limits, args.route, args.unknown_is_free)

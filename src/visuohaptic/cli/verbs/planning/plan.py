@@ -6,6 +6,7 @@ reads
                a missing or null field was not observed; an object without haptic_tag is unknown
   --robot      {radius_m, v_max_m_s, v_min_m_s, v_push_m_s, push_force_max_N, setup_time_s}
                (see `visuohaptic defaults robot`)
+  --glass      regions.json of `visuohaptic reconstruct`, with poses in the map frame: each transparent part is avoided
 writes
   --plot       the map with objects, path and pushes
 
@@ -43,6 +44,7 @@ def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("map", Path, "occupancy map", metavar="MAP.yaml")
     add("--objects", Path, "objects.yaml; without it nothing is pushed")
+    add("--glass", Path, "regions.json: transparent parts to avoid, in the map frame")
     add("--robot", Path, "robot.yaml", required=True)
     for name in ("start", "goal"):
         add(f"--{name}", float, f"{name} in the map frame [m]", required=True, nargs=2, metavar=("X", "Y"))
@@ -61,11 +63,15 @@ def run(args: Any) -> dict[str, Any]:
     """Plan; returns the mapping that ``--json`` prints."""
     import numpy as np
 
-    from ....navigation.problem.objects_file import load_objects, load_passages, load_robot
+    from ....navigation.problem.objects_file import glass_objects, load_objects, load_passages, load_robot
     from ....navigation.problem.planning_problem import PlanningProblem
 
     robot = load_robot(args.robot)
     objects = load_objects(args.objects) if args.objects else ()
+    if args.glass:
+        from ....reconstruction.completion import load_hole_regions
+
+        objects += glass_objects(region.hull_m for region in load_hole_regions(args.glass))
     passages = load_passages(args.objects) if args.objects else ()
     problem = PlanningProblem(
         io.OccupancyMap.load(args.map), robot, np.array(args.start), np.array(args.goal), objects, passages
