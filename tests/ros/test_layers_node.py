@@ -19,12 +19,12 @@ from visuohaptic.core.camera import Pose
 from visuohaptic.core.files import save_yaml
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.io.ros import ros_messages as messages
+from visuohaptic.navigation.files import felt_obstacles
 from visuohaptic.navigation.problem import MovableObject, RobotModel, objects_from_data
 from visuohaptic.ros import RosNode, RosOptions
 from visuohaptic.ros.nodes import (
     Running,
     component,
-    felt_obstacles,
     node_kind,
     objects_text,
     plan_node,

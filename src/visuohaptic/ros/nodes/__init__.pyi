@@ -8,7 +8,6 @@ from .map_nodes import LayersNode as LayersNode
 from .map_nodes import LayersParameters as LayersParameters
 from .map_nodes import MapNode as MapNode
 from .map_nodes import MapParameters as MapParameters
-from .map_nodes import felt_obstacles as felt_obstacles
 from .map_nodes import objects_text as objects_text
 from .object_nodes import ClassifyNode as ClassifyNode
 from .object_nodes import ClassifyParameters as ClassifyParameters
