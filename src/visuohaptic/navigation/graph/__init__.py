@@ -1,4 +1,4 @@
-"""Navigation graph and regions of a costmap, updated in place; shortest and any-angle paths by string pulling (Alt 2016, Sec. 4.2)."""
+"""Navigation graph and regions of a costmap; shortest and any-angle paths by string pulling (Alt 2016, Sec. 4.2)."""
 
 from ...core.front_door import attach
 
