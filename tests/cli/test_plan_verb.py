@@ -58,6 +58,28 @@ def test_text_says_what_to_do(files, capsys):
     assert "tower is not pushed: fixed" in out
 
 
+def test_a_tour_explores_what_is_unknown(files, capsys):
+    data = yaml.safe_load((files / "objects.yaml").read_text())
+    for item in data["objects"]:
+        item.pop("haptic_tag")
+    (files / "objects.yaml").write_text(yaml.safe_dump(data))
+    plan = ["plan", str(files / "map.yaml"), "--objects", str(files / "objects.yaml")]
+    plan += ["--robot", str(files / "robot.yaml"), "--start", "1.5", "0.9"]
+    assert main([*plan, "--explore", "600", "--json", "--plot", str(files / "tour.png")]) == 0
+    tour = json.loads(capsys.readouterr().out)
+    steps = [step["object"] for step in tour["steps"]]
+    assert steps == [task["object"] for task in tour["tasks"] if task["kind"] == "explore"]
+    assert {*steps, *tour["left_out"]} == {item["id"] for item in data["objects"]}
+    assert tour["time_s"] == pytest.approx(sum(step["time_s"] for step in tour["steps"]), abs=1e-5)
+    assert tour["time_s"] <= tour["budget_s"] == 600.0
+    assert (files / "tour.png").stat().st_size > 5000
+    assert main([*plan, "--explore", "1"]) == 3
+    assert "by itself" in capsys.readouterr().out
+    for wrong in ([], ["--explore", "60", "--prove"]):
+        assert main([*plan, *wrong]) == 2
+    assert main([*plan, "--explore", "-1"]) == 2
+
+
 def test_no_plan_is_an_answer(files, capsys):
     (files / "objects.yaml").write_text("objects: []")
     assert run(files, "--json", goal=("5.3", "3.6")) == 3

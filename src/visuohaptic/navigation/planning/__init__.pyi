@@ -1,3 +1,6 @@
+from .exploration import Tour as Tour
+from .exploration import TourStep as TourStep
+from .exploration import exploration_tour as exploration_tour
 from .joint_builder import extend_graph as extend_graph
 from .joint_graph import JointGraph as JointGraph
 from .joint_graph import JointNode as JointNode

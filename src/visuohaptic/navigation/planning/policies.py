@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from ...core.objects import HapticTag
-from ..problem.path_plan import Plan, Task
+from ..problem.path_plan import Plan
 from ..problem.planning_problem import MovableObject, PlanningProblem, PushMode
-from ..problem.push_costs import PushCosts, failure_probability
+from ..problem.push_costs import PushCosts
 from .drive_tasks import drive_tasks
+from .exploration.first_touch import explore_task, nearest_contact
 from .planner import plan_in_domain
-from .search.bodies import STAND_OFF_M
 from .search.domain_builder import build_search_domain
-from .search.drives import pull_string
 from .search.push_search import load_kernels
 from .search.push_states import Deadline, SearchLimits
 from .search.search_domain import SearchDomain, grid_from_world, world_from_grid
@@ -258,27 +257,12 @@ def via_exploration(
     if index is None:
         return refused
     body = domain.bodies[index]
-    shifts = np.zeros((len(domain.bodies), 2))
-    stand_off = STAND_OFF_M / problem.map.resolution_m
-    start = grid_from_world(problem.map, problem.start_m)
-    paths = []
-    for contact in body.contacts:
-        approach = body.centre + contact.robot - stand_off * contact.direction
-        path, cost = pull_string(domain, shifts, start, approach)
-        if len(path):
-            paths.append((cost, path, contact))
-    if not paths:
+    reached = nearest_contact(domain, body, grid_from_world(problem.map, problem.start_m))
+    if reached is None:
         return refused
-    cost, path, contact = min(paths, key=lambda one: one[0])
+    path, cost, contact = reached
     drive = drive_tasks(domain, path, cost)
-    contact_m = world_from_grid(problem.map, body.centre + contact.contact)
-    touch = Task(
-        "explore",
-        costs.explore_time_s,
-        object=obj.id,
-        contact_m=(float(contact_m[0]), float(contact_m[1])),
-        failure_probability=failure_probability(obj.tag, 0.0, problem.robot, costs),
-    )
+    touch = explore_task(domain, body, contact, problem.robot, costs)
     onward = replace(problem, start_m=world_from_grid(problem.map, path[-1]))
     known = _pushed(domain, unknown=False)
     rest = plan_in_domain(onward, domain, costs, limits, active=known)

@@ -14,7 +14,13 @@ The result is one of: optimal; within N % of the optimum; no plan (proved); no p
 plan the exit code is 3. cost_s is the sum of the times of all actions. An object tagged as fixed, or as likely to
 topple, is never pushed. contact_m is the contact point on the outline, goal_m where the object's centre ends.
 
+With --explore S, the result is a tour instead: which unknown objects to touch, and in which order, so that the expected
+benefit (passages opened first, then time saved) within S seconds is greatest; it ends at --goal if one is given. Each
+object that is left out has a reason; the exit code is 3 if nothing is worth exploring. --budget and --memory limit the
+search of a plan, not of a tour.
+
 example: visuohaptic plan office.yaml --objects objects.yaml --robot robot.yaml --start 0.8 0.8 --goal 3 1 --json
+example: visuohaptic plan office.yaml --objects objects.yaml --robot robot.yaml --start 0.8 0.8 --explore 600
 """
 
 from __future__ import annotations
@@ -23,12 +29,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .... import io
+from ....core.errors import InputError
 from ....navigation import planning, plots
 from ....navigation.planning import search
 from ..._console import NO_RESULT
 
 if TYPE_CHECKING:
     from ....navigation.problem.path_plan import Plan
+    from ....navigation.problem.planning_problem import PlanningProblem
 
 #: Modules with kernels of the verb, the last needed first.
 KERNELS = (
@@ -46,8 +54,9 @@ def add_arguments(add: Any) -> None:
     add("--objects", Path, "objects.yaml; without it nothing is pushed")
     add("--glass", Path, "regions.json: transparent parts to avoid, in the map frame")
     add("--robot", Path, "robot.yaml", required=True)
-    for name in ("start", "goal"):
-        add(f"--{name}", float, f"{name} in the map frame [m]", required=True, nargs=2, metavar=("X", "Y"))
+    add("--start", float, "start in the map frame [m]", required=True, nargs=2, metavar=("X", "Y"))
+    add("--goal", float, "goal in the map frame [m]; optional with --explore", nargs=2, metavar=("X", "Y"))
+    add("--explore", float, "plan a tour that explores unknown objects within this time [s]", metavar="S")
     add("--plot", Path, "plot to write (PNG)")
     add("--compare", bool, "also plan with other objectives: most reliable, no pushing, most information")
     add("--budget", 2.0, "CPU time of the search [s] (default %(default)s)", metavar="S")
@@ -66,6 +75,11 @@ def run(args: Any) -> dict[str, Any]:
     from ....navigation.problem.objects_file import glass_objects, load_objects, load_passages, load_robot
     from ....navigation.problem.planning_problem import PlanningProblem
 
+    if args.goal is None and args.explore is None:
+        raise InputError("--goal", "is missing", remedy="give a goal, or --explore with a time")
+    for option in ("compare", "prove"):
+        if args.explore is not None and getattr(args, option):
+            raise InputError(f"--{option}", "does not apply to --explore", remedy="leave it out")
     robot = load_robot(args.robot)
     objects = load_objects(args.objects) if args.objects else ()
     if args.glass:
@@ -73,9 +87,10 @@ def run(args: Any) -> dict[str, Any]:
 
         objects += glass_objects(region.hull_m for region in load_hole_regions(args.glass))
     passages = load_passages(args.objects) if args.objects else ()
-    problem = PlanningProblem(
-        io.OccupancyMap.load(args.map), robot, np.array(args.start), np.array(args.goal), objects, passages
-    )
+    start_m, goal_m = np.array(args.start), np.array(args.goal or args.start)
+    problem = PlanningProblem(io.OccupancyMap.load(args.map), robot, start_m, goal_m, objects, passages)
+    if args.explore is not None:
+        return _explore(args, problem)
     budget_s = args.budget * (PROOF_BUDGETS if args.prove else 1.0)
     limits = search.SearchLimits(
         budget_s, 0.0 if args.prove else search.SearchLimits().gap, int(args.memory * 1e6)
@@ -101,6 +116,25 @@ def run(args: Any) -> dict[str, Any]:
         plots.plot_path_plan(problem, found, args.plot)
         args.report(f"written to {args.plot}")
     return result
+
+
+def _explore(args: Any, problem: PlanningProblem) -> dict[str, Any]:
+    tour = planning.exploration_tour(problem, args.explore, to_goal=args.goal is not None)
+    args.exit_code = 0 if tour.steps else NO_RESULT
+    args.report(tour.summary)
+    for step in tour.steps:
+        gain = f"opens a passage with probability {step.opens:.2f}, saves {step.benefit_s:.1f} s (expected)"
+        args.report(f"  explore {step.object}: {step.time_s:.1f} s, {gain}")
+    for id, reason in tour.left_out.items():
+        args.report(f"  not {id}: {reason}")
+    for note in tour.notes:
+        args.report(
+            f"  note: {note}; at most {tour.bound[0]:.2f} passages or {tour.bound[1]:.1f} s are possible"
+        )
+    if args.plot:
+        plots.plot_path_plan(problem, tour.plan, args.plot)
+        args.report(f"written to {args.plot}")
+    return tour.to_json()
 
 
 def _report(args: Any, plan: Plan) -> None:

@@ -1,0 +1,221 @@
+"""Tours against every order of a small floor, with benefits and times computed another way."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import networkx
+import numpy as np
+import pytest
+
+from visuohaptic.core import HapticTag, InputError
+from visuohaptic.navigation.graph import assign_regions, build_graph
+from visuohaptic.navigation.grid import SpeedLimits, grid_layers
+from visuohaptic.navigation.planning import exploration_tour, extend_graph, via_exploration, without_pushing
+from visuohaptic.navigation.planning.exploration import (
+    Orienteering,
+    benefit_by_set,
+    best_order,
+    expected_benefit,
+    upper_bound,
+)
+from visuohaptic.navigation.planning.exploration import orienteering as search
+from visuohaptic.navigation.problem import ManipulationNode, MovableObject, PlanningProblem, PushCosts
+
+from .plan_scenes import ROBOT, box, rooms, with_objects
+
+P = 0.5  # prior of PushCosts
+
+
+@pytest.fixture(scope="module")
+def floor():
+    """Two doors to the room on the right, each blocked (first, second); a blocked door between two dead ends (wall)."""
+    walls = [
+        (9.0, 0.0, 9.1, 1.0), (9.0, 1.8, 9.1, 6.0), (9.0, 6.8, 9.1, 8.0),
+        (0.0, 4.0, 0.5, 4.1), (1.3, 4.0, 8.0, 4.1), (0.0, 2.6, 8.0, 2.7), (0.0, 5.4, 8.0, 5.5),
+    ]  # fmt: skip
+    objects = [
+        MovableObject("first", box(9.05, 1.4, 0.45)),
+        MovableObject("second", box(9.05, 6.4, 0.45)),
+        MovableObject("wall", box(0.9, 4.05, 0.45)),
+        MovableObject("free", box(6.0, 1.2, 0.3)),
+        MovableObject("behind", box(10.7, 4.0, 0.4)),
+    ]
+    grid = with_objects(rooms(12.0, 8.0, walls), objects)
+    return PlanningProblem(grid, ROBOT, np.array([4.0, 1.0]), np.array([6.0, 6.4]), tuple(objects))
+
+
+@pytest.fixture(scope="module")
+def truth(floor):
+    """Times between start, approach poses and goal by the planner, and the graph with every object movable."""
+    ids = ["first", "second", "wall", "free"]
+    places = {"start": floor.start_m, "goal": floor.goal_m}
+    for item in floor.objects[:4]:
+        tasks = via_exploration(floor, item).tasks
+        places[item.id] = np.array(
+            next(b for b, touch in itertools.pairwise(tasks) if touch.kind == "explore").path_m[-1]
+        )
+    times = {
+        (a, b): without_pushing(replace(floor, start_m=places[a], goal_m=places[b])).cost_s
+        for a, b in itertools.combinations(places, 2)
+    }
+    times |= {(b, a): time_s for (a, b), time_s in times.items()}
+    layers = grid_layers(floor.map, SpeedLimits(ROBOT.radius_m))
+    visual = build_graph(layers)
+    moves = HapticTag(fixed=False, explored=1)
+    nodes = [ManipulationNode(replace(item, tag=moves)) for item in floor.objects[:4]]
+    return ids, times, extend_graph(visual, assign_regions(layers, visual), ROBOT, nodes)
+
+
+def gain(joint, moved, id):
+    """Eq. (4.2) for one set of objects that were found movable, by another library."""
+
+    def paths(ids):
+        graph = networkx.Graph()
+        graph.add_nodes_from(range(joint.visual.nodes + len(joint.added)))
+        closed = {node.number for node in joint.added if node.kind.id not in ids}
+        for (a, b), cost in zip(*(one.tolist() for one in joint.edges()), strict=True):
+            if not {a, b} & closed and cost < graph.get_edge_data(a, b, {"weight": np.inf})["weight"]:
+                graph.add_edge(a, b, weight=cost)
+        ends = joint.node(id).neighbours.tolist()
+        found = {end: networkx.single_source_dijkstra_path_length(graph, end) for end in ends}
+        return {(a, b): found[a].get(b, np.inf) for a, b in itertools.combinations(ends, 2)}
+
+    before, after = paths(moved), paths({*moved, id})
+    opens = any(np.isinf(before[pair]) and np.isfinite(after[pair]) for pair in before)
+    saved = [before[pair] - after[pair] for pair in before if np.isfinite(before[pair])]
+    return np.array([opens, max(saved, default=0.0)])
+
+
+@pytest.fixture(scope="module")
+def gains(truth):
+    """Benefit of each object after each subset of the others."""
+    ids, _, joint = truth
+    return {
+        (frozenset(moved), id): gain(joint, set(moved), id)
+        for id in ids
+        for size in range(len(ids))
+        for moved in itertools.combinations([other for other in ids if other != id], size)
+    }
+
+
+def best_of_all_orders(ids, times, gains, budget_s, goal):
+    """Greatest (openings, seconds) over every order of every subset that is in time."""
+    best = (0.0, 0.0)
+    for size in range(len(ids) + 1):
+        for order in itertools.permutations(ids, size):
+            stops = ["start", *order, *(["goal"] if goal else [])]
+            time_s = sum(times[leg] for leg in itertools.pairwise(stops)) + PushCosts().explore_time_s * size
+            if time_s > budget_s:
+                continue
+            total = np.zeros(2)
+            for index, id in enumerate(order):
+                worlds = [
+                    (gains[frozenset(moved), id], P ** len(moved) * (1 - P) ** (index - len(moved)))
+                    for known in range(index + 1)
+                    for moved in itertools.combinations(order[:index], known)
+                ]
+                total += P * sum(value * weight for value, weight in worlds)
+            best = max(best, tuple(np.round(total, 5)))
+    return best
+
+
+@pytest.mark.parametrize(
+    ("budget_s", "goal"),
+    [(10.0, False), (35.0, False), (60.0, False), (75.0, True), (110.0, False), (600.0, True)],
+)
+def test_no_order_is_better(floor, truth, gains, budget_s, goal):
+    ids, times, _ = truth
+    tour = exploration_tour(floor, budget_s, to_goal=goal)
+    assert (tour.opens, tour.benefit_s) == pytest.approx(
+        best_of_all_orders(ids, times, gains, budget_s, goal), abs=1e-4
+    )
+    assert tour.time_s <= budget_s
+    assert tour.bound == pytest.approx((tour.opens, tour.benefit_s))
+    assert sum(step.time_s for step in tour.steps) <= tour.time_s + 1e-6
+    assert {step.object for step in tour.steps} | set(tour.left_out) == {item.id for item in floor.objects}
+    assert tour.left_out["behind"].startswith("cannot be touched")
+    assert tour.left_out["free"] == "opens no shorter way"
+    paths = [task.path_m for task in tour.tasks if task.path_m]
+    assert all(a[-1] == pytest.approx(b[0]) for a, b in itertools.pairwise(paths))
+
+
+def test_the_second_door_is_worth_what_the_first_one_leaves(floor, gains):
+    tour = exploration_tour(floor, 600.0)
+    steps = {step.object: step for step in tour.steps}
+    one, other = (steps[id] for id in steps if id != "wall")
+    assert one.opens == pytest.approx(P)
+    # It opens the room only if the other door did not; else it shortens the ways into it.
+    assert other.opens == pytest.approx(P * (1 - P))
+    assert other.benefit_s > 0
+
+
+def test_a_wrong_budget_and_no_unknown_object(floor):
+    with pytest.raises(InputError, match="budget_s"):
+        exploration_tour(floor, 0.0)
+    known = replace(floor, objects=())
+    assert exploration_tour(known, 60.0).summary == "nothing to explore"
+
+
+def random_instance(rng, count, sets):
+    places = rng.uniform(0, 100, (count + 2, 2))
+    times = np.rint(np.hypot(*(places[:, None] - places).transpose(2, 0, 1))).astype(np.int64)
+    visit = times[:-1, 1:-1] + 8
+    visit[rng.random(visit.shape) < 0.1] = -1
+    values = np.stack([rng.integers(0, 3, (sets, count)), rng.integers(0, 50, (sets, count))], axis=2)
+    return Orienteering(visit, times[:-1, -1], int(rng.integers(60, 300)), values)
+
+
+@pytest.mark.parametrize("by_set", [True, False])
+def test_random_tours_equal_every_order_tried(by_set):
+    rng = np.random.default_rng(4)
+    for _ in range(12):
+        problem = random_instance(rng, 5, 2**5 if by_set else 1)
+        best = (0, 0)
+        for size in range(6):
+            for order in itertools.permutations(range(5), size):
+                stops = [0, *(index + 1 for index in order)]
+                legs = [problem.visit_us[a, b - 1] for a, b in itertools.pairwise(stops)]
+                if min(legs, default=0) < 0 or sum(legs) + problem.finish_us[stops[-1]] > problem.budget_us:
+                    continue
+                sets = [sum(1 << one for one in order[:k]) * by_set for k in range(size)]
+                gained = sum((problem.values[s, i] for s, i in zip(sets, order, strict=True)), np.zeros(2))
+                best = max(best, tuple(gained.astype(int).tolist()))
+        found = problem.tour(best_order(problem))
+        assert (found[0] if found else (0, 0)) == best
+        if not by_set:
+            quick = problem.tour(search._heuristic(problem))
+            assert (quick[0] if quick else (0, 0)) <= best
+            bound = upper_bound(problem)
+            assert best[0] <= bound[0]
+            assert best[1] <= bound[1]
+
+
+def test_the_sets_of_many_objects_are_evaluated_in_parts(truth, monkeypatch):
+    ids, _, joint = truth
+    whole = expected_benefit(joint, tuple(ids), 0.3)
+    monkeypatch.setattr(benefit_by_set, "AT_ONCE", 1)
+    parts = expected_benefit(joint, tuple(ids), 0.3)
+    assert np.allclose(parts.opens, whole.opens)
+    assert np.allclose(parts.saved_s, whole.saved_s)
+
+
+def test_the_heuristic_loses_few_per_cent():
+    rng = np.random.default_rng(11)
+    totals = np.zeros(2)
+    for _ in range(12):
+        problem = random_instance(rng, 8, 1)
+        problem.values[:, :, 0] = 0
+        tours = [problem.tour(way(problem)) for way in (search._heuristic, best_order)]
+        totals += [0 if tour is None else tour[0][1] for tour in tours]
+    assert 0.95 * totals[1] <= totals[0] <= totals[1]
+
+
+def test_many_objects_keep_to_the_budget_and_the_bound():
+    rng = np.random.default_rng(5)
+    problem = random_instance(rng, 25, 1)
+    (opens, saved), time = problem.tour(best_order(problem))
+    assert time <= problem.budget_us
+    assert 0 < opens <= upper_bound(problem)[0]
+    assert saved <= upper_bound(problem)[1]
