@@ -86,7 +86,7 @@ def fold(grasps: dict[str, list[tuple[TouchReading, ...]]], trial: int, learned:
         answers.append(update_belief(model, one[trial]).answer)
         among.append(update_belief(closed, one[trial]).answer)
         place, value, noise = evidence(model, one[trial])
-        inside += list(_inside(model, model.answers.index(name), place, value, noise))
+        inside += list(inside_band(model, model.answers.index(name), place, value, noise))
     table = np.array([_features(one.readings) for one in squeezed])
     asked = np.array([_features(one[trial]) for one in grasps.values()])
     labels = [one.label for one in squeezed]
@@ -112,7 +112,9 @@ def called_unknown(grasps: dict[str, list[tuple[TouchReading, ...]]], trial: int
     return answers.count(UNKNOWN) / len(answers)
 
 
-def _inside(model: Any, answer: int, place: np.ndarray, value: np.ndarray, noise: np.ndarray) -> np.ndarray:
+def inside_band(
+    model: Any, answer: int, place: np.ndarray, value: np.ndarray, noise: np.ndarray
+) -> np.ndarray:
     """Whether readings are between the 5 % and 95 % quantiles of the mixture of a class."""
     rows = model.answer_of == answer
     weight = np.exp(model.log_prior[rows])

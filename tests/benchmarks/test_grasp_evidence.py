@@ -89,3 +89,21 @@ def test_a_planned_grasp_is_lifted_and_figures_count_what_held() -> None:
     assert held["ours"] == pytest.approx(0.5)
     assert error["ours"] == pytest.approx(0.4)
     assert "pot 0 slips" in held["note"]
+    assert first["work_J"] > 0
+    assert 0 < first["score"] <= 1
+
+
+def test_metrics_are_compared_by_the_order_in_which_they_put_what_holds_and_what_fails() -> None:
+    """Of four pairs of a grasp that holds and one that fails, work orders all, the score half, and the probability none."""
+    columns = ("seed", "success", "work_J", "score", "declared")
+    values = [
+        (0, True, 1, 0.9, 0.5),
+        (2, True, 2, 0.2, 0.6),
+        (4, False, 3, 0.5, 0.7),
+        (6, False, 4, 0.6, 0.8),
+    ]
+    rows = [{"offered": True} | dict(zip(columns, one, strict=True)) for one in values]
+    found = grasp_evidence.metric_figures([*rows, {"offered": False, "success": False}], draws=20)
+    assert [row["ours"] for row in found] == pytest.approx([1.0, 0.5, 0.0])
+    assert "4 lifts, 2 failed" in found[0]["note"]
+    assert not grasp_evidence.metric_figures(rows[:2])

@@ -1,6 +1,8 @@
 from .classifier_file import Classifier as Classifier
 from .classifier_file import load_classifier as load_classifier
 from .classifier_file import save_classifier as save_classifier
+from .data.compressions import Compression as Compression
+from .data.compressions import read_compressions as read_compressions
 from .data.curve_file import SqueezedObject as SqueezedObject
 from .data.curve_file import read_curves as read_curves
 from .data.curve_file import read_squeezed as read_squeezed

@@ -2,6 +2,7 @@
 
 reads   a classifier of `classify train`, and a CSV file of curves with the columns
           height (1..16), side (x+, x-, y+, y-), force_N, deformation_m [, width_m, object_height_m]
+        or a folder of published compressions, with the print to classify as --object;
         or, with --ask, one line on stdin per question: stiffness of both sides [N/m]
         and optionally the width [m], for example: 5200 5150 0.071
 writes  the class probabilities to stdout; with --view, a page that shows the tree and the planned touches
@@ -29,7 +30,8 @@ from ....core.errors import InputError
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("tree", Path, ".json of classify train")
-    add("curves", Path, "CSV file of measured curves", nargs="?")
+    add("curves", Path, "CSV file of measured curves, or folder of compressions", nargs="?")
+    add("--object", str, "print of a folder of compressions", metavar="NAME")
     add("--ask", bool, "ask for one touch after the other")
     add("--confidence", 0.99, "probability at which to stop (0.99)", low=0, high=1, above=True)
     add("--max-touches", 10, "maximum number of touches with --ask (10)")
@@ -55,13 +57,15 @@ def run(args: Any) -> dict[str, Any]:
     """Classify; returns the mapping that ``--json`` prints."""
     if bool(args.curves) == args.ask:
         raise InputError("classify run", "expected either a file of curves or --ask")
+    if args.object is not None and not (args.curves and args.curves.is_dir()):
+        raise InputError(
+            "--object", f"found {args.object!r} without a folder, expected a folder of compressions"
+        )
     found = recognition.load_classifier(args.tree)
     prior = dict(_prior(text) for text in args.prior) or None
     readings: Any = ()
     if not args.ask:
-        readings = recognition.read_curves(
-            args.curves, recognition.TouchNoise(args.force_noise, args.deformation_noise)
-        )
+        readings = _readings(args)
     # Without widths in the file the model omits this feature, and its confidence threshold differs, too.
     wide = args.ask or any(math.isfinite(reading.width_m) for reading in readings)
     model = found.model(use_width=wide and not args.no_width, prior=prior)
@@ -86,6 +90,19 @@ def run(args: Any) -> dict[str, Any]:
         if result["contradiction"]:
             args.report(result["contradiction"])
     return result
+
+
+def _readings(args: Any) -> Any:
+    """Touches of the file, or of one print of a folder of compressions."""
+    if not args.curves.is_dir():
+        noise = recognition.TouchNoise(args.force_noise, args.deformation_noise)
+        return recognition.read_curves(args.curves, noise)
+    known = {one.name: one for one in recognition.read_compressions(args.curves)}
+    if args.object not in known:
+        raise InputError(
+            "--object", f"found {args.object!r}, expected one of the {len(known)} prints of {args.curves}"
+        )
+    return known[args.object].readings()
 
 
 def _result(args: Any, found: Any, model: Any, readings: Any) -> dict[str, Any]:

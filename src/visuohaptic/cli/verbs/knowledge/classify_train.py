@@ -3,6 +3,7 @@
 reads   a folder of `objects build`, or the .npz file of an earlier training;
         or a CSV file of measured curves: label, height (1..16) or at (0..1), side (x+, x-, y+, y-), force_N,
         deformation_m, and optionally object, curve, width_m; with --objects the simulated classes are the prior;
+        or a folder of published compressions (parameters.csv, displacements.csv, forces.csv): its materials are the classes;
         or, with --states, a container: a built-in class or a .yaml file
 writes  the tree as JSON, and the training objects as NPZ next to it; with --plot, figure 6.7;
         or, with --states, a model of the container open, closed and filled, for `classify run --state`.
@@ -29,7 +30,7 @@ from ..._workers import add_worker_arguments, chosen_workers
 
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
-    add("curves", Path, "CSV file of curves of known objects", nargs="?")
+    add("curves", Path, "CSV file of curves of known objects, or folder of compressions", nargs="?")
     add("--objects", Path, "folder of objects build, or .npz")
     add("--states", str, "learn the states of this container instead", metavar="CONTAINER")
     add("--out", Path, "tree or states to write, .json", required=True)
@@ -96,7 +97,10 @@ def _states(args: Any) -> dict[str, Any]:
 
 
 def _curves(args: Any) -> dict[str, Any]:
-    squeezed = recognition.read_squeezed(args.curves)
+    if args.curves.is_dir():
+        squeezed = tuple(one.squeezed() for one in recognition.read_compressions(args.curves))
+    else:
+        squeezed = recognition.read_squeezed(args.curves)
     simulated, _, groups = _chosen(args) if args.objects is not None else (None, None, None)
     classifier = recognition.HapticClassifier(args.scheme, args.reuse).fit(
         squeezed, groups=groups, simulated=simulated, seed=args.seed, workers=chosen_workers(args)
