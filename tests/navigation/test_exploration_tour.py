@@ -121,10 +121,7 @@ def best_of_all_orders(ids, times, gains, budget_s, goal):
     return best
 
 
-@pytest.mark.parametrize(
-    ("budget_s", "goal"),
-    [(10.0, False), (35.0, False), (60.0, False), (75.0, True), (110.0, False), (600.0, True)],
-)
+@pytest.mark.parametrize(("budget_s", "goal"), [(35.0, False), (60.0, False), (75.0, True), (600.0, True)])
 def test_no_order_is_better(floor, truth, gains, budget_s, goal):
     ids, times, _ = truth
     tour = exploration_tour(floor, budget_s, to_goal=goal)
@@ -220,7 +217,7 @@ def test_the_benefit_of_a_single_object_is_that_of_the_joint_graph(truth):
 def test_the_heuristic_loses_few_per_cent():
     rng = np.random.default_rng(11)
     totals = np.zeros(2)
-    for _ in range(12):
+    for _ in range(8):
         problem = random_instance(rng, 8, 1)
         problem.values[:, :, 0] = 0
         tours = [problem.tour(way(problem)) for way in (search._heuristic, best_order)]
