@@ -121,10 +121,7 @@ def best_of_all_orders(ids, times, gains, budget_s, goal):
     return best
 
 
-@pytest.mark.parametrize(
-    ("budget_s", "goal"),
-    [(10.0, False), (35.0, False), (60.0, False), (75.0, True), (110.0, False), (600.0, True)],
-)
+@pytest.mark.parametrize(("budget_s", "goal"), [(35.0, False), (60.0, False), (75.0, True), (600.0, True)])
 def test_no_order_is_better(floor, truth, gains, budget_s, goal):
     ids, times, _ = truth
     tour = exploration_tour(floor, budget_s, to_goal=goal)
@@ -151,9 +148,13 @@ def test_the_second_door_is_worth_what_the_first_one_leaves(floor, gains):
     assert other.benefit_s > 0
 
 
-def test_a_wrong_budget_and_no_unknown_object(floor):
+def test_a_wrong_budget_an_enclosed_goal_and_no_unknown_object(floor):
     with pytest.raises(InputError, match="budget_s"):
         exploration_tour(floor, 0.0)
+    enclosed = replace(floor, goal_m=np.array([10.5, 1.0]))  # in the room behind the blocked doors
+    tour = exploration_tour(enclosed, 600.0, to_goal=True)
+    assert (tour.steps, tour.bound) == ((), (0.0, 0.0))
+    assert tour.left_out["first"].startswith("the goal cannot be reached")
     known = replace(floor, objects=())
     assert exploration_tour(known, 60.0).summary == "nothing to explore"
 
@@ -172,6 +173,8 @@ def test_random_tours_equal_every_order_tried(by_set):
     rng = np.random.default_rng(4)
     for _ in range(12):
         problem = random_instance(rng, 5, 2**5 if by_set else 1)
+        if by_set:  # most objects fit, so that the order decides the benefit, too
+            problem = replace(problem, budget_us=300)
         best = (0, 0)
         for size in range(6):
             for order in itertools.permutations(range(5), size):
@@ -201,10 +204,20 @@ def test_the_sets_of_many_objects_are_evaluated_in_parts(truth, monkeypatch):
     assert np.allclose(parts.saved_s, whole.saved_s)
 
 
+def test_the_benefit_of_a_single_object_is_that_of_the_joint_graph(truth):
+    _, _, joint = truth
+    for node in joint.added:
+        alone = replace(joint, added=(replace(node, number=joint.visual.nodes),))
+        found = expected_benefit(alone, (node.kind.id,), 1.0)
+        assert (np.inf if found.opens[0, 0] else found.saved_s[0, 0]) == pytest.approx(
+            alone.benefit_s(node.kind.id)
+        )
+
+
 def test_the_heuristic_loses_few_per_cent():
     rng = np.random.default_rng(11)
     totals = np.zeros(2)
-    for _ in range(12):
+    for _ in range(8):
         problem = random_instance(rng, 8, 1)
         problem.values[:, :, 0] = 0
         tours = [problem.tour(way(problem)) for way in (search._heuristic, best_order)]

@@ -17,8 +17,10 @@ from ..problem.planning_problem import PlanningProblem
 _MARGIN_m, _MARGIN = 1.0, 0.1
 
 
-def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> None:
-    """Draw map, objects, path (green) and pushes (red) into a PNG, zoomed to the plan.
+def plot_path_plan(
+    problem: PlanningProblem, plan: Plan, path: Path | str, *, title: str | None = None
+) -> None:
+    """Draw map, objects, path (green), pushes (red) and numbered explorations into a PNG, zoomed to the plan.
 
     Parameters
     ----------
@@ -28,6 +30,8 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
         Plan to draw.
     path
         File name of the image.
+    title
+        Text above the plot; the plan's summary by default.
 
     Examples
     --------
@@ -61,6 +65,10 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
     )  # fmt: skip
     _draw_objects(axes, problem, plan)
     _draw_passages(axes, problem, plan)
+    for number, task in enumerate((task for task in plan.tasks if task.kind == "explore"), 1):
+        x, y = task.contact_m or problem.start_m
+        axes.plot(x, y, "o", color="tab:red", ms=12, ls="none", label="exploration", zorder=6)
+        axes.annotate(f"{number}", (x, y), ha="center", va="center", color="white", fontsize=8, zorder=7)
     colours = {"push": "tab:red", "sideward": "tab:red", "door": "tab:purple", "navigate": "tab:green"}
     for task in plan.tasks:
         if task.path_m:
@@ -70,9 +78,10 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
     for end_m in _ends(problem, plan):
         axes.add_patch(Polygon(end_m, fill=False, edgecolor="tab:red", ls="--", lw=1, label="after the push"))
     axes.plot(*problem.start_m, "o", color="tab:blue", label="start")
-    axes.plot(*problem.goal_m, "*", color="tab:blue", ms=11, label="goal")
+    if (problem.goal_m != problem.start_m).any():
+        axes.plot(*problem.goal_m, "*", color="tab:blue", ms=11, label="goal")
     axes.set(xlim=(low_m[0], high_m[0]), ylim=(low_m[1], high_m[1]), xlabel="x [m]", ylabel="y [m]")
-    axes.set_title(plan.summary, fontsize=10, wrap=True)
+    axes.set_title(title or plan.summary, fontsize=10, wrap=True)
     handles, labels = axes.get_legend_handles_labels()
     first = {label: handle for handle, label in zip(handles[::-1], labels[::-1], strict=True)}
     figure.legend([*first.values()][::-1], [*first][::-1], loc="outside lower center", ncols=4, fontsize=8)

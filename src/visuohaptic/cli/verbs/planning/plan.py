@@ -132,7 +132,7 @@ def _explore(args: Any, problem: PlanningProblem) -> dict[str, Any]:
             f"  note: {note}; at most {tour.bound[0]:.2f} passages or {tour.bound[1]:.1f} s are possible"
         )
     if args.plot:
-        plots.plot_path_plan(problem, tour.plan, args.plot)
+        plots.plot_path_plan(problem, tour.plan, args.plot, title=tour.summary)
         args.report(f"written to {args.plot}")
     return tour.to_json()
 

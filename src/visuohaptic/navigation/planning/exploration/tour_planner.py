@@ -154,7 +154,7 @@ def exploration_tour(
     if to_goal and order:
         tasks += ways.drive(at, len(ids) + 1)
     found = search.tour(order)
-    opens, saved = found[0] if by_set and found else upper_bound(search)
+    opens, saved = (found[0] if found else (0, 0)) if by_set else upper_bound(search)
     rest = {id: _why_not(search, index) for index, id in enumerate(ids) if index not in order}
     notes = () if by_set else (f"more than {EXACT_OBJECTS} objects: benefits are those of each alone",)
     return Tour(
