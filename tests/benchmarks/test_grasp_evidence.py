@@ -6,6 +6,7 @@ from tests.worlds.lifts import DENSITY, KINDS, LIQUID, LiftObject, lift, lift_ob
 from tests.worlds.shells import Revolution
 
 from benchmarks import grasp_evidence
+from visuohaptic.grasping import GraspTask, object_load, plan_grasps
 
 
 @pytest.fixture(scope="module")
@@ -107,3 +108,12 @@ def test_metrics_are_compared_by_the_order_in_which_they_put_what_holds_and_what
     assert [row["ours"] for row in found] == pytest.approx([1.0, 0.5, 0.0])
     assert "4 lifts, 2 failed" in found[0]["note"]
     assert not grasp_evidence.metric_figures(rows[:2])
+
+
+def test_metrics_of_any_place_are_those_of_the_planner() -> None:
+    thing, container, surface = grasp_evidence.described(0, KINDS)
+    plan = plan_grasps(container, GraspTask(force_N=5.0), count=1, confirm=False, surface=surface)
+    best = plan.grasps[0]
+    found = grasp_evidence.metrics(plan, object_load(container, thing.fill), best.vertex)
+    assert (found["score"], found["work_J"]) == pytest.approx((best.score, best.work_J))
+    assert found["declared"] == pytest.approx(best.success)
