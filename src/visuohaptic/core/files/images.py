@@ -14,8 +14,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import UInt8, UInt16
 
-from ..errors import InputError
-from ..ranges import check_choice
+from ..errors import InputError, brief
 from .atomic import atomic_path
 from .image_header import image_size, netpbm_words
 from .regular import read_bytes
@@ -103,7 +102,8 @@ def decode_image(
         _check_jpeg(where, data)
     elif mode != "unchanged" and data[:2] in (b"P2", b"P3", b"P5", b"P6"):
         white = b"".join(netpbm_words(data)[2:3]).decode("latin-1")
-        check_choice(where, ("255", "65535"), white, field="maxval")
+        if white not in ("255", "65535"):
+            raise InputError(where, f"found {brief(white)}, expected one of 255, 65535", field="maxval")
     flags = {
         "any": cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR,
         "grey": cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE,
