@@ -146,7 +146,7 @@ def test_kernels_are_compiled_in_the_background_where_they_are_missing(own_cache
         (cache_folder() / f"visuohaptic.other.kernel-{number}-0").touch()
     with _compilation.compiling_in_background(["database"]) as process:
         assert process is not None
-        assert process.wait(timeout=120) == 0
+        assert process.wait(timeout=600) == 0
     assert any(one.name.startswith("visuohaptic.database.") for one in cache_folder().iterdir())
     with _compilation.compiling_in_background(["database"]) as process:
         assert process is None
