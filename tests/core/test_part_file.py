@@ -92,6 +92,20 @@ def test_a_disk_that_fails_later_is_told_at_the_next_row(tmp_path: Path, monkeyp
     assert file.closed
 
 
+@pytest.mark.parametrize("number", [errno.EINVAL, errno.ENOSYS, errno.ENOTSUP])
+def test_a_file_system_without_sync_is_written_all_the_same(tmp_path: Path, monkeypatch, number: int) -> None:
+    def refuse(handle: int) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(part_file.os, "fsync", refuse)
+    file = PartFile(tmp_path / "run.csv")
+    file.write(b"1\n")
+    file._sync()
+    file.write(b"2\n")
+    file.finish()
+    assert (tmp_path / "run.csv").read_bytes() == b"1\n2\n"
+
+
 def test_what_a_killed_run_has_left_is_kept_under_numbers(tmp_path: Path, caplog) -> None:
     for text in ("first", "second"):
         (tmp_path / "run.csv.part").write_text(text)

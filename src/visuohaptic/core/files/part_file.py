@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import logging
 import os
 import threading
 import weakref
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,8 @@ _log = logging.getLogger(__name__)
 #: Data is synced to the disk this long after it was written, at the latest [s]: a power failure loses no more, and the time
 #: that the disk takes for it. Shorter times wear out memory cards.
 SYNC_S = 1.0
+#: Errors of file systems that have no such call, as some in user space and on networks.
+_CANNOT_SYNC = (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP)
 
 
 class PartFile:
@@ -103,7 +107,7 @@ class PartFile:
         with self._use:
             try:
                 if not self._stream.closed:
-                    os.fsync(self._stream.fileno())
+                    _sync_file(self._stream.fileno())
             except OSError as error:
                 self._failure = error
 
@@ -123,7 +127,7 @@ class PartFile:
             The disk is full: what was written before remains in ``NAME.part``.
         """
         try:
-            os.fsync(self._stream.fileno())
+            _sync_file(self._stream.fileno())
             self._end(lambda: self.part.replace(self.path))
         except OSError as error:
             raise self._stopped(error) from error
@@ -159,9 +163,20 @@ def _sync(file: weakref.ref[PartFile]) -> None:
         alive._sync()
 
 
+def _sync_file(handle: int) -> None:
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in _CANNOT_SYNC:
+            raise
+
+
 def _sync_folder(folder: Path) -> None:
-    """Make the name of a new file outlast a power failure; Windows has no such call."""
-    if os.name != "nt":
+    """Make the name of a new file outlast a power failure, where the file system can; Windows has no such call."""
+    if os.name == "nt":
+        return
+    # A folder that may be written but not read cannot be synced either; a disk that fails is noticed by the writes.
+    with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(handle)
