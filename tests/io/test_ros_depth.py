@@ -56,7 +56,7 @@ def test_metres_and_what_is_not_measured() -> None:
     [
         (message(bytes(8), "mono8", 4), "encoding"),
         (message(bytes(7), "16UC1", 4), "found 7 bytes, expected 8"),
-        (message(bytes(8), "16UC1", 3), "expected that of 16UC1"),
+        (message(bytes(8), "16UC1", 3), "found 3 bytes per row, expected at least 4 for 16UC1"),
         (message(b"", "16UC1", 4, width=0), "found 0 x 2"),
         (message(b"", "32FC1", 4, height=2**31), "expected a positive size of at most"),
     ],

@@ -56,23 +56,11 @@ def decode_raw(message: Any, where: str) -> UInt8[np.ndarray, "rows columns *col
         The encoding is unknown, size and data are inconsistent, or 16-bit values are not scaled
         (:func:`.upper_bytes`).
     """
-    width, height, step = int(message.width), int(message.height), int(message.step)
+    width, height = int(message.width), int(message.height)
     encoding = str(message.encoding)
     check_choice(where, _ENCODINGS, encoding, field="encoding")
     channels, depth, conversion = _ENCODINGS[encoding]
-    check_image_size(where, width, height)
-    used = width * channels * depth
-    if step < used:
-        raise InputError(
-            where, f"found {step} bytes per row, expected at least {used} for {encoding}", field="step"
-        )
-    data = np.frombuffer(memoryview(message.data), dtype=np.uint8)
-    # The padding of the last row may be missing.
-    if data.size < step * (height - 1) + used:
-        raise InputError(
-            where, f"found {data.size} bytes, expected {step * height} = {step} x {height}", field="data"
-        )
-    rows = np.lib.stride_tricks.as_strided(data, (height, used), (step, 1), writeable=False)
+    rows = _rows(message, where, width * channels * depth)
     if depth == 2:
         kind = ">u2" if message.is_bigendian else "<u2"
         rows = upper_bytes(np.ascontiguousarray(rows).view(kind), where)
@@ -83,6 +71,25 @@ def decode_raw(message: Any, where: str) -> UInt8[np.ndarray, "rows columns *col
         image = cv2.cvtColor(image, getattr(cv2, conversion))
     # ``frombuffer`` returns a read-only view of the message, but a frame owns its pixels.
     return image if image.flags.writeable else image.copy()
+
+
+def _rows(message: Any, where: str, used: int) -> UInt8[np.ndarray, "rows bytes"]:
+    """The used bytes of every row of a ``sensor_msgs/Image``, without padding; a view of the message."""
+    width, height, step = int(message.width), int(message.height), int(message.step)
+    check_image_size(where, width, height)
+    if step < used:
+        raise InputError(
+            where,
+            f"found {step} bytes per row, expected at least {used} for {message.encoding}",
+            field="step",
+        )
+    data = np.frombuffer(memoryview(message.data), dtype=np.uint8)
+    # The padding of the last row may be missing.
+    if data.size < step * (height - 1) + used:
+        raise InputError(
+            where, f"found {data.size} bytes, expected {step * height} = {step} x {height}", field="data"
+        )
+    return np.lib.stride_tricks.as_strided(data, (height, used), (step, 1), writeable=False)
 
 
 def decode_depth(message: Any, where: str) -> Float32[np.ndarray, "rows columns"]:
@@ -106,16 +113,7 @@ def decode_depth(message: Any, where: str) -> Float32[np.ndarray, "rows columns"
     encoding = str(message.encoding)
     check_choice(where, kinds, encoding, field="encoding")
     kind = np.dtype((">" if message.is_bigendian else "<") + kinds[encoding])
-    width, height, step = int(message.width), int(message.height), int(message.step)
-    data = np.frombuffer(memoryview(message.data), dtype=np.uint8)
-    check_image_size(where, width, height)
-    if step < width * kind.itemsize:
-        raise InputError(
-            where, f"found {width} x {height} and {step} bytes per row, expected that of {encoding}"
-        )
-    if data.size != step * height:
-        raise InputError(where, f"found {data.size} bytes, expected {step * height}", field="data")
-    rows = np.ascontiguousarray(data.reshape(height, step)[:, : width * kind.itemsize])
+    rows = np.ascontiguousarray(_rows(message, where, int(message.width) * kind.itemsize))
     depth_m = rows.view(kind).astype(np.float32)
     if encoding != "32FC1":
         depth_m *= np.float32(1e-3)
