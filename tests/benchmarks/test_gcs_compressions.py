@@ -57,7 +57,7 @@ def test_a_forecast_is_that_of_the_joint_gaussian(tmp_path: Path) -> None:
 def test_materials_of_published_prints_and_the_bands_of_their_compression(data: Path) -> None:
     folder = data / "deformation" / "gcs"
     if not folder.is_dir():
-        pytest.skip("the compressions are not there")
+        pytest.skip(f"published compressions not found: {folder}")
     prints = read_compressions(folder)
     assert len(prints) == 12_705
     assert sorted({one.material for one in prints}) == [

@@ -8,7 +8,7 @@ import pytest
 
 from visuohaptic.core.camera import Camera, Pose
 from visuohaptic.core.errors import InputError
-from visuohaptic.io.depth import DepthFrame, MaskFolder, OnnxModel, load_pixel_model
+from visuohaptic.io.depth import DepthFrame, MaskFolder, OnnxModel, load_pixel_model, scores_of
 from visuohaptic.reconstruction.fusion import SpaceGrid
 from visuohaptic.reconstruction.transparency.ray_evidence import RayEvidence, ScoreEvidence
 
@@ -118,6 +118,14 @@ def test_masks_are_in_natural_order_and_of_any_size(tmp_path):
     assert values == pytest.approx([10, 20, 100])
     with pytest.raises(InputError, match="found 3 masks"):
         model(_frame(np.ones((48, 64)), index=3))
+    with pytest.raises(InputError, match="found 3 masks, expected 2"):
+        load_pixel_model(tmp_path, views=2)
+
+
+@pytest.mark.parametrize("scores", [np.zeros((24, 32)), np.zeros((48, 64), complex), 0.5])
+def test_a_model_returns_one_number_for_each_pixel(scores):
+    with pytest.raises(InputError, match=r"model: found .* for view 0, expected numbers \(48, 64\)"):
+        scores_of(lambda frame: scores, _frame(np.ones((48, 64))))
 
 
 # --- what is learned of the scores ----------------------------------------------------------------

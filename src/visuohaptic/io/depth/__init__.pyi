@@ -23,6 +23,7 @@ from .pixel_model import NetworkOutput as NetworkOutput
 from .pixel_model import OnnxModel as OnnxModel
 from .pixel_model import PixelModel as PixelModel
 from .pixel_model import load_pixel_model as load_pixel_model
+from .pixel_model import scores_of as scores_of
 from .poses import EstimatedPose as EstimatedPose
 from .poses import StampedPose as StampedPose
 from .poses import interpolate_pose as interpolate_pose

@@ -144,14 +144,17 @@ class MaskFolder:
     ----------
     folder
         Folder of grey images of any size (PNG, JPEG, TIFF).
+    views
+        Number of depth images of the sequence, which has to be that of the masks; not checked by default.
 
     Raises
     ------
     InputError
-        The folder is missing or has no images.
+        The folder is missing, has no images, or another number of them.
     """
 
     folder: Path | str
+    views: int | None = None
     _paths: list[Path] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -163,6 +166,10 @@ class MaskFolder:
             raise InputError(
                 self.folder, "found no images, expected a folder with one mask for each depth image"
             )
+        if self.views not in (None, len(self._paths)):
+            # Masks are matched by their order: with others between them, each would be that of another view.
+            said = f"found {len(self._paths)} masks, expected {self.views}, one for each depth image"
+            raise InputError(self.folder, said)
 
     def __call__(self, frame: DepthFrame) -> Float32[np.ndarray, "rows columns"]:
         """Values of the mask of a view, by its index in the sequence.
@@ -189,7 +196,10 @@ class MaskFolder:
 
 
 def load_pixel_model(
-    path: Path | str, output: NetworkOutput = "mask", size: tuple[int, int] | None = None
+    path: Path | str,
+    output: NetworkOutput = "mask",
+    size: tuple[int, int] | None = None,
+    views: int | None = None,
 ) -> PixelModel:
     """A network, or a folder of its masks.
 
@@ -199,10 +209,34 @@ def load_pixel_model(
         ONNX file, or folder of masks.
     output, size
         See :class:`OnnxModel`; not used for masks.
+    views
+        See :class:`MaskFolder`; not used for networks.
 
     Raises
     ------
     InputError
         See :class:`OnnxModel` and :class:`MaskFolder`.
     """
-    return MaskFolder(path) if Path(path).is_dir() else OnnxModel(path, output, size)
+    return MaskFolder(path, views) if Path(path).is_dir() else OnnxModel(path, output, size)
+
+
+def scores_of(model: PixelModel, frame: DepthFrame) -> Float32[np.ndarray, "rows columns"]:
+    """Scores of a view, checked.
+
+    Parameters
+    ----------
+    model
+        Pixel model.
+    frame
+        View.
+
+    Raises
+    ------
+    InputError
+        The model does not return one number for each pixel of the view.
+    """
+    scores, expected = np.asarray(model(frame)), frame.depth_m.shape
+    if scores.shape != expected or scores.dtype.kind not in "buif":
+        said = f"found {scores.dtype} of shape {scores.shape} for view {frame.index}, expected numbers {expected}"
+        raise InputError("model", said)
+    return scores.astype(np.float32)

@@ -37,7 +37,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
 from ...io.depth.depth_sequence import DepthFrame
-from ...io.depth.pixel_model import PixelModel
+from ...io.depth.pixel_model import PixelModel, scores_of
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
 from .body_pairs import disjoint_bodies, fit_pair
@@ -208,7 +208,7 @@ class EvidenceDetector:
                 continue
             read.append(frames[i])
             if self.model:
-                scored = replace(whole[i], depth_m=np.asarray(self.model(whole[i]), np.float32))
+                scored = replace(whole[i], depth_m=scores_of(self.model, whole[i]))
                 self._scores.append(thinned(scored, self._stride).depth_m)
             self._images.append(rays)
             weights.append(weight)

@@ -77,7 +77,7 @@ def run(args: Arguments) -> dict[str, Any]:
     model = None
     if args.network:
         width_height = (args.network_size[0], args.network_size[1]) if args.network_size else None
-        model = depth.load_pixel_model(args.network, args.network_output, width_height)
+        model = depth.load_pixel_model(args.network, args.network_output, width_height, len(sequence))
     found = reconstruction.reconstruct(
         frames,
         grid=grid,
