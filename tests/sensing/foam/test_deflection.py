@@ -70,6 +70,21 @@ def test_two_points_are_bridged_and_not_hidden() -> None:
     assert (np.abs(found.delta_m - delta) < 3.0 * found.sigma_m)[45:47].all()
 
 
+def test_a_hidden_tip_is_within_its_error() -> None:
+    # A wedge with a blunt edge of 3 mm radius: the straight line between its flanks is up to .7 mm above the tip.
+    turn, radius = np.deg2rad(30.0), 0.003
+    away = np.abs(GEOMETRY.s_m - GEOMETRY.s_m[45])
+    round_m, flank_m = (
+        np.sqrt(np.maximum(radius**2 - away**2, 0.0)),
+        away * np.tan(turn) + radius * (np.cos(turn) - 1.0 / np.cos(turn)),
+    )
+    dent = np.where(away < radius * np.sin(turn), radius - round_m, flank_m)
+    delta = np.maximum(0.006 - dent, 0.0)
+    for hidden in ((45,), (44, 45)):
+        found = filled(delta, np.isin(np.arange(K), hidden))
+        assert (np.abs(found.delta_m - delta) < 2.0 * found.sigma_m)[list(hidden)].all()
+
+
 def test_a_line_that_meets_the_end_face_is_replaced_by_the_decay_of_its_neighbours() -> None:
     # A plate up to 8 mm from the end; the front corner recedes, so that the last line meets the end face, 3 mm too deep.
     delta = 0.006 * np.exp(-np.maximum(GEOMETRY.s_m - GEOMETRY.s_m[-4], 0.0) / 0.004)

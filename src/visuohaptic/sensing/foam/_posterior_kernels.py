@@ -118,11 +118,11 @@ def _fit(now, template, over, out, surface, first, last, mean, transfer, shaded,
 
 @kernel(nogil=True)
 def _residuals(now, template, over, out, surface, first, last, mean, transfer, solution, residual, texture):
-    """Sum of squared residuals of a shaded :func:`_fit` beyond the edge.
+    """Sum of squared residuals of a shaded :func:`_fit` beyond the edge, and their number.
 
     Fills the residuals and the fitted texture of the template, zero elsewhere.
     """
-    squares = 0.0
+    squares, count = 0.0, 0
     for lane in range(now.shape[0]):
         for j in range(first, last + 1):
             residual[lane, j], texture[lane, j] = 0.0, 0.0
@@ -132,10 +132,10 @@ def _residuals(now, template, over, out, surface, first, last, mean, transfer, s
                 light = solution[0] * (1.0 - p1) + (solution[1] + solution[2] * tau) * p1
                 beyond = surface[lane, j] * (solution[3] + solution[4] * tau)
                 value = float(now[lane, j]) - light * foam * (1.0 - p0) - beyond
-                squares += value * value
+                squares, count = squares + value * value, count + 1
                 residual[lane, j] = value
                 texture[lane, j] = light * (foam - mean) * (1.0 - p0)
-    return squares
+    return squares, count
 
 
 #: Table of the complementary error function from -5 to 5, interpolated linearly: exact to 3e-6, 1/2000 of a grey level.
@@ -299,7 +299,7 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
                 floors[1, lane, j] = scale * (rest[k, lane, j] - foam * (1.0 - p0)) if p0 > 0.0 else 0.0
                 bodies[1, lane, j] = floors[1, lane, j] / p0 if p0 > UNCOVERED else bodies[1, lane, j + 1]
         _ramp(over, front[k], slope[k], blur, taps, apart, first, last)
-        count = parallels * (last + 1 - first)
+        count, moving = parallels * (last + 1 - first), smear[k] > 0.5 * blur
         result[k, 4] = beyond
         if x0 - front[k] > 2.0 * EDGE * blur:
             width, sharp, best, floor = blur, math.hypot(blur, smear[k]), 1e300, floors[0]
@@ -319,7 +319,7 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
                     least, width = fit, SOFTNESS**i * blur
             result[k, 7] = 0.0
             if width > sharp:
-                if smear[k] > 0.5 * blur:
+                if moving:
                     _ramp(over, front[k], slope[k], sharp, taps, apart, first, last)
                     best = _fit(
                         now[k], template, over, out, floor, first, last, mean, transfer, 1, normal, solution
@@ -329,13 +329,9 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
             given = template, over, out, floor, first, last, mean
             _ramp(over, front[k], slope[k], width, taps, apart, first, last)
             _fit(now[k], *given, 0.0, 1, normal, solution)
-            without = _residuals(now[k], *given, 0.0, solution, left, texture)
+            without, count = _residuals(now[k], *given, 0.0, solution, left, texture)
             _fit(now[k], *given, transfer, 1, normal, solution)
-            with_texture = _residuals(now[k], *given, transfer, solution, left, texture)
-            count = 0
-            for lane in range(parallels):
-                for j in range(first, last + 1):
-                    count += over[lane, j] > 0.5
+            with_texture, count = _residuals(now[k], *given, transfer, solution, left, texture)
             noise = variance * max(count, 1)
             result[k, 0] = 0.5 * count * math.log(max(without, noise) / max(with_texture, noise))
             result[k, 6] = _dependence(left, texture, first, last)
@@ -350,7 +346,7 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
             # Foam that has moved: beyond it a body or the floor, with the shape of a blurred step or that of the front at rest;
             # and the better of them with the blur of its own motion.
             single, nearest = 1e300, 0
-            for i in range(3 if smear[k] < 0.5 * blur else 4):
+            for i in range(4 if moving else 3):
                 if i == 3:
                     _ramp(over, front[k], slope[k], math.hypot(blur, smear[k]), taps, apart, first, last)
                 behind = bodies[min(nearest if i == 3 else i, 1)]

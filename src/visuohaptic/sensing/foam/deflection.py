@@ -21,10 +21,8 @@ from .strip.optics import ObservedStrip
 _KINK_NOISE, _BRIDGE_NOISE = 0.08, 0.33
 #: Gaps of up to this many points are interpolated from the shape of their neighbours.
 _BRIDGED_POINTS = 2
-#: A flank is free foam where the next point beyond its upper end rises further by this fraction of its rise ...
+#: A flank is free foam where the next point beyond its upper end rises further by this fraction of its rise.
 _RISES_ON = 0.3
-#: ... and where it does not fall by more than this factor: no foam is steeper, there must be an edge in between.
-_STEEPEST = 8.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -195,7 +193,7 @@ def bridge(
     low, high = (a, b) if value[a] < value[b] else (b, a)
     beyond = high + (1 if high > low else -1)
     rise, noise = value[high] - value[low], 2.0 * max(sigma[a], sigma[b])
-    decays = 0 <= beyond < len(s) and 0.0 < value[low] < value[high] < _STEEPEST * value[low]
+    decays = 0 <= beyond < len(s) and 0.0 < value[low] < value[high]
     decays = decays and value[beyond] - value[high] > _RISES_ON * rise
     if not a < first < b:
         decays = decays and seen[a] and seen[b] and stop == first + 1 and beyond != first

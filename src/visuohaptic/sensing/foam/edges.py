@@ -174,8 +174,7 @@ def light_shift_px(
     local = [excess_px2]
     blur = np.hypot(strip.lens_px, PIXEL_PX)
     ends = blur * 2.0 + _PLATEAU_PX * np.arange(3.0)
-    floor = np.where(np.abs(front - rest_px) < 2.0 * blur, rest_px, np.nan)
-    for edges in (front[:, None] - ends[::-1], floor[:, None] + ends):
+    for edges in (front[:, None] - ends[::-1], rest_px[:, None] + ends):
         now, rest = (mean_between(image, edges / step_px) for image in (strip.image, zero.image))
         with np.errstate(invalid="ignore", divide="ignore"):
             step = np.diff(now / rest, axis=1)[:, 0] * rest.mean(axis=1) / strip.front.contrast

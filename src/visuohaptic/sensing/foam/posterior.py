@@ -187,7 +187,7 @@ class EdgePosterior:
         self._last = strip.t_s, probability
         reach = min(self._speed * apart_s, self._width) + np.hypot(sigma, OPTICS * self._width)
         own -= against[:, BLUR]
-        foam = probability[:, FOAM] > 0.5
+        foam = probability.argmax(axis=1) == FOAM
         # New contacts are as rare as other new edges: they carry the prior odds of their onset.
         grown = np.convolve(self._pressed, np.ones(3), mode="same") > 0.0
         onset = np.where(deflected & ~grown, _ONSET, 1.0)

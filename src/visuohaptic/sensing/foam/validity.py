@@ -82,8 +82,7 @@ class Validity:
         if unseen_N > NEGLIGIBLE_N + NEGLIGIBLE_PART * reading.force_N:
             lost = ~found.seen & (strip.front.reason != PointReason.OCCLUDED)
             lost &= found.states.probability.argmax(axis=1) != OCCLUDER
-            hidden = found.hidden_m > 0.0
-            return reading, Reason.LOST if 2 * (lost & hidden).sum() > hidden.sum() else Reason.OCCLUDED
+            return reading, Reason.LOST if lost[found.hidden_m > 0.0].all() else Reason.OCCLUDED
         if drifted:
             return reading, Reason.DRIFTED
         return reading, Reason.OCCLUDED if wrong > FALSE_ALARM else reading.reason
