@@ -19,12 +19,17 @@ from ._journal import Journal
 __all__ = ["Robot", "worlds"]
 
 
+#: Chapters at the table.
+TABLE = ("beam", "glass", "probe", "squeeze", "grasp")
+
+
 @dataclass(frozen=True, slots=True)
 class Robot:
     """How the houses are visited."""
 
     seed: int = 0  #: of all that is random but the house, as ``demo --seed``; 0: the number of the house
     full: bool = False  #: all views and whole pushes, as the demo has them
+    bring: str = ""  #: containers that are asked for, as ``demo --bring``, by a robot that is at the table
     count: int = 1  #: robots that visit in turn, with one memory; each has other sensors and errors
 
 
@@ -73,7 +78,7 @@ def worlds(
     why = Counter(run["summary"].split(":")[0] for run in runs if run["outcome"] == RunOutcome.HONEST_FAILURE)
     sure = [claim for claim in claims if not claim[5] and claim[4] > CONFIDENT_PROBABILITY]
     fills = [claim[2] - claim[3] for claim in claims if claim[0] == "fill"]
-    lids = [claim[5] for claim in claims if claim[0] == "lid"]
+    lids, requested = ([claim[5] for claim in claims if claim[0] == kind] for kind in ("lid", "requested"))
     rows = [
         _row("complete", 100 * ended[RunOutcome.COMPLETE] / len(runs), "%", 75, 90, True, f"{len(runs)} runs: {dict(ended)}; {dict(why)}"),
         _row("wrong claims of p > 0.98", 100 * len(sure) / max(len(claims), 1), "%", 1.0, 0.2, False, f"{len(sure)} of {len(claims)}: {sure}"),
@@ -81,6 +86,7 @@ def worlds(
         _row("expected calibration error", expected_calibration_error(forecasts), "", 0.05, 0.02, False, f"{len(forecasts)} claims, {sum(1 for _, good in forecasts if not good)} wrong"),
         _row("fill, rms error", math.sqrt(sum(e * e for e in fills) / max(len(fills), 1)), "", 0.1, 0.05, False, f"{len(fills)} claims"),
         _row("lid right", 100 * sum(lids) / max(len(lids), 1), "%", 95, 99, True, f"{len(lids)} claims"),
+        *[_row("requested or not, right", 100 * sum(requested) / len(requested), "%", 95, 99, True, f"{len(requested)} containers") for _ in requested[:1]],
         _row("CPU time of a run", sum(run["cpu_s"] for run in runs) / len(runs), "s", 240, 120, False, f"mean, {'all views and whole' if robot.full else 'half of the views, short'} pushes"),
     ]  # fmt: skip
     if visits > 1:
@@ -113,14 +119,22 @@ def _visits(world: int, visits: int, robot: Robot) -> list[dict[str, Any]]:
     """Runs of one house, with one memory."""
     with tempfile.TemporaryDirectory() as folder:
         memory = Path(folder) / "memory" if visits > 1 else None
-        return [_run(Visit(world, day, memory), Path(folder) / str(day), robot) for day in range(visits)]
+        return [
+            _run(Visit(world, day, memory, bring=robot.bring), Path(folder) / str(day), robot)
+            for day in range(visits)
+        ]
 
 
 def _run(visit: Visit, folder: Path, robot: Robot) -> dict[str, Any]:
     start_s, seed = time.process_time(), (robot.seed or visit.world) + 1000 * (visit.day % robot.count)
     try:
         story: Story | None = run_mission(
-            folder, seed=seed, visit=visit, quick=not robot.full, on_message=lambda _: None
+            folder,
+            part=TABLE if robot.bring else None,
+            seed=seed,
+            visit=visit,
+            quick=not robot.full,
+            on_message=lambda _: None,
         )
         crash = ""
     except Exception as error:  # noqa: BLE001 - a crash is what is counted here

@@ -1,14 +1,15 @@
 """Find the constants of a module, and import a module with one of them multiplied.
 
-Copied as ``sitecustomize.py`` into a folder on ``PYTHONPATH``, it acts in every process of a test run, including those that
-the tests start, as defined by the environment variable ``CONSTANTS_RUN`` (JSON):
+Copied as ``sitecustomize.py`` into a folder on ``PYTHONPATH``, it acts in a process that calls :func:`start`, and in every
+process that this one's tests start, as defined by the environment variable ``CONSTANTS_RUN`` (JSON):
 
 - ``{"module", "name", "up", "marks"}``: when the module is imported, every number of the constant is multiplied in
   its syntax tree, so that ``from module import NAME``, default arguments and compiled functions use the new value.
   A file in the folder ``marks`` records whether the import succeeded (``loaded``) or failed (``crashed``).
-- ``{"source", "marks"}``: a file in ``marks`` lists, for each test, the files below ``source`` of which a function was called,
-  with the duration and the outcome of the test (JSON; as a plugin of pytest, ``-p sitecustomize``). Calls during the set-up of
-  a test may come from shared fixtures and count for all tests of its file.
+- ``{"source", "marks", "quick", "seconds"}``: a file in ``marks`` lists, for each test, the files below ``source`` of which a
+  function was called, with the duration and the outcome of the test, and the modules that were imported (JSON; as a plugin of
+  pytest, ``-p sitecustomize``). Calls during the set-up of a test may come from shared fixtures and count for all tests of
+  its file. A test fails that takes more CPU time than ``quick``; after ``seconds`` of CPU time no other test starts.
 
 Uses only the standard library and no other file of this folder.
 """
@@ -20,18 +21,19 @@ import atexit
 import json
 import os
 import re
+import signal
 import sys
 import tempfile
 import threading
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from importlib.util import spec_from_file_location
 from types import FrameType, ModuleType
 from typing import Any
 
-__all__ = ["VARIABLE", "Finder", "find_constants", "multiplied", "with_constant_multiplied"]
+__all__ = ["VARIABLE", "Finder", "find_constants", "multiplied", "start", "with_constant_multiplied"]
 
 VARIABLE = "CONSTANTS_RUN"
 
@@ -198,7 +200,7 @@ class _Loader(SourceFileLoader):
         return compile(tree, self.path, "exec", dont_inherit=True)
 
     def exec_module(self, module: ModuleType) -> None:
-        vars(module)["__multiplied__"] = partial(multiplied, up=self._run.get("up"))
+        vars(module)["__multiplied__"] = partial(multiplied, up=self._run.get("up", False))
         try:
             super().exec_module(module)
         except ImportError:  # a library is missing, with or without the change
@@ -227,9 +229,10 @@ class Finder:
 
 
 def _mark(folder: str, text: str) -> None:
-    """A new file in a folder that every process of the run writes to."""
+    """A new file in a folder that every process of the run writes to; whole, also if the process is killed."""
     with tempfile.NamedTemporaryFile("w", dir=folder, delete=False, encoding="utf-8") as stream:
         stream.write(text)
+    os.rename(stream.name, stream.name + ".mark")
 
 
 class _Record:
@@ -241,19 +244,38 @@ class _Record:
         self.calls: dict[str, set[str]] = defaultdict(set)
         self.seconds: dict[str, float] = {}
         self.failed: set[str] = set()
+        self.quick = self.end = float("inf")  # CPU time of a test, and at which the last one starts
+        self.started = 0.0
 
 
 _RECORD = _Record()
 
 
+def _late(*_: Any) -> None:
+    raise TimeoutError("the test takes longer")
+
+
 def pytest_runtest_logstart(nodeid: str) -> None:
     """During the set-up of a test, calls count for its file."""
     _RECORD.now = nodeid.partition("::")[0]
+    _RECORD.started = sum(os.times()[:4])
+    if _RECORD.quick < float("inf"):
+        signal.setitimer(signal.ITIMER_PROF, _RECORD.quick)
 
 
 def pytest_runtest_call(item: Any) -> None:
     """From now on, calls count for the test."""
     _RECORD.now = item.nodeid
+
+
+def pytest_runtest_teardown(item: Any) -> None:
+    """A test also takes the time of the processes that it starts; after all tests' time no other is started."""
+    signal.setitimer(signal.ITIMER_PROF, 0.0)
+    now = sum(os.times()[:4])
+    if now - _RECORD.started > _RECORD.quick:
+        _RECORD.failed.add(item.nodeid)
+    if now > _RECORD.end:
+        item.session.shouldstop = "the time is over"
 
 
 def pytest_runtest_logreport(report: Any) -> None:
@@ -263,8 +285,9 @@ def pytest_runtest_logreport(report: Any) -> None:
         _RECORD.failed.add(report.nodeid)
 
 
-def _record_calls(source: str, marks: str) -> None:
-    """Write at the end of this process which files below ``source`` had a function called, by test."""
+def _record_calls(run: dict[str, Any]) -> Callable[[], None]:
+    """Record which files below the source had a function called, by test; returns what writes the record."""
+    source = run["source"]
 
     def on_event(frame: FrameType, event: str, _: Any) -> None:
         if event == "call":
@@ -275,22 +298,38 @@ def _record_calls(source: str, marks: str) -> None:
                 called.add(file)
 
     def finish() -> None:
+        sys.setprofile(None)
         calls = {test: sorted(files) for test, files in _RECORD.calls.items()}
-        found = {"calls": calls, "seconds": _RECORD.seconds, "failed": sorted(_RECORD.failed)}
-        _mark(marks, json.dumps(found))
+        files = (getattr(module, "__file__", None) or "" for module in [*sys.modules.values()])
+        found = {
+            "calls": calls,
+            "seconds": _RECORD.seconds,
+            "failed": sorted(_RECORD.failed),
+            "imported": sorted(file for file in files if file.startswith(source)),
+        }
+        _mark(run["marks"], json.dumps(found))
 
-    atexit.register(finish)
     threading.setprofile(on_event)
     sys.setprofile(on_event)
+    return finish
 
 
-def _start() -> None:
+def start(run: dict[str, Any]) -> Callable[[], None]:
+    """Follow an instruction in this process; returns what to call at its end."""
+    if "source" in run:
+        return _record_calls(run)
+    if "module" in run:
+        sys.meta_path.insert(0, Finder(run))
+    return lambda: None
+
+
+def pytest_configure() -> None:
+    """Limits hold for the process that runs the tests, none of those that they start."""
     run = json.loads(os.environ.get(VARIABLE, "{}"))
     if "source" in run:
-        _record_calls(run["source"], run["marks"])
-    elif run:
-        sys.meta_path.insert(0, Finder(run))
+        _RECORD.quick, _RECORD.end = run["quick"], sum(os.times()[:4]) + run["seconds"]
+        signal.signal(signal.SIGPROF, _late)
 
 
 if __name__ == "sitecustomize":
-    _start()
+    atexit.register(start(json.loads(os.environ.get(VARIABLE, "{}"))))

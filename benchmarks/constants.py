@@ -2,9 +2,8 @@
 
     python -m benchmarks.constants --list                 list the constants, run nothing
     python -m benchmarks.constants --only 'sensing.*'     constants of matching modules (or module:NAME)
-    python -m benchmarks.constants --jobs 2               all constants: takes many hours; can be resumed
-    python -m benchmarks.constants --near 4 --sample 12 --only '^visuohaptic.core'    a dozen, in minutes
-    python -m benchmarks.constants --near 4 --most 12    all of them, at most a dozen tests each
+    python -m benchmarks.constants --jobs 2               all constants: takes many hours
+    python -m benchmarks.constants --near 2 --seconds 6    all of them by quick tests; can be resumed
 
 Prints the constants of each package by result, and the list of those that are not noticed.
 
@@ -21,17 +20,18 @@ running every test file once and recording which functions of the package each t
 starts; a module is executed if one of its functions, or of a module that imports it (also through packages, compiled
 modules and modules without functions), is called. Tests that fail without any change are excluded, and files without
 any other tests are listed. Compiled functions are kept in a separate cache, which starts as a copy of the user's: only
-functions that depend on the constant are recompiled. ``--most N`` stops after the N fastest tests of a constant.
+functions that depend on the constant are recompiled. Each test run is a fork of a process that has imported the
+libraries and those modules that do not need the changed one; the tests must pass there without a change.
 
 - *noticed*: a test fails, or the test run crashes;
 - *crashed*: the module cannot be imported with the value;
-- *undecided*: the tests took longer than ``--seconds``, or never imported the module with the new value;
+- *undecided*: the tests took more than ``--seconds`` of CPU time, or never imported the module with the new value;
 - *unnoticed*: no test fails, or no test executes the module.
 
-With ``--near N``, calls are not recorded: a constant is tested with the N test files that import its
-module, or a module of its folder that imports it, the most specific first (those that import the fewest modules). A
-constant that they do not notice may still be noticed by other tests. With ``--most`` as well, calls are recorded only for
-the test files near the constants. ``--sample`` draws constants with a seed.
+``--seconds`` limits a test file, too; a test that takes more than a quarter of it is left out, and so are all but the
+fastest of a module that take a quarter together, or the first ``--most``. With ``--near N``, only the N test files are
+used that import a module, or a module of its folder that imports it, those first that import the fewest modules. Other
+tests may notice what these do not. ``--sample`` draws constants with a seed.
 
 In the table, the less noticed of its two changes counts for a constant. Each change is a line in the report, with
 digests of its module and of its tests; after an edit of either, it is tested again.
@@ -41,17 +41,13 @@ from __future__ import annotations
 
 import argparse
 import ast
+import bisect
 import hashlib
+import itertools
 import json
-import os
 import random
 import re
-import shutil
-import signal
-import subprocess
-import sys
-import tempfile
-import time
+import threading
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -60,10 +56,9 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from visuohaptic.core import cache_folder
-
 from . import _mutant
 from ._journal import Journal
+from ._warm_process import Server
 from .house import ROOT, Module, imported_modules, is_compiled, read_modules
 
 __all__ = ["Change", "Project", "main"]
@@ -117,10 +112,10 @@ class Project:
             for other in others:
                 importers[other].add(name)
         self._importers = importers
+        self._servers: dict[int, Server] = {}
         self._passed_on = compiled | {
             name for name, module in self.modules.items() if module.is_package or not any(module.functions())
         }
-        self._compiled_in = _closure(compiled, imports, lambda _: True)
 
     def changes(self, pattern: str) -> list[Change]:
         """The changes of all constants whose module or ``module:NAME`` matches (anywhere)."""
@@ -132,46 +127,42 @@ class Project:
             for up in (False, True)
         ]
 
-    def run(self, tests: Iterable[str], order: dict[str, Any], private: bool = False) -> dict[str, Any]:
-        """Run test files with an instruction for :mod:`benchmarks._mutant`; returns the result.
+    def run(
+        self, runs: list[dict[str, Any]], hidden: str | None = None, modules: Iterable[str] = ()
+    ) -> list[dict[str, Any]]:
+        """Run tests, each run in a fork of this thread's process that has the libraries.
+
+        Parameters
+        ----------
+        runs
+            ``tests`` of each, and the ``order`` for :mod:`benchmarks._mutant`.
+        hidden, modules
+            Module that the runs change, and those that may be imported before unless they need it.
 
         Returns
         -------
-        dict
-            ``code`` of pytest (None when the time was over), ``output``, ``seconds`` and ``marks``, the texts that
-            the processes left.
+        list of dict
+            The answers of :mod:`benchmarks._warm`; after a run without an order that fails, no other is made.
         """
-        with tempfile.TemporaryDirectory() as place:
-            folder, marks, cache = (Path(place, name) for name in ("site", "marks", "cache"))
-            for made in (folder, marks, cache):
-                made.mkdir()
-            shutil.copy(_mutant.__file__, folder / "sitecustomize.py")
-            paths = [str(folder), str(self.root / "src"), os.environ.get("PYTHONPATH", "")]
-            environment = os.environ | {
-                _mutant.VARIABLE: json.dumps(order | {"marks": str(marks)} if order else {}),
-                "PYTHONPATH": os.pathsep.join(filter(None, paths)),
-                "HYPOTHESIS_STORAGE_DIRECTORY": str(cache / "hypothesis"),
-            }
-            if private:
-                environment |= dict.fromkeys(("NUMBA_CACHE_DIR", "VISUOHAPTIC_CACHE_DIR"), str(cache))
-                _link_kernels(cache)
-            options = ["-q", "-rfE", "-p", "no:cacheprovider"]
-            options += ["-p", "sitecustomize"] if "source" in order else ["-x"]
-            started = time.monotonic()
-            code, output = _finish(
-                [sys.executable, "-m", "pytest", *options, *tests], self.root, environment, self.seconds
-            )
-            left = [path.read_text(encoding="utf-8") for path in marks.iterdir()]
-            if (
-                code in (3, 4) and "crashed" not in left
-            ):  # a test is not found, too, where its file cannot be imported
-                raise SystemExit(f"pytest cannot run in {self.root}:\n{output[-2000:]}")
-            seconds = round(time.monotonic() - started, 1)
-            return {"code": code, "output": output, "seconds": seconds, "marks": left}
+        server = self._servers.get(threading.get_ident())
+        if server is None:
+            server = self._servers[threading.get_ident()] = Server(self.root, self.modules)
+        for run in runs:
+            explores = "source" in run["order"]
+            run["options"] = ["-q", "-rfE", "-p", "no:cacheprovider"]
+            run["options"] += ["-p", "sitecustomize"] if explores else ["-x"]
+            run["seconds"] = (3.0 if explores else 1.0) * self.seconds
+        answers = server.answers({"hidden": hidden, "modules": [*modules], "runs": runs})
+        for answer in answers:
+            # A test is not found, too, where its file cannot be imported.
+            if answer["code"] in (3, 4) and "crashed" not in answer["marks"]:
+                raise SystemExit(f"pytest cannot run in {self.root}:\n{answer['output'][-2000:]}")
+        return answers
 
     def explore(self, test: str) -> dict[str, Any]:
-        """Seconds of each test of a file that passes, the modules that it calls, and those that any of them may call."""
-        seen = self.run([test], {"source": str(self.root / "src")})
+        """Seconds of each quick test of a file that passes, the modules that it calls, and those that any of them may call."""
+        order = {"source": str(self.root / "src"), "quick": self.seconds / 4.0, "seconds": self.seconds}
+        (seen,) = self.run([{"tests": [test], "order": order}])
         marks = [json.loads(text) for text in seen["marks"]]
         names = {str(module.path): name for name, module in self.modules.items()}
         calls: dict[str, set[str]] = defaultdict(set)
@@ -183,34 +174,48 @@ class Project:
             node: {"seconds": round(seconds, 3), "called": sorted(calls[node] - calls[""])}
             for mark in marks for node, seconds in mark["seconds"].items() if node not in failed
         }  # fmt: skip
-        passed = bool(tests) or seen["code"] == 5  # it has no tests
-        return {"passed": passed, "seconds": seen["seconds"], "called": sorted(calls[""]), "tests": tests}
+        found = {file for mark in marks for file in mark["imported"]}
+        return {
+            "passed": bool(tests) or seen["code"] == 5,  # it has no tests
+            "seconds": seen["seconds"],
+            "called": sorted(calls[""]),
+            "imported": sorted(names[file] for file in found if file in names),
+            "tests": tests,
+        }
 
-    def judge(self, change: Change, tests: list[str]) -> dict[str, Any]:
-        """Whether a change is noticed by test files."""
-        row = {"title": change.title, "factor": change.factor, "line": change.line, "tests": len(tests)}
-        if not tests:
-            return row | {"result": "unnoticed", "by": "no test executes the module"}
-        order = {"module": change.module, "name": change.name, "up": change.up}
-        seen = self.run(tests, order, private=change.module in self._compiled_in)
-        by = re.search(r"^(?:FAILED|ERROR) (\S+)", seen["output"], re.MULTILINE)
-        red = by.group(1).partition("::")[0] if by else ""
-        if red in tests and self.run([red], {})["code"] not in (0, 5):  # a file that was not run before
-            return self.judge(change, [test for test in tests if test != red])
-        if "crashed" in seen["marks"]:
-            result, why = "crashed", "import"
-        elif seen["code"] is None:
-            result, why = "undecided", f"longer than {self.seconds:g} s"
-        elif "loaded" not in seen["marks"]:
-            result, why = "undecided", "the tests did not import the changed module"
-        elif seen["code"] in (0, 5):
-            result, why = "unnoticed", ""
-        else:
-            result, why = "noticed", by.group(1) if by else f"exit code {seen['code']}"
-        return row | {"result": result, "by": why, "seconds": seen["seconds"]}
+    def judge(self, changes: list[Change], tests: list[str], modules: Iterable[str]) -> list[dict[str, Any]]:
+        """Whether changes of one module are noticed by tests, which pass without them; modules that these import."""
+        orders = [{}, *({"module": one.module, "name": one.name, "up": one.up} for one in changes)]
+        answers: list[dict[str, Any]] = [{"code": 5}, *({} for _ in changes)]
+        if tests:
+            runs = [{"tests": tests, "order": order} for order in orders]
+            answers = self.run(runs, changes[0].module, modules)
+        first, *seen_with = answers
+        if first["code"] not in (0, 5):  # a test that passes in its file only
+            red = _failed(first["output"])
+            return self.judge(changes, [test for test in tests if test != red and red], modules)
+        rows = []
+        for change, seen in zip(changes, seen_with, strict=True):
+            row = {"title": change.title, "factor": change.factor, "line": change.line, "tests": len(tests)}
+            if not tests:
+                rows.append(row | {"result": "unnoticed", "by": "no quick test executes the module"})
+                continue
+            by = _failed(seen["output"])
+            if "crashed" in seen["marks"]:
+                result, why = "crashed", "import"
+            elif seen["code"] is None:
+                result, why = "undecided", f"longer than {self.seconds:g} s"
+            elif "loaded" not in seen["marks"]:
+                result, why = "undecided", "the tests did not import the changed module"
+            elif seen["code"] in (0, 5):
+                result, why = "unnoticed", ""
+            else:
+                result, why = "noticed", by or f"exit code {seen['code']}"
+            rows.append(row | {"result": result, "by": why, "seconds": seen["seconds"]})
+        return rows
 
     def executing(self, name: str, known: dict[str, dict[str, Any]], most: int | None) -> list[str]:
-        """Tests that pass and execute a module, fastest first, up to a maximum number."""
+        """Tests that pass and execute a module, fastest first, up to a number or a quarter of the time."""
         users = _closure({name}, self._importers, lambda other: other == name or other in self._passed_on)
         found = {
             node: test["seconds"]
@@ -218,7 +223,9 @@ class Project:
             for node, test in row["tests"].items()
             if users & {*row["called"], *test["called"]}
         }
-        return sorted(found, key=found.__getitem__)[:most]
+        tests = sorted(found, key=found.__getitem__)[:most]
+        until = list(itertools.accumulate(found[test] for test in tests))
+        return tests[: 1 + bisect.bisect(until, 0.25 * self.seconds)]
 
     def importing(self, name: str, count: int) -> list[str]:
         """Test files that import a module or what imports it in its folder, at most ``count``, the most specific first."""
@@ -270,57 +277,29 @@ def _closure(start: set[str], edges: dict[str, set[str]], followed: Callable[[st
     return found
 
 
-def _link_kernels(cache: Path) -> None:
-    """The user's compiled functions in a cache folder: each is kept under a digest of what its code depends on."""
-    source = cache_folder()
-    if source is not None and source.is_dir():
-        shutil.copytree(source, cache / source.parent.name / source.name, copy_function=_linked)
-
-
-def _linked(source: str, target: str) -> None:
-    try:
-        os.link(source, target)
-    except OSError:  # another file system
-        shutil.copy2(source, target)
-
-
 def _digest(*texts: str) -> str:
     return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:12]
 
 
-def _finish(
-    command: list[str], folder: Path, environment: dict[str, str], seconds: float
-) -> tuple[int | None, str]:
-    """Exit code (None after the limit, when all its processes are ended) and output of a command."""
-    process = subprocess.Popen(
-        command,
-        cwd=folder,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        errors="replace",
-        start_new_session=True,
-    )
-    try:
-        output, _ = process.communicate(timeout=seconds)
-        return process.returncode, output
-    except subprocess.TimeoutExpired:
-        return None, ""
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate()
+def _failed(output: str) -> str:
+    """The first test that pytest's output says to have failed."""
+    found = re.search(r"^(?:FAILED|ERROR) (\S+)", output, re.MULTILINE)
+    return found.group(1) if found else ""
 
 
-def _fill(journal: Journal, work: dict[str, Callable[[], dict[str, Any]]], jobs: int) -> None:
-    """Add the rows that a journal lacks, as they are computed."""
+def _fill(
+    journal: Journal, work: dict[tuple[str, ...], Callable[[], list[dict[str, Any]]]], jobs: int
+) -> None:
+    """Add the rows that a journal lacks, as they are computed, several at a time."""
     pool = ThreadPoolExecutor(jobs)
     try:
-        rows = {pool.submit(job): key for key, job in work.items() if key not in journal}
-        for count, row in enumerate(as_completed(rows), 1):
-            journal.put(rows[row], row.result())
-            print(f"{count}/{len(rows)} {rows[row].rpartition(' ')[0]} {_told(row.result())}", flush=True)
+        waiting = {
+            pool.submit(job): keys for keys, job in work.items() if not all(key in journal for key in keys)
+        }
+        for count, done in enumerate(as_completed(waiting), 1):
+            for key, row in zip(waiting[done], done.result(), strict=True):
+                journal.put(key, row)
+                print(f"{count}/{len(waiting)} {key.rpartition(' ')[0]} {_told(row)}", flush=True)
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -383,33 +362,38 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"{len(changes) // 2} constants")
         return
     about = {"campaign": "constants", "seconds": args.seconds}
-    judges: Callable[[str], list[str]] = partial(project.importing, count=args.near)
-    if args.near is None or args.most is not None:
-        modules = sorted({change.module for change in changes})
-        near = None if args.near is None else {test for module in modules for test in judges(module)}
-        judges = _calling(project, args, about, near)
+    known = _explored(project, args, about, sorted({change.module for change in changes}))
     journal = Journal(args.report, about)
-    work: dict[str, Callable[[], dict[str, Any]]] = {}
-    for change in changes:
-        tests = judges(change.module)
-        work[project.key(change, tests)] = partial(project.judge, change, tests)
+    work: dict[tuple[str, ...], Callable[[], list[dict[str, Any]]]] = {}
+    for module, group in itertools.groupby(changes, key=lambda change: change.module):
+        members = list(group)
+        tests = project.executing(module, known, args.most)
+        used = {test.partition("::")[0] for test in tests}
+        imported = {name for test in used for name in known[test]["imported"]}
+        keys = tuple(project.key(change, tests) for change in members)
+        work[keys] = partial(project.judge, members, tests, sorted(imported))
     _fill(journal, work, args.jobs)
-    print(table([journal.rows[key] for key in work]))
+    print(table([journal.rows[key] for keys in work for key in keys]))
 
 
-def _calling(
-    project: Project, args: argparse.Namespace, about: dict[str, Any], near: set[str] | None
-) -> Callable[[str], list[str]]:
-    """The tests that execute a module, after every test file, or each of those near, was run once."""
+def _explored(
+    project: Project, args: argparse.Namespace, about: dict[str, Any], modules: list[str]
+) -> dict[str, Any]:
+    """What the tests of every file call, or of those near some modules: each file is run once."""
     calls = Journal(args.report.with_suffix(".tests.jsonl"), about)
     names = _digest(*project.modules)  # when modules move, tests call others
-    texts = {test: text for test, text in project.tests.items() if near is None or test in near}
-    keys = {test: f"{test} {_digest(text, names)}" for test, text in texts.items()}
-    _fill(calls, {key: partial(project.explore, test) for test, key in keys.items()}, args.jobs)
+    near = partial(project.importing, count=args.near)
+    chosen = {*project.tests} if args.near is None else {test for module in modules for test in near(module)}
+    keys = {test: f"{test} {_digest(text, names)}" for test, text in project.tests.items() if test in chosen}
+    _fill(
+        calls,
+        {(key,): partial(lambda test: [project.explore(test)], test) for test, key in keys.items()},
+        args.jobs,
+    )
     known = {test: calls.rows[key] for test, key in keys.items()}
     if failing := [test for test, row in known.items() if not row["passed"]]:
         print("left out, they fail without any change:", *failing)
-    return partial(project.executing, known=known, most=args.most)
+    return known
 
 
 if __name__ == "__main__":

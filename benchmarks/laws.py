@@ -1,9 +1,10 @@
-"""The property tests with many more examples than in a normal test run.
+"""The property tests and state machines with many more examples than in a normal test run.
 
     python -m benchmarks.laws --packages core navigation --examples 10000 --seconds 120 --report laws.jsonl
                                       prints the tests that fail; exit code 1 if there are any
 
-Each test draws this number of examples, or as many as it can within this CPU time. An existing report is continued.
+Each test draws this number of examples, or as many as it can within this CPU time; a run of a state machine is an
+example. An existing report is continued.
 A failure is stored with its example, which should become a test when the fault is fixed.
 """
 
@@ -18,11 +19,16 @@ from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
+from hypothesis.stateful import RuleBasedStateMachine
 
 from ._journal import Journal
 from .house import ROOT
 
 __all__ = ["Laws", "main"]
+
+
+#: Examples of a state machine between two looks at its time.
+_BATCH = 20
 
 
 class Laws:
@@ -43,23 +49,25 @@ class Laws:
     def pytest_collection_modifyitems(self, config: pytest.Config, items: list[Any]) -> None:
         """Keep the property tests that the journal does not have."""
         kept = [
-            item
-            for item in items
-            if hasattr(getattr(item, "obj", None), "hypothesis") and item.nodeid not in self._journal
+            item for item in items if (_property(item) or _machine(item)) and item.nodeid not in self._journal
         ]
         config.hook.pytest_deselected(items=[item for item in items if item not in kept])
         items[:] = kept
-        for function in {item.obj for item in kept}:
+        many: dict[str, Any] = {
+            "max_examples": self._examples, "database": None, "deadline": None, "derandomize": False,
+            "suppress_health_check": list(HealthCheck),
+        }  # fmt: skip
+        for function in {item.obj for item in kept if _property(item)}:
             # As documented by Hypothesis for plugins that wrap the function called with each example.
             function.hypothesis.inner_test = self._counted(function.hypothesis.inner_test)
-            function._hypothesis_internal_use_settings = settings(
-                getattr(function, "_hypothesis_internal_use_settings", None),
-                max_examples=self._examples,
-                database=None,
-                deadline=None,
-                derandomize=False,
-                suppress_health_check=list(HealthCheck),
-            )
+            usual = getattr(function, "_hypothesis_internal_use_settings", None)
+            function._hypothesis_internal_use_settings = settings(usual, **many)
+        for item in kept:
+            if (machine := _machine(item)) is not None:
+                size = min(_BATCH, self._examples)
+                item.cls.settings = settings(item.cls.settings, **(many | {"max_examples": size}))
+                machine.__init__ = self._counted(machine.__init__, skipped=False)  # type: ignore[method-assign]
+                item.obj = self._repeated(item.obj)
 
     def pytest_runtest_setup(self) -> None:
         """A new test begins."""
@@ -71,15 +79,34 @@ class Laws:
             why = "" if report.passed else str(report.longrepr)[-2000:]
             self._journal.put(report.nodeid, {"tried": self._count, "wrong": int(report.failed), "why": why})
 
-    def _counted(self, inner: Callable[..., Any]) -> Callable[..., Any]:
+    def _counted(self, inner: Callable[..., Any], skipped: bool = True) -> Callable[..., Any]:
         @functools.wraps(inner)
         def run(*args: Any, **named: Any) -> Any:
-            if time.process_time() > self._end_s:
+            if skipped and time.process_time() > self._end_s:
                 return None
             self._count += 1
             return inner(*args, **named)
 
         return run
+
+    def _repeated(self, run: Callable[[], None]) -> Callable[[], None]:
+        """A machine cannot leave out examples: it is run in batches until there are enough."""
+
+        @functools.wraps(run)
+        def batches() -> None:
+            while self._count < self._examples and time.process_time() < self._end_s:
+                run()
+
+        return batches
+
+
+def _property(item: Any) -> bool:
+    return hasattr(getattr(item, "obj", None), "hypothesis")
+
+
+def _machine(item: Any) -> type[RuleBasedStateMachine] | None:
+    """State machine of a test, if it has one."""
+    return getattr(getattr(item, "obj", None), "_hypothesis_state_machine_class", None)
 
 
 def main(words: Sequence[str] | None = None) -> int:

@@ -12,6 +12,7 @@ measures again: the results of earlier chapters are taken from the simulated wor
     python -m benchmarks.mission --worlds open --count 5 --visits 2 --report visits.jsonl  each visited twice
     python -m benchmarks.mission --worlds open --visits 2 --robots 2  the second time by another robot with the first one's memory
     python -m benchmarks.mission --worlds open --count 5 --full --robot-seed 1 --report full.jsonl  as demo --world N does
+    python -m benchmarks.mission --worlds open --first 4 --count 3 --bring "every transparent container"  two or three containers each
 
 Each prints the table of successes, claims and reasons. A finished mission is a line of the report; the same command
 continues after the last one.
@@ -201,10 +202,11 @@ def main() -> None:
     parser.add_argument(
         "--robots", type=int, default=1, help="that visit houses in turn, with one memory (1)"
     )
+    parser.add_argument("--bring", default="", help="ask for containers, at the table of each house")
     parser.add_argument("--figure", type=Path, help="PNG of the calibration")
     args = parser.parse_args()
     if args.worlds is not None:
-        robot = Robot(args.robot_seed, args.full, args.robots)
+        robot = Robot(args.robot_seed, args.full, args.bring, args.robots)
         found = worlds(
             args.worlds, args.count, args.report,
             first=args.first, visits=args.visits, robot=robot, figure=args.figure,

@@ -126,7 +126,7 @@ def glass() -> Path:
 
 def _glass_frames(mission: Any, touches_m: np.ndarray) -> Iterable[np.ndarray]:
     from visuohaptic.demo.bottle import table_views
-    from visuohaptic.demo.story import counted
+    from visuohaptic.demo.results import counted
     from visuohaptic.report.style import COLOURS, draw_axes
     from visuohaptic.simulation.tabletop.depth_camera import DepthCamera
 

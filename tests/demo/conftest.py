@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
@@ -14,10 +15,12 @@ from visuohaptic.tasks.framework import SafetyLimits, Supervisor
 from visuohaptic.tasks.manipulation import Hand
 
 
+@dataclass
 class PlainHand(KitchenTable):
     """The world of the mission's hand, whose force and load are numbers with noise instead of views of foam and beam."""
 
-    wrist_camera = SimpleNamespace(virtual=SimpleNamespace(camera=None))
+    wrist: Any = None  # the beam of a hand with pictures
+    wrist_camera: ClassVar = SimpleNamespace(virtual=SimpleNamespace(camera=None))
 
     def wrist_frame(self) -> Frame:
         return Frame(self.image(self.arm.t_s), self.arm.t_s, 0)

@@ -21,6 +21,7 @@ from visuohaptic.demo import (
     ChapterResult,
     Mission,
     Visit,
+    chapters,
     filled_container,
     recognise_the_bottle,
     run_chapters,
@@ -31,14 +32,16 @@ from visuohaptic.demo import (
     training_objects,
     write_story,
 )
+from visuohaptic.demo.bottle import TAUGHT
 from visuohaptic.demo.judge import Claim
 from visuohaptic.demo.probe_chapters import default_outline
-from visuohaptic.demo.served import robot_at_table
-from visuohaptic.demo.story import done, failed
+from visuohaptic.demo.results import done, failed
+from visuohaptic.demo.served import place_bottle, robot_at_table
 from visuohaptic.recognition.touch import container_outline, wall_from_stiffness
 from visuohaptic.simulation import FaultKind
 from visuohaptic.simulation.mobile import cylinder
 from visuohaptic.simulation.tabletop import DeformableContainer
+from visuohaptic.tasks import FetchRequest
 
 pytest.importorskip("mujoco")
 
@@ -244,6 +247,71 @@ def test_contents_outside_of_the_model_are_not_claimed(tmp_path: Path, plain_han
     result = recognise_the_bottle(mission)
     assert not result.done
     assert result.correct is None
+
+
+def examined(missing: str = "") -> tuple[Chapter, ...]:
+    """Chapters that read the truth, but for one property that stays unknown."""
+
+    def look(place: Mission) -> ChapterResult:
+        place.record_cost(5.0)
+        place.known.belief = replace(place.known.belief, transparent=float(place_bottle(place).transparent))
+        return done("seen")
+
+    def squeeze(place: Mission) -> ChapterResult:
+        bottle = place_bottle(place)
+        place.record_cost(50.0, 2)
+        parts = {
+            "closed": float(bottle.closed),
+            "filled": float(bottle.fill > 0),
+            "classes": {bottle.name: 1.0},
+        }
+        parts.pop(missing, None)
+        place.known.belief = replace(place.known.belief, **parts)
+        return done("squeezed")
+
+    return (
+        Chapter("look", "look", (), look, robot_s=5.0, tells=("transparent",)),
+        Chapter("squeeze", "squeeze", (), squeeze, robot_s=50.0, tells=("closed", "filled", "class_name")),
+        Chapter("grasp", "grasp", (), lambda _: done("lifted"), robot_s=10.0),
+    )
+
+
+@pytest.mark.parametrize(
+    ("request_", "told", "lifted"),
+    [
+        # On the table of house 4: a clear smoothie bottle, an opaque bottle, and a clear one of no class.
+        (
+            "every transparent container",
+            "look 1, squeeze 1, grasp 1, look 2, look 3, squeeze 3, grasp 3",
+            [1, 3],
+        ),
+        ("a transparent container", "look 1, squeeze 1, grasp 1", [1]),
+        ("an opaque bottle", "look 1, look 2, squeeze 2, grasp 2", [2]),
+        ("every cup", "look 1, squeeze 1, look 2, squeeze 2, look 3, squeeze 3", []),
+    ],
+)
+def test_what_is_asked_for_is_brought_and_nothing_else(
+    tmp_path: Path, request_: str, told: str, lifted: list[int]
+) -> None:
+    mission, request = Mission(4, tmp_path, world=4), FetchRequest.parse(request_, TAUGHT)
+    results = chapters._fetch(mission, request, examined())
+    assert ", ".join(one.name for one in results) == f"{told}, bring"
+    claims = [claim for one in results for claim in one.claims]
+    assert [int(claim.what[-1]) for claim in claims if claim.value] == lifted
+    assert all(claim.correct for claim in claims)
+    assert all(one.done for one in results)
+    assert mission.robot_s == pytest.approx(5.0 * told.count("look") + 50.0 * told.count("squeeze"))
+    assert mission.touches == 2 * told.count("squeeze")
+
+
+def test_what_stays_unknown_is_left_and_told(tmp_path: Path) -> None:
+    mission, request = Mission(4, tmp_path, world=4), FetchRequest.parse("every closed container", TAUGHT)
+    *results, last = chapters._fetch(mission, request, examined("closed"))
+    assert not any(one.claims or one.name.startswith("grasp") for one in results)
+    assert last.outcome is ChapterOutcome.FAILED
+    assert last.reason.count("is left: requested with a probability of 0.50") == 3
+    with pytest.raises(InputError, match="without all chapters at the table"):
+        run_mission(tmp_path, part="bottle", visit=Visit(4, bring="every cup"))
 
 
 def test_the_beam_reads_known_loads(tmp_path: Path) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from visuohaptic.demo.report import measure_texts
-from visuohaptic.demo.story import Chapter, Measure, _left_s, counted
+from visuohaptic.demo.results import Measure, counted
+from visuohaptic.demo.story import Chapter, _left_s
 
 
 @pytest.mark.parametrize(

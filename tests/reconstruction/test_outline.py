@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.reconstruction import SurfaceMesh
-from visuohaptic.reconstruction.completion import axial_part, measured_outline
+from visuohaptic.reconstruction.completion import axial_part, measured_outline, standing_object
 
 AXIS = np.array([0.3, -0.1])
 
@@ -58,3 +58,14 @@ def test_where_no_wall_is_seen_there_is_no_outline() -> None:
     ring = measured_outline(whole.submesh(np.flatnonzero(abs(height_m - 0.1) < 0.012)), AXIS, 0.06)
     assert ring[[0, -1], 0] == pytest.approx(ring[[1, -2], 0])
     assert ring[1:-1, 0] == pytest.approx(0.04 - 0.1 * ring[1:-1, 1], abs=5e-4)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 0.74])
+def test_what_stands_near_a_place_is_found_and_round_or_not(ratio: float) -> None:
+    mesh = cone()
+    across = AXIS + (mesh.vertices_m[:, :2] - AXIS) @ np.diag([1.0, ratio])
+    mesh = SurfaceMesh(np.column_stack([across, mesh.vertices_m[:, 2]]), mesh.faces)
+    axis, ellipse = standing_object(mesh, AXIS + np.array([0.05, -0.04]), 0.12, 0.065)
+    assert axis == pytest.approx(AXIS, abs=3e-4)
+    assert ellipse == pytest.approx((1.0 - ratio) / (1.0 + ratio), abs=0.01)
+    assert not np.isfinite(standing_object(mesh, AXIS + 1.0, 0.12, 0.065)[0]).any()

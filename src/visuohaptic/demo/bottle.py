@@ -29,6 +29,13 @@ from ..simulation.tabletop.refraction import PET, Band, Box, RefractingScene, Re
 CLASS = "bottle"
 #: Round classes known to the robot, of PET.
 ROUND = ("bottle", "smoothie")
+#: All classes of containers; the first four are round, of which cups have neither lid nor neck.
+ALL, CUPS = (
+    ("bottle", "smoothie", "cup", "cup-rim", "elliptic", "isana", "cien", "cleaner", "palmo"),
+    ("cup", "cup-rim"),
+)
+#: Those of ``containers.npz``, which the robot has been taught.
+TAUGHT = ("bottle", "smoothie", "cup", "cup-rim", "elliptic")
 #: The elliptic bottles share one name, as in Table 6.2.
 GROUPS = {"elliptic": ("elliptic", "isana")}
 #: The table's frame in the base of the arm.
@@ -49,6 +56,7 @@ class TableBottle:
     container: DeformableContainer
     wall_m: float
     scene: RefractingScene
+    transparent: bool = True
 
     @property
     def height_m(self) -> float:
@@ -91,8 +99,10 @@ def filled_container(
     fill: float = 0.0,
     stiffer: float = 1.0,
     filling: BulkFill = WATER_FILL,
+    material: str = "PET",
+    neck_m: float = NECK_M,
 ) -> DeformableContainer:
-    """Force-deformation curve of a round PET bottle with the given outline.
+    """Force-deformation curve of a round bottle with the given outline.
 
     Parameters
     ----------
@@ -108,17 +118,21 @@ def filled_container(
         Factor of the modulus.
     filling
         Filling.
+    material
+        Name of its material.
+    neck_m
+        Thickness of the uppermost tenth, where it is larger than that of the wall [m].
     """
     z = np.linspace(outline_m[0, 1], outline_m[-1, 1], 81)
     r = np.interp(z, outline_m[:, 1], outline_m[:, 0])
-    thickness = np.where(z > 0.9 * z[-1], max(NECK_M, wall_m), wall_m)
+    thickness = np.where(z > 0.9 * z[-1], max(neck_m, wall_m), wall_m)
     # A relative change of the modulus changes the force equally: represented by the thickness, by its third power.
     shell = RevolutionShell(r, z, thickness * stiffer ** (1 / 3), rim_held=closed)
     step = np.hypot(np.diff(r), np.diff(z))
     area = 2 * math.pi * 0.5 * (r[1:] + r[:-1]) * step
     mass = DENSITY * float((area * 0.5 * (thickness[1:] + thickness[:-1])).sum())
     return DeformableContainer.of_revolution(
-        "closed" if closed else "open", shell, "PET", closed=closed, fill=fill, mass_kg=mass, max_m=0.01,
+        "closed" if closed else "open", shell, material, closed=closed, fill=fill, mass_kg=mass, max_m=0.01,
         filling=filling,
     )  # fmt: skip
 
@@ -153,12 +167,12 @@ def table_bottle(rng: np.random.Generator) -> TableBottle:
     rng
         Source of variant, lid, water and position.
     """
-    outline, wall = _variant(CLASS, rng)
+    outline, wall, _ = _variant(CLASS, rng)
     closed, wet = rng.random(2) < 0.5
     fill = float(rng.uniform(0.05, 0.95)) if wet else 0.0
     foot = (float(rng.uniform(-0.02, 0.02)), float(rng.uniform(-0.02, 0.02)))
     container = filled_container(outline, wall, closed=bool(closed), fill=fill)
-    return _on_the_table(CLASS, (outline, wall), (bool(closed), fill), container, (foot, rng))
+    return _on_the_table(CLASS, (outline, wall, 1.0), (bool(closed), fill), container, (foot, rng))
 
 
 def random_table_bottle(rng: np.random.Generator, today: np.random.Generator) -> TableBottle:
@@ -171,47 +185,88 @@ def random_table_bottle(rng: np.random.Generator, today: np.random.Generator) ->
     today
         Source of lid and contents.
     """
-    name = str(rng.choice((*ROUND, UNKNOWN), p=(*(0.85 / len(ROUND) for _ in ROUND), 0.15)))
+    return _random_container((*ROUND, UNKNOWN), (*(0.85 / len(ROUND) for _ in ROUND), 0.15), rng, today)
+
+
+def other_table_container(rng: np.random.Generator, today: np.random.Generator) -> TableBottle:
+    """One of those of :func:`random_table_bottle`, or as probably an opaque container of any class or of none.
+
+    One that is not round is an elliptic solid for the camera; for the hand it is round, of its mean width.
+
+    Parameters
+    ----------
+    rng, today
+        As in :func:`random_table_bottle`.
+    """
+    if rng.random() < 0.5:
+        return random_table_bottle(rng, today)
+    names = (*ALL, UNKNOWN)
+    return _random_container(names, (1.0 / len(names),) * len(names), rng, today, opaque=True)
+
+
+def _random_container(
+    names: tuple[str, ...],
+    probability: tuple[float, ...],
+    rng: np.random.Generator,
+    today: np.random.Generator,
+    *,
+    opaque: bool = False,
+) -> TableBottle:
+    name, squash = str(rng.choice(names, p=probability)), 1.0
     if name == UNKNOWN:
         shape = random_bottle(rng, "round")
         z = np.linspace(0.0, shape.height_m, 60)
         outline, wall = np.column_stack([shape.radius_m(np.zeros(60), z), z]), float(rng.uniform(3e-4, 7e-4))
     else:
-        outline, wall = _variant(name, rng)
+        outline, wall, squash = _variant(name, rng)
     stiffer, foot = (
         float(rng.uniform(0.75, 1.3)),
         (float(rng.uniform(-0.05, 0.05)), float(rng.uniform(-0.05, 0.05))),
     )
-    closed, wet, dry = today.random(3) < (0.5, 0.65, 0.25)
+    closed, wet, dry = today.random(3) < (0.0 if name in CUPS else 0.5, 0.65, 0.25)
     fill = float(today.uniform(0.02, 1.0)) if wet else 0.0
     container = filled_container(
-        outline,
+        outline * (0.5 + 0.5 * squash, 1.0),
         wall,
         closed=bool(closed),
         fill=fill,
         stiffer=stiffer,
         filling=GRAIN_FILL if dry else WATER_FILL,
+        material="PET" if name == UNKNOWN else load_container(name).material,
+        neck_m=0.0 if name in CUPS else NECK_M,
     )
-    return _on_the_table(name, (outline, wall), (bool(closed), fill), container, (foot, rng))
+    name = next((group for group, members in GROUPS.items() if name in members), name)
+    return _on_the_table(
+        name if name in TAUGHT else UNKNOWN,
+        (outline, wall, squash),
+        (bool(closed), fill),
+        container,
+        (foot, rng),
+        opaque=opaque,
+    )
 
 
-def _variant(name: str, rng: np.random.Generator) -> tuple[Float[np.ndarray, "k 2"], float]:
-    """Outline and wall [m] of a member of a class not used in training."""
+def _variant(name: str, rng: np.random.Generator) -> tuple[Float[np.ndarray, "k 2"], float, float]:
+    """Outline and wall [m] of a member of a class not used in training, and the ratio of its widths."""
     from ..deformation.shapes.variants import draw_variant
 
     description = draw_variant(load_container(name), int(rng.integers(200)), 1000 + int(rng.integers(1000)))
-    return container_outline(description), float(description.wall[0])
+    radius, radius_y = description.base.radius, description.base.radius_y
+    squash = 1.0 if radius_y is None else float(radius_y[0] / radius[0])
+    return container_outline(description), float(description.wall[0]), squash
 
 
 def _on_the_table(
     name: str,
-    shape: tuple[Float[np.ndarray, "k 2"], float],
+    shape: tuple[Float[np.ndarray, "k 2"], float, float],
     state: tuple[bool, float],
     container: DeformableContainer,
     place: tuple[tuple[float, float], np.random.Generator],
+    *,
+    opaque: bool = False,
 ) -> TableBottle:
     """A bottle between a box and a can, in front of walls."""
-    (outline, wall), (closed, fill), (foot, rng) = shape, state, place
+    (outline, wall, squash), (closed, fill), (foot, rng) = shape, state, place
     height = float(outline[-1, 1])
     body = Revolution(
         (*foot, 0.0),
@@ -222,6 +277,9 @@ def _on_the_table(
         fill=fill,
         bands=(Band(0.02, 0.3 * height), Band(height - 0.018, height + 0.002, albedo=0.6)),
     )
+    if opaque:
+        turn = float(rng.uniform(0, math.pi))
+        body = Revolution((*foot, 0.0), outline, "opaque", yaw_rad=turn, squash=squash)
     albedo = rng.uniform(0.4, 0.8, 2)
     side = float(rng.uniform(0, 2 * math.pi))
     boxes = [
@@ -244,7 +302,15 @@ def _on_the_table(
         "opaque",
     )
     return TableBottle(
-        name, closed, fill, outline, foot, container, wall, RefractingScene((body, can), tuple(boxes))
+        name,
+        closed,
+        fill,
+        outline,
+        foot,
+        container,
+        wall,
+        RefractingScene((body, can), tuple(boxes)),
+        not opaque,
     )
 
 

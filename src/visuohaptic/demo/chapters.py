@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING
 
 from ..core.errors import InputError
 from ..simulation.faults import FaultKind
+from ..tasks.fetch import DECIDED, ContainerBelief, FetchRequest, FetchStep, deliveries_per_s, next_container
 from . import drive_chapters as drive
 from . import floor_chapters as floor
 from . import hand_chapters as hand
 from . import probe_chapters as probe
 from . import touch_chapters as touch
-from .story import Chapter, Mission, Story, run_chapters
+from .bottle import TAUGHT
+from .judge import Claim
+from .results import ChapterResult, done, failed
+from .served import place_bottle
+from .story import Chapter, Mission, Story, run_chapter, run_chapters
 
 if TYPE_CHECKING:
     from ..viewer.page import LivePage
@@ -44,17 +51,19 @@ CHAPTERS: tuple[Chapter, ...] = (
     ),
     Chapter(
         "glass", "The camera circles, and finds what is transparent", ("drive",), probe.find_the_glass, 6,
-        None, "with twice the views",
+        None, "with twice the views", 3, ("transparent",),
     ),
     Chapter(
         "probe", "The probe completes the bottle", ("glass", "beam"), probe.complete_the_bottle, 13,
-        probe.default_outline, "with twice the lines",
+        probe.default_outline, "with twice the lines", 50,
     ),
     Chapter(
         "squeeze", "The gripper squeezes: class and contents", ("probe",), hand.recognise_the_bottle, 13,
-        None, "at as many places more",
+        None, "at as many places more", 60, ("closed", "filled", "class_name"),
     ),
-    Chapter("grasp", "The grasp is planned and carried out", ("squeeze",), hand.grasp_the_bottle, 3),
+    Chapter(
+        "grasp", "The grasp is planned and carried out", ("squeeze",), hand.grasp_the_bottle, 3, robot_s=10,
+    ),
 )  # fmt: skip
 
 #: Parts of the demonstration -> their chapters.
@@ -65,6 +74,9 @@ PARTS: dict[str, tuple[str, ...]] = {
     "glass": ("glass", "probe"),
     "bottle": ("squeeze", "grasp"),
 }
+
+#: What becomes of a container.
+LIFTED, NOT_REQUESTED = "is lifted", "is not requested"
 
 log = logging.getLogger(__name__)
 
@@ -79,6 +91,9 @@ class Visit:
     day: int = 0  #: people have moved objects since the previous one
     memory: Path | str | None = None  #: database of learnt objects, a folder or a URL
     apart: bool = False  #: the worlds at the table run in processes of their own
+    bring: str = (
+        ""  #: request for containers, see :meth:`.FetchRequest.parse`; on the table stand two or three
+    )
 
 
 def run_mission(
@@ -117,7 +132,7 @@ def run_mission(
     Raises
     ------
     InputError
-        Unknown part or chapter.
+        Unknown part or chapter, or a request that cannot be read, or without the chapters at the table.
 
     Examples
     --------
@@ -133,6 +148,12 @@ def run_mission(
     if unknown := [name for name in names if name not in known]:
         raise InputError("mission", f"found chapter {unknown[0]!r}, expected one of {', '.join(known)}")
     chosen = tuple(one for one in CHAPTERS if one.name in names)
+    request, repeated = None, tuple(one for one in chosen if one.robot_s)
+    if visit.bring:
+        request = FetchRequest.parse(visit.bring, TAUGHT)
+        if len(repeated) < len([one for one in CHAPTERS if one.robot_s]):
+            raise InputError("mission", "found a request for containers without all chapters at the table")
+        chosen = tuple(one for one in chosen if not one.robot_s)
     required = {need for one in chosen for need in one.needs} - set(names)
     # Chapters that the given ones require come first.
     required |= {below for name in required for below in CHAPTER_REQUIREMENTS.get(name, ())}
@@ -155,7 +176,71 @@ def run_mission(
 
             kitchen = f"house-{visit.world}" if visit.world else "office"
             mission.memory = stack.enter_context(PlaceMemory(visit.memory, kitchen))
-        return run_chapters(mission, chosen, given)
+        story = run_chapters(mission, chosen, given)
+        if request is None or not story.complete:
+            return story
+        start_s = time.monotonic()
+        results = (*story.chapters, *_fetch(mission, request, repeated))
+        return Story(results, mission, story.duration_s + time.monotonic() - start_s)
+
+
+def _fetch(mission: Mission, request: FetchRequest, chapters: Sequence[Chapter]) -> list[ChapterResult]:
+    """Examine the containers in the order of :func:`.next_container`, and lift the requested ones."""
+    places = {k: mission.at(k) for k in range(int(mission.world_rng(40).integers(2, 4)))}
+    left, results = {k: list(chapters) for k in places}, list[ChapterResult]()
+    spent_s = {one.name: [one.robot_s] for one in chapters}
+    ends: dict[int, str] = {}
+
+    def steps(k: int) -> list[FetchStep]:
+        belief = places[k].known.belief
+        tested = [request.probability(belief, one.tells) if one.tells else 1.0 for one in left[k]]
+        return [FetchStep(fmean(spent_s[one.name]), p) for one, p in zip(left[k], tested, strict=True)]
+
+    while left and (request.every or LIFTED not in ends.values()):
+        chains = {k: steps(k) for k in left}
+        k = next_container(chains)
+        place, chapter = places[k], left[k].pop(0)
+        mission.log("")
+        mission.log(
+            f"place {k + 1}, requested with a probability of {request.probability(place.known.belief):.2f}, 1 in "
+            f"{1.0 / deliveries_per_s(chains[k]):.0f} s: {chapter.title}"
+        )
+        before_s, touches = place.robot_s, place.touches
+        result = run_chapter(chapter, place)
+        spent_s[chapter.name].append(place.robot_s - before_s)
+        mission.record_cost(place.robot_s - before_s, place.touches - touches)
+        probability = request.probability(place.known.belief)
+        decided = max(probability, 1.0 - probability) >= DECIDED
+        if decided and probability < 0.5:
+            ends[k] = NOT_REQUESTED
+        elif not result.done:
+            ends[k] = f"could not be {'lifted' if not left[k] else 'examined'}"
+        elif not left[k]:
+            ends[k] = LIFTED
+        elif len(left[k]) == 1 and not decided:
+            ends[k] = f"is left: requested with a probability of {probability:.2f}"
+        if k in ends:
+            del left[k]
+            if decided and result.done:
+                result = replace(result, claims=(*result.claims, _request_claim(request, place, probability)))
+        results.append(
+            replace(result, name=f"{chapter.name} {k + 1}", title=f"Place {k + 1}: {chapter.title}")
+        )
+    reason = ", ".join(f"container {k + 1} {end}" for k, end in sorted(ends.items()))
+    outcome = done if set(ends.values()) <= {LIFTED, NOT_REQUESTED} else failed
+    return [*results, replace(outcome(reason), name="bring", title="The request")]
+
+
+def _request_claim(request: FetchRequest, place: Mission, probability: float) -> Claim:
+    """Whether the container is a requested one, by the robot's knowledge and in truth."""
+    true, value = place_bottle(place), probability > 0.5
+    known = ContainerBelief(
+        float(true.transparent), float(true.closed), float(true.fill > 0), {true.name: 1.0}
+    )
+    return Claim(
+        "requested", f"container {place.place + 1}", value, request.probability(known) > 0.5,
+        probability=probability if value else 1.0 - probability,
+    )  # fmt: skip
 
 
 #: Chapters that a given chapter itself requires, unless it fills in their results.

@@ -29,7 +29,8 @@ from ..tasks.mobile.travel.travel_types import TravelSettings
 from .floor_chapters import MIN_FIT, SEEN_SIGMA_M, fit_fraction, map_picture, outline_m, world_map
 from .judge import Claim
 from .push_demo import show_obstacle
-from .story import ChapterResult, Illustration, Measure, Mission, counted, done, failed
+from .results import ChapterResult, Illustration, Measure, counted, done, failed
+from .story import Mission
 
 #: Time between two scans that are matched to the map [s].
 SCAN_S = 0.33

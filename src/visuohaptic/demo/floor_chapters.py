@@ -27,7 +27,8 @@ from ..tasks.memory import RememberedMap
 from ..tasks.mobile.doorway_objects import heading_across, join_sides
 from ..tasks.mobile.floor_outline import SIDE_M, FloorOutline, fit_outlines
 from .judge import Claim
-from .story import ChapterResult, Illustration, Measure, Mission, done, failed
+from .results import ChapterResult, Illustration, Measure, done, failed
+from .story import Mission
 
 #: Distance between two scans [m].
 STEP_M = 0.1
@@ -92,15 +93,14 @@ def _path(
     still = np.zeros((0, 2))
     parts = []
     for start, end in itertools.pairwise(corners):
-        path, _ = pull_string(
-            world, still, grid_from_world(grid, np.array(start)), grid_from_world(grid, np.array(end))
-        )
+        first, last = (grid_from_world(grid, np.array(one)) for one in (start, end))
+        path, _ = pull_string(world, still, first, last)
         parts.append(world_from_grid(grid, path))
     path_m = np.concatenate(parts)
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path_m, axis=0).T))])
     keep = np.concatenate([[True], np.diff(along) > 1e-9])
     at = np.arange(0.0, along[-1], STEP_M)
-    points = np.column_stack([np.interp(at, along[keep], path_m[keep, axis]) for axis in (0, 1)])
+    points = np.column_stack([np.interp(at, along[keep], one) for one in path_m[keep].T])
     heading = np.unwrap(np.arctan2(*np.gradient(points, axis=0).T[::-1]))
     # The laser looks ahead only: the path turns as smoothly as that of a person.
     smooth = np.convolve(np.pad(heading, 4, mode="edge"), np.full(9, 1 / 9), mode="valid")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,13 +32,15 @@ from ..tasks.manipulation.contents_task import LIFT_M_S, ContentsFinding, identi
 from ..tasks.manipulation.foam_finger import FoamFingerOnDrive
 from ..tasks.manipulation.grasp import LiftPlan, grasp_and_lift
 from ..tasks.manipulation.hand import Hand, Place
-from ..tasks.manipulation.squeeze_task import SqueezeCurve, SqueezeSettings
+from ..tasks.manipulation.squeeze_task import SqueezeSettings
 from ..tasks.memory import RememberedContainer
 from .bottle import GROUPS, PLACE, TableBottle, container_of_outline, training_objects
 from .judge import Claim
 from .probe_chapters import HEIGHT_SIGMA_M
+from .report import belief_figure
+from .results import ChapterResult, Illustration, Measure, counted, done, failed
 from .served import REST, WEIGHTS, hand_truth, place_bottle, robot_at_table
-from .story import ChapterResult, Illustration, Known, Measure, Mission, counted, done, failed
+from .story import Known, Mission
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -128,14 +130,14 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     found = classify_by_squeezing(hand, squeezer, settings)
     ranked = _report_classes(mission, found)
     known.curves += found.curves
+    known.belief = replace(known.belief, classes=found.belief)
     mission.record_cost(hand.arm.pose()[0] - begin_s, len(found.curves))
     if not found.ending.success and not (
         mission.attempt and found.ending.outcome == ClassifyOutcome.UNDECIDED
     ):
         return failed(f"{found.ending.outcome}: {found.ending.why} ({ranked})")
-    called = (
-        "it is like none of the classes that are known" if found.best == UNKNOWN else f"it is a {found.best}"
-    )
+    named = "like none of the classes that are known" if found.best == UNKNOWN else f"a {found.best}"
+    called = f"it is {named}"
     # After another squeeze it continues with the most probable class, without claiming it: the measurements correct the map.
     model_wall_m = _take_class(known, found.best)
     if known.class_model.base.shape != "circle":
@@ -150,12 +152,13 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
         Measure("squeezes for the class", len(known.curves)),
         Measure("wall [mm]", 1e3 * wall, 1e3 * bottle.wall_m),
         Illustration(
-            _belief_figure(squeezer.history(), contents.curves[-1]),
+            belief_figure(squeezer.history(), contents.curves[-1]),
             "Probability of the classes, and the last squeeze, which determines the lid",
         ),
     ]
     if contents.lid == UNKNOWN or contents.mass_kg is None:
         return failed(f"{called}, but its contents are not identified: {contents.why}", *parts)
+    known.belief = replace(known.belief, closed=contents.belief["closed"], filled=contents.posterior.filled)
     # An uncertain lid is not claimed: an open wall is softer, and the grasp is planned for it.
     known.closed = contents.confident and contents.lid == "closed"
     known.fill, (known.mass_kg, known.mass_sigma_kg) = contents.fill[0], contents.mass_kg
@@ -325,27 +328,6 @@ def _lift_plan(best: Grasp, height_m: float, known: Known) -> LiftPlan:
     bound = 2.0 * (best.deformation_m + 3.0 * best.deformation_sigma_m) + 0.001
     place, give = Place(height_m, angle), min(bound, 0.01)
     return LiftPlan(place, best.force_N, give, _foot_m(known), open_m=_open_m(known), arm_m_s=LIFT_M_S)
-
-
-def _belief_figure(history: Sequence[Mapping[str, float]], curve: SqueezeCurve) -> Figure:
-    """Posterior of the classes after each squeeze, and one squeeze."""
-    from ..report.style import COLOURS, draw_axes
-
-    names = list(history[-1])
-
-    def draw(left: Axes, right: Axes) -> None:
-        belief = np.array([[step[name] for step in history] for name in names])
-        cells = (0.5, len(history) + 0.5, len(names) - 0.5, -0.5)
-        shown = left.imshow(belief, cmap="cividis", vmin=0, vmax=1, aspect="auto", extent=cells)
-        left.figure.colorbar(shown, ax=left)
-        left.set(title="probability", xlabel="squeeze")
-        left.locator_params("x", integer=True, min_n_ticks=1)
-        left.set_yticks(range(len(names)), names)
-        left.grid(visible=False)
-        right.plot(1e3 * curve.deformation_m, curve.force_N, "o-", color=COLOURS["orange"])
-        right.set(xlabel="deformation of one side [mm]", ylabel="force of one finger [N]")
-
-    return draw_axes(1, 2, draw, size=(8.6, 3.4))
 
 
 def _grasp_figure(plan: GraspPlan, lift: LiftPlan, outline_m: np.ndarray, lifted: bool) -> Figure:

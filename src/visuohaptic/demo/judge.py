@@ -49,6 +49,7 @@ RULES: dict[str, ClaimTolerance] = {
     # Fingers open a centimetre wider than an outline: half of it on either side.
     "shape": ClaimTolerance(tolerance=0.005),
     "height": ClaimTolerance(tolerance=0.008),
+    "transparent": ClaimTolerance(),
     "class": ClaimTolerance(),
     "lid": ClaimTolerance(),
     "fill": ClaimTolerance(tolerance=0.15),
@@ -57,6 +58,7 @@ RULES: dict[str, ClaimTolerance] = {
     # A touch is detected from 0.4 N on.
     "force": ClaimTolerance(tolerance=0.1),
     "grip": ClaimTolerance(),
+    "requested": ClaimTolerance(),
 }
 
 

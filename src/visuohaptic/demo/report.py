@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float
 
 from ..report.html_report import Report
 from .judge import Claim
-from .story import ChapterOutcome, ChapterResult, Measure, Story
+from .results import ChapterOutcome, ChapterResult, Illustration, Measure
+from .story import Story
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from ..io.depth.depth_sequence import DepthFrame
+    from ..reconstruction.pipeline import Reconstruction
+    from ..tasks.manipulation.squeeze_task import SqueezeCurve
+    from .bottle import TableBottle
 
 _YES_NO = {True: "yes", False: "no", None: ""}
 
@@ -27,6 +39,8 @@ _CLAIMS = {
     "mass": ("mass", "g", 1e3, 1),
     "force": ("rms error of a force", "mN", 1e3, 0),
     "grip": ("is held by the grasp", "", 1.0, 0),
+    "transparent": ("is transparent", "", 1.0, 0),
+    "requested": ("is a requested one", "", 1.0, 0),
 }
 
 #: Unit of a small value -> display unit, and the limit up to which it is used; for errors it always is.
@@ -133,3 +147,125 @@ def _shown(value: Any) -> str:
     if isinstance(value, (int, float)):
         return "\u221e" if value == math.inf else f"{value:.3g}"
     return str(value)
+
+
+def forces_figure(
+    true: Float[np.ndarray, "n 3"], read: Float[np.ndarray, "n 3"], sigma: Float[np.ndarray, "n 3"]
+) -> Figure:
+    """Forces of a sensor beside those applied, and their errors.
+
+    Parameters
+    ----------
+    true, read, sigma
+        Applied and measured forces, and the declared standard deviations [N].
+    """
+    from ..report.style import CYCLE, draw_axes
+
+    def draw(left: Axes, right: Axes) -> None:
+        for axis, name in enumerate("XYZ"):
+            given, error = true[:, axis], 1e3 * (read - true)[:, axis]
+            left.plot(given, read[:, axis], "o", ms=4, color=CYCLE[axis], label=f"$F_{name}$")
+            right.errorbar(given, error, 2e3 * sigma[:, axis], fmt="o", ms=4, capsize=2, color=CYCLE[axis])
+        left.axline((0, 0), slope=1, color="0.5", lw=0.8)
+        right.axhline(0, color="0.5", lw=0.8)
+        left.set(xlabel="applied [N]", ylabel="read [N]")
+        right.set(xlabel="applied [N]", ylabel="error, with two sigma [mN]")
+        left.legend()
+
+    return draw_axes(1, 2, draw, size=(8.6, 3.6))
+
+
+def outline_figure(
+    outline: Float[np.ndarray, "k 2"],
+    bottle: TableBottle,
+    seen: Float[np.ndarray, "m 2"],
+    contacts: Float[np.ndarray, "n 2"],
+) -> Figure:
+    """Outline of a bottle: true, completed, seen, and touched.
+
+    Parameters
+    ----------
+    outline, seen, contacts
+        Radius and height [m].
+    bottle
+        The true one.
+    """
+    from ..report.style import COLOURS, draw_axes
+
+    def draw(axes: Axes) -> None:
+        for side in (1, -1):
+            for part, colour, width, label in (
+                (bottle.outline_m, COLOURS["ink"], 0.9, "truth"),
+                (outline, COLOURS["blue"], 2.0, "completed"),
+            ):
+                axes.plot(
+                    *(1e3 * part * (side, 1)).T, color=colour, lw=width, label=label if side > 0 else None
+                )
+        axes.plot(*(1e3 * seen).T, ".", color=COLOURS["grey"], label="seen")
+        axes.plot(*(1e3 * contacts).T, "o", color=COLOURS["orange"], label="touched")
+        axes.set(xlabel="distance from the axis [mm]", ylabel="height [mm]", aspect="equal")
+        axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
+
+    return draw_axes(1, 1, draw, size=(6.4, 5.6))
+
+
+def depth_picture(frame: DepthFrame, found: Reconstruction) -> Illustration:
+    """A depth view with the detected transparent regions.
+
+    Parameters
+    ----------
+    frame
+        The view.
+    found
+        Result of all views.
+    """
+    import cv2
+
+    from ..report.style import draw_axes
+
+    def draw(axes: Axes) -> None:
+        shown = axes.imshow(frame.depth_m, cmap="viridis_r", vmin=0.5, vmax=1.4)
+        axes.figure.colorbar(shown, ax=axes, label="depth [m]")
+        axes.set_facecolor("black")
+        for number, region in enumerate(found.regions):
+            seen_px = frame.camera.project(frame.T_world_camera.inverse().apply(region.hull_m))
+            outline = cv2.convexHull(seen_px.astype(np.float32))[:, 0]
+            axes.fill(*outline.T, fill=False, ec="#d55e00", lw=2, label=None if number else "transparent")
+        axes.set(xticks=[], yticks=[])
+        if found.regions:
+            axes.legend(loc="lower right", frameon=True, facecolor="white")
+
+    return Illustration(
+        draw_axes(1, 1, draw, size=(8.0, 5.2)),
+        "The first depth view, black where the sensor measures nothing, and the part that all views together "
+        "find transparent",
+    )
+
+
+def belief_figure(history: Sequence[Mapping[str, float]], curve: SqueezeCurve) -> Figure:
+    """Posterior of the classes after each squeeze, and one squeeze.
+
+    Parameters
+    ----------
+    history
+        Probability of each class, after each squeeze.
+    curve
+        The squeeze.
+    """
+    from ..report.style import COLOURS, draw_axes
+
+    names = list(history[-1])
+
+    def draw(left: Axes, right: Axes) -> None:
+        belief = np.array([[step[name] for step in history] for name in names])
+        cells = (0.5, len(history) + 0.5, len(names) - 0.5, -0.5)
+        shown = left.imshow(belief, cmap="cividis", vmin=0, vmax=1, aspect="auto", extent=cells)
+        left.figure.colorbar(shown, ax=left)
+        left.set(title="probability", xlabel="squeeze")
+        left.locator_params("x", integer=True, min_n_ticks=1)
+        left.set_yticks(range(len(names)), names)
+        left.grid(visible=False)
+        right.plot(1e3 * curve.deformation_m, curve.force_N, "o-", color=COLOURS["orange"])
+        right.set(xlabel="deformation of one side [mm]", ylabel="force of one finger [N]")
+
+    return draw_axes(1, 2, draw, size=(8.6, 3.4))

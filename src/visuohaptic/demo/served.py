@@ -24,14 +24,14 @@ from ..core.camera.model import Camera
 from ..core.camera.pose import Pose
 from ..core.errors import DeviceError
 from ..io.remote.client import start_robot
-from ..rigs.virtual_beam import VirtualProbe, probe_beam, weighing_frames
+from ..rigs.virtual_beam import VirtualProbe, probe_beam, weighing_frames, wrist_beam
 from ..rigs.virtual_gripper import STRIP, TRACKING, VirtualHand, finger_sensor
 from ..simulation.faults import FaultKind
 from ..simulation.tabletop.arm import SimulatedArm
 from ..simulation.tabletop.depth_camera import DepthCamera
 from ..simulation.tabletop.glass_scenes import disturb_pose
 from ..simulation.tabletop.refraction import RefractingScene
-from .bottle import TableBottle, random_table_bottle, table_bottle, table_views
+from .bottle import TableBottle, other_table_container, random_table_bottle, table_bottle, table_views
 
 if TYPE_CHECKING:
     from .story import Mission
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 REST = np.zeros((20, 6))
 WEIGHTS = np.outer(np.repeat((0.0, 2.0, 4.0, 6.0, 8.0, 0.0), 2), np.eye(6)[0])
 #: Arguments of a mission that determine its world.
-_ARGUMENTS = ("seed", "quick", "world", "visit", "attempt")
+_ARGUMENTS = ("seed", "quick", "world", "visit", "place", "attempt")
 
 
 def place_bottle(mission: Mission) -> TableBottle:
@@ -53,7 +53,10 @@ def place_bottle(mission: Mission) -> TableBottle:
     """
     if mission.bottle is None:
         rng = mission.world_rng(20)
-        mission.bottle = random_table_bottle(rng, mission.rng(26)) if mission.world else table_bottle(rng)
+        if mission.place:
+            mission.bottle = other_table_container(rng, mission.rng(26))
+        else:
+            mission.bottle = random_table_bottle(rng, mission.rng(26)) if mission.world else table_bottle(rng)
     return mission.bottle
 
 
@@ -129,12 +132,13 @@ def _hand(mission: Mission) -> dict[str, Any]:
         falls = mission.fault is FaultKind.OBJECT_FALLS
         fall_s = float(mission.rng(30).uniform(2.0, 34.0)) if falls else math.inf
         mission.kitchen = VirtualHand(
-            bottle.container, mission.rng(31), (float(x), float(y)), slip_at_s=slip_s, fall_at_s=fall_s
-        )
+            bottle.container, mission.rng(31), (float(x), float(y)), slip_at_s=slip_s, fall_at_s=fall_s,
+            wrist=wrist_beam(mission.at(0).rng(31)) if mission.place else None,
+        )  # fmt: skip
     hand, unread = mission.kitchen, mission.known.wrist is None
     if mission.known.finger is None:
         (folder := mission.folder / "finger").mkdir(parents=True, exist_ok=True)
-        finger_sensor().build(folder, mission.rng(33), zero_frames=10, tracking=TRACKING, strip=STRIP)
+        finger_sensor().build(folder, mission.at(0).rng(33), zero_frames=10, tracking=TRACKING, strip=STRIP)
     if unread:
         hand.wrist_camera.virtual.write(mission.folder / "wrist")
 
@@ -202,7 +206,7 @@ def serve(name: str, folder: str, fault: str | None, attempt: int, **arguments: 
     attempt
         1 for the second attempt of a chapter.
     arguments
-        ``seed``, ``quick``, ``world`` and ``visit`` of the :class:`.Mission`.
+        ``seed``, ``quick``, ``world``, ``visit`` and ``place`` of the :class:`.Mission`.
     """
     from .story import Mission
 

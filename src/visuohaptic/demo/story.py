@@ -13,24 +13,24 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from copy import copy
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from ..core.errors import InputError, VisuohapticError
 from ..io.maps.occupancy_map import OccupancyMap
 from ..simulation.faults import FaultKind
 from ..simulation.houses.house import House, office_house
 from ..simulation.houses.random_house import random_house
+from ..tasks.fetch import ContainerBelief
 from .judge import Claim, RunOutcome
+from .results import ChapterOutcome, ChapterResult
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ..core.objects import HapticTag
     from ..deformation.shapes.container import ContainerDescription
     from ..navigation.mapping.mapper import OccupancyMapper
@@ -50,54 +50,8 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-
-class ChapterOutcome(StrEnum):
-    """Outcome of a chapter."""
-
-    DONE = "done"
-    FAILED = "failed"
-    SKIPPED = "skipped"  #: a required chapter has not provided its results
-
-
-@dataclass(frozen=True, slots=True)
-class Measure:
-    """A number with its true value."""
-
-    what: str  #: with unit
-    estimate: float | bool | str | None
-    truth: float | bool | str | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Illustration:
-    """A figure or an annotated frame for the report."""
-
-    content: Figure | UInt8[np.ndarray, "rows columns *colour"]
-    caption: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ChapterResult:
-    """Result of a chapter."""
-
-    outcome: ChapterOutcome
-    reason: str  #: one sentence with the decisive numbers
-    claims: tuple[Claim, ...] = ()
-    measures: tuple[Measure, ...] = ()
-    pictures: tuple[Illustration, ...] = ()
-    name: str = ""
-    title: str = ""
-    duration_s: float = 0.0  #: computing time
-
-    @property
-    def done(self) -> bool:
-        """Whether the mission may continue."""
-        return self.outcome is ChapterOutcome.DONE
-
-    @property
-    def correct(self) -> bool | None:
-        """Whether all claims are correct; ``None`` without claims."""
-        return all(claim.correct for claim in self.claims) if self.done and self.claims else None
+#: Parts of the run at one place of the table are fewer.
+PLACE_PARTS = 100
 
 
 @dataclass(slots=True)
@@ -113,8 +67,10 @@ class Known:
     ] = ()  #: of each object in the door the more probable outline first
     objects: tuple[MovableObject, ...] = ()  #: with footprints and measured tags
     arrived: bool = False  #: at the table
+    belief: ContainerBelief = field(default_factory=ContainerBelief)  #: about the container on the table
     probe_sigma_N: float = field(init=False)  #: of the beam sensor's force
     probe: TrackedBeam = field(init=False)  #: the beam sensor, zeroed
+    round: bool = True  #: its cross-section, as seen
     bottle_at_m: Float[np.ndarray, "2"] = field(init=False)  #: foot of its axis on the table
     outline_m: Float[np.ndarray, "k 2"] = field(init=False)  #: radius and height of the completed bottle
     outline_sigma_m: float = math.nan  #: expected error of its radius
@@ -149,6 +105,7 @@ class Mission:
         0  #: seed of the house and of the object on its table; 0: the fixed office, the rest from ``seed``
     )
     visit: int = 0  #: day in this world
+    place: int = 0  #: of several containers on the table, see :meth:`at`
     house: House = field(init=False)  #: the true floor
     placed: dict[str, tuple[float, float, float]] = field(init=False)  #: current true poses of its objects
     yaw_rad: dict[str, float] = field(default_factory=dict)  #: poses of its objects at the start of the drive
@@ -196,7 +153,7 @@ class Mission:
             Number of the part, added to the seed.
         """
         more = [self.visit, self.attempt] if self.attempt else [self.visit] if self.visit else []
-        return np.random.default_rng([self.seed, part, *more])
+        return np.random.default_rng([self.seed, part + PLACE_PARTS * self.place, *more])
 
     def world_rng(self, part: int) -> np.random.Generator:
         """Generator of one part of the world, the same on every day.
@@ -206,7 +163,21 @@ class Mission:
         part
             Number of the part, added to the seed of the world.
         """
-        return np.random.default_rng([self.world or self.seed, part])
+        return np.random.default_rng([self.world or self.seed, part + PLACE_PARTS * self.place])
+
+    def at(self, place: int) -> Mission:
+        """The same robot before another place of the table, of whose container it knows nothing.
+
+        Parameters
+        ----------
+        place
+            Number of the place; 0: the one of a run with one container.
+        """
+        one = copy(self)
+        one.place, one.known = place, copy(self.known)
+        one.bottle = one.kitchen = one.hand = one.known_bottle = None
+        one.touches, one.robot_s = 0, 0.0
+        return one
 
 
 #: Function of a chapter.
@@ -224,6 +195,10 @@ class Chapter:
     typical_s: float = 1.0  #: on two cores with compiled kernels; for the estimate of the remaining time
     without: Callable[[Mission], None] | None = None  #: fills in its results when it is omitted
     otherwise: str = ""  #: description of the second attempt after a failure; empty: there is none
+    robot_s: float = (
+        0.0  #: expected duration for the robot, of those that are repeated for every container [s]
+    )
+    tells: tuple[str, ...] = ()  #: properties of a container of a :class:`.FetchRequest` that it measures
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -294,17 +269,17 @@ def run_chapters(mission: Mission, chapters: Sequence[Chapter], given: Sequence[
         left_s = _left_s(chapters, number - 1, time.monotonic() - start_s)
         mission.log(f"{number}/{len(chapters)}  {chapter.title}   (about {left_s:.0f} s left)")
         missing = next((name for name in chapter.needs if name not in found), None)
-        started = time.monotonic()
         if missing is not None:
-            result = ChapterResult(ChapterOutcome.SKIPPED, f"it needs what chapter {missing} was to find out")
+            skipped = ChapterResult(
+                ChapterOutcome.SKIPPED, f"it needs what chapter {missing} was to find out"
+            )
+            result = replace(skipped, name=chapter.name, title=chapter.title)
+            mission.log(f"  {result.outcome.value}: {result.reason}")
         else:
-            result = _attempt(chapter, mission)
-        spent = time.monotonic() - started
-        result = replace(result, name=chapter.name, title=chapter.title, duration_s=spent)
+            result = run_chapter(chapter, mission)
         ended[chapter.name] = result
         if result.done:
             found.add(chapter.name)
-        mission.log(f"  {result.outcome.value}: {result.reason} ({spent:.0f} s)")
     return Story(tuple(ended.values()), mission, time.monotonic() - start_s)
 
 
@@ -316,8 +291,24 @@ def _left_s(chapters: Sequence[Chapter], done: int, spent_s: float) -> float:
     return pace * sum(typical_s[done:])
 
 
+def run_chapter(chapter: Chapter, mission: Mission) -> ChapterResult:
+    """Run one chapter, with a second, different attempt after a failure, and log its outcome.
+
+    Parameters
+    ----------
+    chapter
+        Its requirements are met.
+    mission
+        Receives its results.
+    """
+    started = time.monotonic()
+    result = _attempt(chapter, mission)
+    spent = time.monotonic() - started
+    mission.log(f"  {result.outcome.value}: {result.reason} ({spent:.0f} s)")
+    return replace(result, name=chapter.name, title=chapter.title, duration_s=spent)
+
+
 def _attempt(chapter: Chapter, mission: Mission) -> ChapterResult:
-    """Run a chapter, with a second, different attempt after a failure."""
     first = _work(chapter, mission)
     if first.done or not chapter.otherwise:
         return first
@@ -339,50 +330,3 @@ def _work(chapter: Chapter, mission: Mission) -> ChapterResult:
     except VisuohapticError as error:
         _log.debug("chapter %s", chapter.name, exc_info=True)
         return ChapterResult(ChapterOutcome.FAILED, str(error))
-
-
-def counted(count: int, one: str, many: str = "") -> str:
-    """``1 push``, ``2 pushes``.
-
-    Parameters
-    ----------
-    count
-        Number of items.
-    one, many
-        Singular, and the plural if it is not formed with s.
-    """
-    return f"{count} {one if count == 1 else many or one + 's'}"
-
-
-def done(reason: str, *parts: Any) -> ChapterResult:
-    """Result of a successful chapter.
-
-    Parameters
-    ----------
-    reason
-        One sentence with the decisive numbers.
-    *parts
-        Claims, measures and illustrations in any order.
-    """
-    return _result(ChapterOutcome.DONE, reason, parts)
-
-
-def failed(reason: str, *parts: Any) -> ChapterResult:
-    """Result of a chapter that failed.
-
-    Parameters
-    ----------
-    reason
-        One sentence with the cause.
-    *parts
-        Measures and illustrations in any order; a failed chapter has no claims.
-    """
-    return _result(ChapterOutcome.FAILED, reason, parts)
-
-
-def _result(outcome: ChapterOutcome, reason: str, parts: Sequence[Any]) -> ChapterResult:
-    # A claim with a probability below 0.5 is omitted.
-    claims = tuple(part for part in parts if isinstance(part, Claim) and part.forecast >= 0.5)
-    measures = tuple(part for part in parts if isinstance(part, Measure))
-    pictures = tuple(part for part in parts if isinstance(part, Illustration))
-    return ChapterResult(outcome, reason, claims, measures, pictures)

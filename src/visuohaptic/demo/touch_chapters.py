@@ -35,7 +35,8 @@ from .push_demo import (
     force_of_push,
     run_demo,
 )
-from .story import ChapterResult, Illustration, Measure, Mission, Story, done, failed
+from .results import ChapterResult, Illustration, Measure, done, failed
+from .story import Mission, Story
 
 if TYPE_CHECKING:
     from ..viewer.page import LivePage

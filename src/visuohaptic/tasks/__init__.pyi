@@ -1,3 +1,8 @@
+from .fetch import ContainerBelief as ContainerBelief
+from .fetch import FetchRequest as FetchRequest
+from .fetch import FetchStep as FetchStep
+from .fetch import deliveries_per_s as deliveries_per_s
+from .fetch import next_container as next_container
 from .framework.machine import Machine as Machine
 from .framework.machine import Rule as Rule
 from .framework.machine import replay as replay

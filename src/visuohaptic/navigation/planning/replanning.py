@@ -59,9 +59,13 @@ def after_push(
     blocked = grid.cells >= OBSTACLE_FROM
     before = blocked.copy()
     clear_cells(blocked, grid_from_world(grid, obj.footprint_m))
+    # Cells that it shared with its neighbours remain theirs.
+    theirs, filled = np.zeros((2, *grid.shape), dtype=bool)
+    for other in problem.objects:
+        if other.id != id:
+            fill_cells(theirs, grid_from_world(grid, other.footprint_m))
     cells = grid.cells.copy()
-    cells[before & ~blocked] = FREE
-    filled = np.zeros(grid.shape, dtype=bool)
+    cells[before & ~blocked & ~theirs] = FREE
     fill_cells(filled, grid_from_world(grid, moved.footprint_m))
     cells[filled] = OCCUPIED
     return replace(

@@ -94,6 +94,12 @@ class ContentsPosterior:
         closed = float(self.probability[self.closed].sum())
         return {"open": max(1.0 - self.unknown - closed, 0.0), "closed": closed, UNKNOWN: self.unknown}
 
+    @property
+    def filled(self) -> float:
+        """Probability that it contains something, given that the contents are known."""
+        empty = np.array([name == EMPTY for name in self.filling])
+        return 1.0 - float(self.probability[empty].sum() / self.probability.sum())
+
     def fill_of(self, lid: str | None = None) -> tuple[float, float]:
         """Mean and standard deviation of the fill.
 

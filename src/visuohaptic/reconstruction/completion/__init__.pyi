@@ -10,6 +10,7 @@ from .open_shell import OpenShell as OpenShell
 from .outline import VisibleWall as VisibleWall
 from .outline import axial_part as axial_part
 from .outline import measured_outline as measured_outline
+from .outline import standing_object as standing_object
 from .outline import wall_seen as wall_seen
 from .radial_model import RadialMixture as RadialMixture
 from .radial_model import RadialModel as RadialModel

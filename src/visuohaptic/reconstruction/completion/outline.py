@@ -77,6 +77,45 @@ def measured_outline(
     return np.array([(rows[0][0], 0.0), *rows, (rows[-1][0], top)])
 
 
+def standing_object(
+    surface: SurfaceMesh, centre_m: Float[np.ndarray, "2"], near_m: float, reach_m: float
+) -> tuple[Float[np.ndarray, "2"], float]:
+    """Upright axis of the opaque object that stands nearest to a place, and how far its cross-section is from a circle.
+
+    Parameters
+    ----------
+    surface
+        Mesh seen from all sides, in a frame whose z = 0 is the table.
+    centre_m
+        x, y of the place [m].
+    near_m
+        Within this distance of the place stands nothing else [m].
+    reach_m
+        Maximum radius of the object [m].
+
+    Returns
+    -------
+    tuple
+        x, y of the axis [m], and the relative amplitude of the ellipse in its radius below the shoulder: 0 for a circle,
+        about half of the relative difference of the widths. Without a wall, the axis is not finite.
+    """
+    axis_m = np.asarray(centre_m, dtype=float)
+    for reach in (near_m, reach_m, reach_m):
+        part = axial_part(surface, axis_m, reach)
+        wall = np.abs(part.face_normals[:, 2]) < MAX_WALL_NZ
+        if np.count_nonzero(wall) < MIN_POINTS:
+            return np.full(2, np.nan), 0.0
+        points_m = part.vertices_m[part.faces[wall]].mean(axis=1)
+        low, high = np.quantile(points_m[:, :2], (0.01, 0.99), axis=0)
+        axis_m = 0.5 * (low + high)
+    points_m = points_m[points_m[:, 2] < 0.5 * points_m[:, 2].max()]
+    theta, rho_m = polar(points_m, axis_m)
+    # The first harmonic is the error of the axis.
+    basis = np.column_stack([np.ones_like(theta), *(f(n * theta) for n in (1, 2) for f in (np.cos, np.sin))])
+    found = np.linalg.lstsq(basis, rho_m, rcond=None)[0]
+    return axis_m + found[1:3], float(np.hypot(*found[3:]) / found[0])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class VisibleWall:
     """Bins of the visible wall, grouped in rows of one height."""

@@ -10,6 +10,8 @@ parts
 reads
   --world   seed of a random house with its own obstacles and containers; the robot knows nothing of it
   --memory  database (a folder, or postgresql://...): a later visit uses the map, tags and containers of earlier ones
+  --bring   requested containers, of two or three on the table: every or a, then transparent, opaque, open, closed,
+            filled, empty, then a class (bottle, smoothie, cup, ...) or container
   --apart   processes of their own for depth camera, probe and hand: only images, poses and commands cross
   --map     any map_server YAML file: push three obstacles in it (foam part only)
 writes, into --out
@@ -24,6 +26,7 @@ examples
   visuohaptic demo bottle --seed 3
   visuohaptic demo foam --map office.yaml --out results/office --view
   visuohaptic demo --world 4 --memory results/memory
+  visuohaptic demo --world 4 --bring "every transparent bottle"
   visuohaptic demo --world 4 --visit 1 --memory results/memory --seed 9
 """
 
@@ -79,6 +82,7 @@ def add_arguments(add: Any) -> None:
     add("--world", 0, "seed of a random house; 0: the office (0)", low=0)
     add("--visit", 0, "number of the visit to this world, between which objects are moved (0)", low=0)
     add("--memory", str, "database that stores results between visits", metavar="FOLDER|URL")
+    add("--bring", "", "containers to bring, such as 'every transparent bottle'", metavar="REQUEST")
     add("--apart", bool, "run the worlds at the table in processes of their own")
     add("--view", bool, "show the pushes live in the browser")
 
@@ -92,6 +96,10 @@ def run(args: Any) -> dict[str, Any]:
     if args.quick and (args.part or args.map):
         raise InputError(
             "--quick", f"found with {args.part or args.map}", remedy="it replays the whole mission"
+        )
+    if args.bring and (args.quick or args.part or args.map):
+        raise InputError(
+            "--bring", "found with --quick, --map or a part", remedy="it needs the whole mission"
         )
     if args.map is not None and args.part not in (None, "foam"):
         raise InputError("--map", f"found with {args.part}", remedy="maps are for the foam part")
@@ -142,7 +150,7 @@ def _tell(args: Any, page: Any) -> dict[str, Any]:
     else:
         story = demo.run_mission(
             args.out, part=args.part, seed=args.seed, on_message=args.report, page=page,
-            visit=demo.Visit(args.world, args.visit, args.memory, args.apart),
+            visit=demo.Visit(args.world, args.visit, args.memory, args.apart, args.bring),
         )  # fmt: skip
     report = demo.write_story(story, args.out / "report.html")
     args.report("")
