@@ -20,6 +20,7 @@ from tests.worlds.plan_checks import Floor
 
 from ._plan_child import Planner, described
 from ._plan_drives import drives, drives_table
+from ._plan_footprints import footprints, footprints_table
 from ._plan_judge import FAULT_M, Row, Rows, answer_of, asked, faults_row, quantile
 from ._plan_physics import oracle, oracle_table, push_ends, push_ends_table, room, room_keys, rooms_table
 from .nav_doors import data_folder
@@ -399,6 +400,7 @@ CAMPAIGNS: dict[str, Campaign] = {
     "compare": Campaign(_seeded, _compare, _compare_table),
     "campus": Campaign(lambda seeds: _seeded(seeds[:2]), _campus, _campus_table),
     "route_edges": Campaign(_route_keys, _route, _route_table),
+    "footprints": Campaign(_seeded, footprints, footprints_table),
     "drives": Campaign(_seeded, drives, drives_table),
     "namosim": Campaign(_scene_keys, _scene, _scene_table),
 }

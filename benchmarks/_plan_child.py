@@ -133,7 +133,7 @@ def _map(data: dict[str, Any]) -> Any:
 def problem_of(data: dict[str, Any]) -> Any:
     """The library's problem of plain data."""
     from visuohaptic.core import Estimate, HapticTag
-    from visuohaptic.navigation.problem import MovableObject, PlanningProblem, RobotModel
+    from visuohaptic.navigation.problem import MovableObject, PlanningProblem, robot_from_data
 
     objects = tuple(
         MovableObject(
@@ -151,7 +151,7 @@ def problem_of(data: dict[str, Any]) -> Any:
         for entry in data["objects"]
     )
     ends = (np.array(data["start_m"]), np.array(data["goal_m"]))
-    return PlanningProblem(_map(data["map"]), RobotModel(**data["robot"]), *ends, objects)
+    return PlanningProblem(_map(data["map"]), robot_from_data(data["robot"]), *ends, objects)
 
 
 def _timed(call: Any) -> tuple[Any, dict[str, float]]:

@@ -136,7 +136,13 @@ def run_planning() -> None:
     from visuohaptic.navigation.graph import assign_regions, build_graph
     from visuohaptic.navigation.grid import SpeedLimits, grid_layers
     from visuohaptic.navigation.planning import extend_graph, make_plan, plan_off_centre_pushes
-    from visuohaptic.navigation.problem import ManipulationNode, MovableObject, PlanningProblem, PushMode
+    from visuohaptic.navigation.problem import (
+        ManipulationNode,
+        MovableObject,
+        PlanningProblem,
+        PushMode,
+        RobotModel,
+    )
     from visuohaptic.rigs import ROBOT, STOOL, rooms, with_objects
 
     walls = rooms(4.0, 3.0, [(1.9, 0.0, 2.0, 1.0), (1.9, 1.9, 2.0, 3.0)])
@@ -146,6 +152,8 @@ def run_planning() -> None:
     problem = PlanningProblem(map, ROBOT, np.array([0.7, 1.4]), np.array([3.4, 1.4]), (item,))
     make_plan(problem)
     plan_off_centre_pushes(problem, make_plan)
+    edge_m = 1.1 * ROBOT.radius_m * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+    make_plan(replace(problem, robot=RobotModel.of_footprint(edge_m), start_yaw_rad=0.0))
     make_plan(replace(problem, objects=(replace(item, push=PushMode.SIDEWARD),)))
     layers = grid_layers(map, SpeedLimits(ROBOT.radius_m))
     graph = build_graph(layers)

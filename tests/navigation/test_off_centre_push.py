@@ -11,7 +11,7 @@ import pytest
 from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, with_objects
 from visuohaptic.core import InputError
 from visuohaptic.navigation.planning import after_push, make_plan, plan_off_centre_pushes, without_pushing
-from visuohaptic.navigation.problem import MovableObject, PlanningProblem
+from visuohaptic.navigation.problem import MovableObject, PlanningProblem, PushMode, plan_from_json
 from visuohaptic.navigation.pushing import PushModel, line_path, simulate_push
 
 #: A wall with a door of 0.9 m.
@@ -57,6 +57,25 @@ def test_a_slanting_box_is_turned_out_of_the_way():
             assert without_pushing(after).reachable
     costs = [push.cost_s / (1.0 - push.failure_probability) for push in pushes]
     assert costs == sorted(costs)
+
+
+def test_a_plan_turns_an_object_where_no_straight_push_helps():
+    # A plank across a door of 1 m, and a post behind its middle.
+    walls = rooms(4.0, 3.0, [(1.9, 0.0, 2.0, 0.95), (1.9, 1.95, 2.0, 3.0), (2.45, 1.4, 2.55, 1.5)])
+    asked = problem(slanting(0.0, 0.18, 0.9), walls=walls)
+    straight = make_plan(asked)
+    assert straight.proved  # for straight pushes
+    free = replace(asked, objects=tuple(replace(o, push=PushMode.OFF_CENTRE) for o in asked.objects))
+    plan = make_plan(free)
+    assert [task.kind for task in plan.tasks] == ["navigate", "turn", "navigate"]
+    assert plan.answer == "no bound"
+    (turn,) = plan.pushes
+    assert abs(turn.turn_rad) > 0.3
+    assert turn.path_m[0] == pytest.approx(plan.tasks[0].path_m[-1])
+    after = after_push(asked, "box", turn.displacement_m, turn.path_m[-1], turn_rad=turn.turn_rad)
+    assert without_pushing(after).reachable
+    assert plan.cost_s == pytest.approx(sum(task.cost_s for task in plan.tasks), abs=1e-5)
+    assert plan_from_json(plan.to_json()).tasks[1].kind == "turn"
 
 
 def test_nothing_is_pushed_that_is_fixed_or_unknown():

@@ -16,9 +16,9 @@ from tests.worlds.push_physics import FloorPhysics
 from visuohaptic.core import InputError
 from visuohaptic.navigation.planning import make_plan
 from visuohaptic.navigation.planning.search import PushStep, build_search_domain
-from visuohaptic.navigation.planning.search.bodies import STAND_OFF_M
 from visuohaptic.navigation.planning.search.push_lengths import end_of_push
 from visuohaptic.navigation.problem import PushCosts
+from visuohaptic.navigation.problem.robot_model import STAND_OFF_M
 from visuohaptic.navigation.pushing import (
     PushModel,
     PushUncertainty,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ...core.kernels import kernel
-from ..graph.tracing._path_kernels import cost, longer_rows
+from ..graph.tracing._path_kernels import longer_rows
 from ..pushing._outline_kernels import segment_distance, square_gap
 
 
@@ -127,6 +127,13 @@ def onward(potential: np.ndarray, seed: np.ndarray, row: int, column: int) -> np
 
 
 @kernel(error_model="numpy")
+def _cost(distance: float, speeds: np.ndarray) -> float:
+    """Cost per length [s/m] at a distance from obstacles; ``speeds`` = (radius, 1 / v_min, 1 / v_max)."""
+    fraction = min(max((distance / speeds[0] - 1.0) / 2.0, 0.0), 1.0)
+    return speeds[1] + fraction * (speeds[2] - speeds[1])
+
+
+@kernel(error_model="numpy")
 def chord_measures(
     distance: np.ndarray, corners: np.ndarray, speeds: np.ndarray, outside_blocks: bool
 ) -> np.ndarray:
@@ -154,7 +161,7 @@ def chord_measures(
         total = 0.0
         for i in range(count):
             y, x = y0 + (i + 0.5) / count * (y1 - y0), x0 + (i + 0.5) / count * (x1 - x0)
-            total += cost(float(distance[int(math.floor(y + 0.5)), int(math.floor(x + 0.5))]), speeds)
+            total += _cost(float(distance[int(math.floor(y + 0.5)), int(math.floor(x + 0.5))]), speeds)
         measures[k, 0] = total * length / count
         measures[k, 1] = length
         measures[k, 2] = chord_clearance(distance, y0, x0, y1, x1, 3.0 * speeds[0], outside_blocks)

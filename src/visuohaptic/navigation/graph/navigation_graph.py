@@ -10,9 +10,7 @@ from jaxtyping import Float, Int, Int32
 
 from ...core.ranges import NON_NEGATIVE, check_numbers
 from ..grid.cost_grid import GridLayers
-from .tracing._lines import skeleton_lines, speeds
-from .tracing._path_kernels import measure
-from .tracing._prune_kernels import keep_edges, prune
+from .tracing._lines import Lines, components_of, measures, skeleton_lines, without_stubs
 from .tracing.skeletonize import skeleton_marks
 
 
@@ -94,57 +92,43 @@ def build_graph(
     (True, 2)
     """
     check_numbers("build_graph", NON_NEGATIVE, stub_length_m=stub_length_m, spacing_m=spacing_m)
-    raw = skeleton_lines(layers, skeleton_marks(layers))
-    stub = -1.0 if stub_length_m is None else stub_length_m
-    left = prune(raw.clearance_m, raw.ends, raw.measures[:, 0].copy(), stub)
-    nodes, ends, measures, edge_start, halves, edges, size = keep_edges(
-        raw.cells, raw.clearance_m, raw.ends, raw.measures, *left
-    )
-    ways = raw.paths(edge_start[: edges + 1].copy(), halves[:size].copy())
-    found = nodes, ends[:edges].copy(), measures[:edges].copy(), *ways
+    lines = without_stubs(layers, skeleton_lines(layers, skeleton_marks(layers)), stub_length_m)
     if spacing_m:
-        found = _spaced(layers, *found, spacing_m)
-    nodes, ends, measures, start, path = found
-    component, components = components_of(len(nodes), ends)
-    node_cells = np.column_stack(np.divmod(nodes, layers.shape[1])).astype(np.int32)
+        lines = _spaced(layers, lines, spacing_m)
+    measured = measures(layers, lines)
+    component, components = components_of(len(lines.cells), lines.ends)
+    node_cells, path_cells = (
+        np.column_stack(np.divmod(cells, layers.shape[1])).astype(np.int32)
+        for cells in (lines.cells, lines.path)
+    )
     return NavigationGraph(
         node_cells,
         layers.map.world_from_cell(node_cells),
-        ends,
-        measures[:, 1].copy(),
-        measures[:, 0].copy(),
-        measures[:, 2].copy(),
-        start,
-        np.column_stack(np.divmod(path, layers.shape[1])).astype(np.int32),
+        lines.ends.astype(np.int32),
+        measured[:, 1].copy(),
+        measured[:, 0].copy(),
+        measured[:, 2].copy(),
+        lines.start.astype(np.int32),
+        path_cells,
         component,
         components,
     )
 
 
-def _spaced(
-    layers: GridLayers,
-    nodes: Int32[np.ndarray, "n"],
-    ends: Int32[np.ndarray, "m 2"],
-    measures: Float[np.ndarray, "m 3"],
-    path_start: Int32[np.ndarray, "m+1"],
-    path: Int32[np.ndarray, "p"],
-    spacing_m: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _spaced(layers: GridLayers, lines: Lines, spacing_m: float) -> Lines:
     """Divide long edges into pieces of equal length, as near to ``spacing_m`` as an integer number of pieces allows."""
 
-    columns = layers.shape[1]
-    taken = set(nodes.tolist())
+    taken = set(lines.cells.tolist())
     pieces = []
-    for edge in range(len(ends)):
-        cells = path[path_start[edge] : path_start[edge + 1]]
+    for edge, length_m in enumerate(measures(layers, lines)[:, 0].tolist()):
+        cells = lines.path[lines.start[edge] : lines.start[edge + 1]]
         # At most one piece per cell, which bounds the work for tiny spacings.
-        most, length_m = len(cells) - 1, float(measures[edge, 0])
+        most = len(cells) - 1
         count = most if length_m >= most * spacing_m else round(length_m / spacing_m)
         cuts = [0]
         if count > 1:
-            rows, cols = np.divmod(cells, columns)
-            steps = np.hypot(np.diff(rows), np.diff(cols))
-            along = np.concatenate([[0.0], np.cumsum(steps)])
+            rows, columns = np.divmod(cells, layers.shape[1])
+            along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(rows), np.diff(columns)))])
             for k in range(1, count):
                 cut = int(np.searchsorted(along, along[-1] * k / count))
                 # Paths with common cells inside a junction have no common node there.
@@ -153,31 +137,9 @@ def _spaced(
                     cuts.append(cut)
         cuts.append(len(cells) - 1)
         pieces += [cells[a : b + 1] for a, b in pairwise(cuts)]
-    found = np.array(sorted(taken), dtype=np.int32)
+    nodes = np.array(sorted(taken), dtype=np.int64)
     turned = [piece if piece[0] <= piece[-1] else piece[::-1] for piece in pieces]
-    joined = np.array([(piece[0], piece[-1]) for piece in turned], dtype=np.int32).reshape(-1, 2)
-    order = np.lexsort((joined[:, 1], joined[:, 0]))
-    lengths = np.array([len(turned[k]) for k in order], dtype=np.int32)
-    start = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
-    flat = np.concatenate([turned[k] for k in order]) if len(order) else path
-    scale = layers.distance_m, layers.map.resolution_m, speeds(layers)
-    measured = np.array([measure(flat, a, b, *scale) for a, b in pairwise(start.tolist())]).reshape(-1, 3)
-    return found, np.searchsorted(found, joined[order]).astype(np.int32), measured, start, flat
-
-
-def components_of(nodes: int, edges: Int32[np.ndarray, "m 2"]) -> tuple[Int32[np.ndarray, "n"], int]:
-    """Connected component of each node, numbered by the smallest nodes, and the number of components.
-
-    Parameters
-    ----------
-    nodes
-        Number of nodes.
-    edges
-        Nodes of each edge.
-    """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(edges), dtype=bool), edges.T), shape=(nodes, nodes))
-    count, component = connected_components(graph, directed=False)
-    return component.astype(np.int32), int(count)
+    turned.sort(key=lambda piece: (piece[0], piece[-1]))
+    ends = np.array([(piece[0], piece[-1]) for piece in turned], dtype=np.int64).reshape(-1, 2)
+    start = np.cumsum([0, *map(len, turned)])
+    return Lines(nodes, np.searchsorted(nodes, ends), start, np.concatenate([lines.path[:0], *turned]))

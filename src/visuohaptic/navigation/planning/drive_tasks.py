@@ -9,7 +9,6 @@ from jaxtyping import Float
 
 from ..problem.passages import Passage, PassageKind
 from ..problem.path_plan import Task
-from .search.bodies import STAND_OFF_M
 from .search.search_domain import SearchDomain, world_from_grid
 
 if TYPE_CHECKING:
@@ -37,7 +36,7 @@ def drive_tasks(domain: SearchDomain, path: Float[np.ndarray, "k 2"], cost: floa
     tasks: list[Task] = []
     at = 0.0
     for passage, first, last in _crossed(domain, line):
-        room_m = domain.robot.radius_m + STAND_OFF_M
+        room_m = domain.robot.front_m + domain.robot.stand_off_m
         stop = max(first - room_m, at)
         opened = passage.cost(domain.robot)
         tasks += _navigate(line, at, stop, speed)

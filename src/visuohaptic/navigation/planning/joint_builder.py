@@ -43,6 +43,7 @@ def extend_graph(
     JointGraph
         With all nodes; a node that cannot be passed has no edges.
     """
+    robot.check_disc("the joint graph is made")
     builder = _Builder(visual, regions, robot)
     added = tuple(builder.node(kind, visual.nodes + index) for index, kind in enumerate(kinds))
     return JointGraph(visual, regions, robot, added)

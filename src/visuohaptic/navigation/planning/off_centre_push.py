@@ -10,15 +10,15 @@ problem that the planner can solve. Alt 2016 has sideward pushes only.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
 from ...core.geometry import rotation_2d
-from ..problem.path_plan import Plan
+from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import PlanningProblem
 from ..problem.push_costs import PushCosts, failure_probability
 from ..pushing.push_failure import sampled_pushes
@@ -55,6 +55,32 @@ class OffCentrePush:
     failure_probability: float
     cost_s: float  #: setup and drive
     opens: bool  #: whether no further push is needed after it
+    approach_s: float  #: part of the cost: the drive to the start
+    goal_m: tuple[float, float]  #: predicted position of the object's centroid
+
+    @property
+    def tasks(self) -> tuple[Task, ...]:
+        """The drive to its start, if there is one, and the push: start, contact, end and retreat of the robot's centre."""
+        ahead = np.array([math.cos(self.direction_rad), math.sin(self.direction_rad)])
+        along = self.start_m + np.outer([0.0, self.free_m, self.length_m], ahead)
+        approach, path = (
+            tuple((float(x), float(y)) for x, y in points)
+            for points in (self.approach_m, (*along, self.retreat_m))
+        )
+        driven_m = float(np.hypot(*np.diff(self.approach_m, axis=0).T).sum())
+        x, y = (float(value) for value in self.displacement_m)
+        turn = Task(
+            "turn",
+            self.cost_s - self.approach_s,
+            self.length_m + float(np.hypot(*(along[2] - self.retreat_m))),
+            path,
+            self.object,
+            displacement_m=(x, y),
+            goal_m=self.goal_m,
+            turn_rad=self.turn_rad,
+            failure_probability=self.failure_probability,
+        )
+        return (Task("navigate", self.approach_s, driven_m, approach), turn)[len(approach) < 2 :]
 
     @property
     def start_m(self) -> Float[np.ndarray, "2"]:
@@ -73,6 +99,7 @@ def plan_off_centre_pushes(
     planner: Callable[[PlanningProblem], Plan] | None = None,
     *,
     margin_m: float = 0.0,
+    among: Collection[str] | None = None,
 ) -> tuple[OffCentrePush, ...]:
     """Pushes that rotate an object and clear a passage, the best first; empty if none was found.
 
@@ -84,6 +111,8 @@ def plan_off_centre_pushes(
         Planner that tests whether the problem after a push can be solved, if no push clears a passage by itself.
     margin_m
         Difference between the radius of the problem's robot and that of the pushing rim [m].
+    among
+        Ids of the objects that may be pushed; all by default.
 
     Returns
     -------
@@ -94,6 +123,7 @@ def plan_off_centre_pushes(
     InputError
         The margin is not less than the robot's radius.
     """
+    problem.robot.check_disc("off-centre pushes are planned")
     if not 0 <= margin_m < problem.robot.radius_m:
         raise InputError(
             "plan_off_centre_pushes", f"found a margin of {margin_m} m, expected 0 to the robot's radius"
@@ -101,7 +131,7 @@ def plan_off_centre_pushes(
     domain = build_search_domain(problem)
     start = grid_from_world(problem.map, problem.start_m)
     goal = grid_from_world(problem.map, problem.goal_m)
-    ends = rollouts(domain, start, goal, margin_m)
+    ends = rollouts(domain, start, goal, margin_m, among)
     opening = [rollout for rollout in ends if opens_passage(rollout, rollout.pose)]
     if opening:
         chosen = _diverse(sorted(opening, key=_seconds))
@@ -113,6 +143,35 @@ def plan_off_centre_pushes(
     plans = [_evaluated(problem, rollout, opens=bool(opening)) for rollout in chosen]
     pushes = [push for push in plans if len(push.approach_m)]
     return tuple(sorted(pushes, key=lambda push: push.cost_s / max(1.0 - push.failure_probability, 1e-3)))
+
+
+def via_off_centre(
+    problem: PlanningProblem,
+    rest: Callable[[PlanningProblem, str], Plan],
+    among: Collection[str],
+    left: Callable[[], bool],
+) -> Plan:
+    """The cheapest plan that starts with an off-centre push, by the expected time of its tasks.
+
+    Parameters
+    ----------
+    problem
+        Map, objects, robot, start and goal.
+    rest
+        Planner for the problem after the push of an object with this id.
+    among
+        Ids of the objects that may be pushed.
+    left
+        Whether there is time left.
+    """
+    found, best_s = Plan(False, reason="off-centre pushes clear no path either"), math.inf
+    for push in plan_off_centre_pushes(problem, lambda after: rest(after, ""), among=among):
+        after = after_push(problem, push.object, push.displacement_m, push.retreat_m, turn_rad=push.turn_rad)
+        plan = rest(after, push.object) if left() else Plan(False)
+        expected_s = push.cost_s / max(1.0 - push.failure_probability, 1e-3) + plan.cost_s
+        if expected_s < best_s:
+            found, best_s = replace(plan, tasks=(*push.tasks, *plan.tasks), gap=math.inf), expected_s
+    return found
 
 
 def _solved_after(
@@ -139,6 +198,7 @@ def _predicted(rollout: Rollout) -> tuple[Float[np.ndarray, "2"], float]:
 def _evaluated(problem: PlanningProblem, rollout: Rollout, *, opens: bool) -> OffCentrePush:
     robot, domain = problem.robot, rollout.scene.domain
     moved_m, direction_rad = _predicted(rollout)
+    goal_m = rollout.scene.body.obj.centre_m + moved_m
     path, _ = pull_string(
         domain,
         np.zeros((len(domain.bodies), 2)),
@@ -160,6 +220,8 @@ def _evaluated(problem: PlanningProblem, rollout: Rollout, *, opens: bool) -> Of
         1.0 - holds,
         robot.setup_time_s + _seconds(rollout),
         opens,
+        rollout.approach_s,
+        (float(goal_m[0]), float(goal_m[1])),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,7 +60,11 @@ class Rollout:
 
 
 def rollouts(
-    domain: SearchDomain, start: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"], margin_m: float
+    domain: SearchDomain,
+    start: Float[np.ndarray, "2"],
+    goal: Float[np.ndarray, "2"],
+    margin_m: float,
+    among: Collection[str] | None = None,
 ) -> list[Rollout]:
     """Collision-free drives against every body from all sides.
 
@@ -74,6 +78,8 @@ def rollouts(
         Goal [cells], (2,).
     margin_m
         Safety margin [m].
+    among
+        Ids of the bodies; all by default.
     """
 
     still = np.zeros((len(domain.bodies), 2))
@@ -88,7 +94,7 @@ def rollouts(
     )
     found: list[Rollout] = []
     for index, body in enumerate(domain.bodies):
-        if body.allowed.unknown:
+        if body.allowed.unknown or (among is not None and body.obj.id not in among):
             continue
         scene = scene_of(domain, index, goal, margin_m)
         ends = [

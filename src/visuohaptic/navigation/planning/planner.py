@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import replace
 
@@ -13,6 +14,8 @@ from ..problem.planning_problem import PlanningProblem
 from ..problem.push_costs import PushCosts, push_cost
 from ..pushing._outline_kernels import polygon_distance
 from .drive_tasks import drive_tasks
+from .footprint.footprint_drives import FootprintDrives
+from .place_costs import place_s
 from .search._travel_kernels import clearances_at
 from .search.drives import pull_string
 from .search.push_ends import turn_probability
@@ -63,11 +66,24 @@ def plan_in_domain(
     limits = replace(limits, budget_s=SEARCH_FRACTION * limits.budget_s)
     start = grid_from_world(problem.map, problem.start_m)
     goal = grid_from_world(problem.map, problem.goal_m)
-    begin = escape(domain, start)
+    begin = escape(domain, start) if not problem.robot.footprint_m else start
     if begin is None:
         return Plan(False, reason=_stuck(domain, start), proved=True, name=name)
     result = search_pushes(domain, begin, goal, costs, limits, active=active, oblique=oblique)
-    return assemble(problem, domain, result, report_costs or costs, name=name, begin=begin, deadline=deadline)
+    said = report_costs or costs
+    plan = assemble(problem, domain, result, said, name=name, begin=begin, deadline=deadline)
+    if plan.reachable or not (problem.robot.footprint_m and result.found) or deadline.passed:
+        return plan
+    # The circle in the footprint fits where the footprint does not: between objects there is then room for the one around it.
+    room = (problem.robot.reach_m - problem.robot.radius_m) / problem.map.resolution_m
+    wide = replace(
+        domain, bodies=tuple(replace(body, room=room) for body in domain.bodies),
+        patches={}, still={}, drives={}, pieces={}, paths={}, ends={}, boxes=[],
+    )  # fmt: skip
+    limits = replace(limits, budget_s=max(deadline.left_s, 1e-9))
+    found = search_pushes(wide, begin, goal, costs, limits, active=active, oblique=oblique)
+    found = replace(found, bound=result.bound, exhausted=False)
+    return assemble(problem, wide, found, said, name=name, begin=begin, deadline=deadline)
 
 
 def assemble(
@@ -101,14 +117,8 @@ def assemble(
     """
     notes = _notes(domain, result)
     if not result.found:
-        return Plan(
-            False,
-            reason=result.reason,
-            proved=result.exhausted,
-            expanded=result.expanded,
-            name=name,
-            notes=notes,
-        )
+        proved, expanded = result.exhausted, result.expanded
+        return Plan(False, reason=result.reason, proved=proved, expanded=expanded, name=name, notes=notes)
     tasks: list[Task] = []
     at = grid_from_world(problem.map, problem.start_m)
     if begin is not None and (begin != at).any():
@@ -120,16 +130,54 @@ def assemble(
         at = begin
     shifts = np.zeros((len(domain.bodies), 2))
     ends = [step.approach for step in result.steps] + [grid_from_world(problem.map, problem.goal_m)]
-    for step, end in zip([*result.steps, None], ends, strict=True):
+    shaped = FootprintDrives(domain) if problem.robot.footprint_m else None
+    heading, longer = _heading(problem), 0.0
+    for last, step, end in zip([None, *result.steps], [*result.steps, None], ends, strict=True):
         path, cost = pull_string(domain, shifts, at, end, deadline)
+        if shaped is not None:
+            longer -= cost
+            path, cost, back = shaped.leg(shifts, (at, heading), last, step, end)
+            longer, heading = longer + cost, shaped.heading(step)
+            if last is not None and back:
+                tasks[-1] = _backed_off(domain, tasks[-1], last, back)
         if not len(path):
-            return Plan(False, reason="a drive of the plan is too narrow on the map", name=name, notes=notes)
+            what = "a drive" if shaped is None else "a drive or push of its footprint"
+            return Plan(False, reason=f"{what} of the plan is too narrow on the map", name=name, notes=notes)
         tasks += drive_tasks(domain, path, cost)
         if step is not None:
             tasks += _push_tasks(domain, step, costs)
             at, shifts = step.retreat, step.shifts_after
-    gap = max(result.cost / result.bound - 1.0, 0.0) if result.bound > 0 else float("inf")
+    notes += _place_notes(domain, shifts)
+    gap = max((result.cost + longer) / result.bound - 1.0, 0.0) if result.bound > 0 else float("inf")
     return Plan(True, tuple(tasks), expanded=result.expanded, name=name, notes=notes, gap=gap)
+
+
+def _place_notes(domain: SearchDomain, shifts: Float[np.ndarray, "bodies 2"]) -> tuple[str, ...]:
+    """The bodies that end in places with a cost."""
+    ends = [
+        (body.obj.id, place_s(domain, body, shift))
+        for body, shift in zip(domain.bodies, shifts, strict=True)
+        if shift.any()
+    ]
+    return tuple(f"{id} ends in a place to avoid, at {cost_s:g} s" for id, cost_s in ends if cost_s > 0)
+
+
+def _backed_off(domain: SearchDomain, push: Task, step: PushStep, share: float) -> Task:
+    """A push whose robot backs off farther, by a share of the push."""
+    at = step.retreat + share * (step.approach - step.retreat)
+    more_m = share * step.length * domain.map.resolution_m
+    return replace(
+        push,
+        path_m=(*push.path_m[:-1], _pair(world_from_grid(domain.map, at))),
+        length_m=push.length_m + more_m,
+        cost_s=push.cost_s + more_m / domain.robot.v_min_m_s,
+    )
+
+
+def _heading(problem: PlanningProblem) -> float:
+    """Heading of the start on the grid [rad]; NaN: any."""
+    yaw = problem.start_yaw_rad
+    return math.nan if yaw is None else yaw - problem.map.origin[2]
 
 
 def escape(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"] | None:

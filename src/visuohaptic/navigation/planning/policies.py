@@ -12,6 +12,7 @@ from ..problem.planning_problem import MovableObject, PlanningProblem, PushMode
 from ..problem.push_costs import PushCosts
 from .drive_tasks import drive_tasks
 from .exploration.first_touch import explore_task, nearest_contact
+from .off_centre_push import via_off_centre
 from .planner import plan_in_domain
 from .search.domain_builder import build_search_domain
 from .search.push_search import load_kernels
@@ -77,7 +78,7 @@ def _cheapest(
     safe_plan = _planned(problem, domain, costs, first, unknown=False)
     for index, body in enumerate(domain.bodies):
         id = body.obj.id
-        if body.obj.push is PushMode.DIRECT or body.allowed.unknown or id in done or deadline.passed:
+        if body.obj.push is not PushMode.SIDEWARD or body.allowed.unknown or id in done or deadline.passed:
             continue
 
         def rest(after: PlanningProblem, id: str = id) -> Plan:
@@ -88,6 +89,18 @@ def _cheapest(
         plan = via_sideward(problem, domain, index, costs, rest, safe_plan.cost_s, deadline)
         if plan.cost_s < safe_plan.cost_s:
             safe_plan = plan
+    turned = {obj.id for obj in problem.objects if obj.push is PushMode.OFF_CENTRE} - done
+    if turned and not safe_plan.reachable:
+
+        def after_turn(after: PlanningProblem, id: str) -> Plan:
+            # An object that was turned once is pushed straight from then on; until one is chosen, so are all.
+            begun = done | ({id} if id else turned)
+            return _cheapest(after, build_search_domain(after, costs), costs, _until(deadline, limits), begun)
+
+        plan = via_off_centre(problem, after_turn, turned, lambda: not deadline.passed)
+        # The proof covers straight pushes only.
+        refused = replace(safe_plan, proved=False, notes=(*safe_plan.notes, plan.reason))
+        safe_plan = plan if plan.reachable else refused
     if not unknown:
         return safe_plan
     risky_plan = _planned(problem, domain, costs, _until(deadline, limits), unknown=True)
@@ -136,6 +149,7 @@ def alternatives(
     -------
     Plans by name.
     """
+    problem.robot.check_disc("alternatives are planned")
     costs, limits = costs or PushCosts(), limits or SearchLimits()
     domain = build_search_domain(problem, costs)
     cautious = replace(costs, risk_s=RELIABLE_RISK_S)
@@ -160,7 +174,7 @@ def _pushed(domain: SearchDomain, *, unknown: bool) -> list[int]:
     return [
         k
         for k, body in enumerate(domain.bodies)
-        if (unknown if body.allowed.unknown else body.obj.push is PushMode.DIRECT)
+        if (unknown if body.allowed.unknown else body.obj.push is not PushMode.SIDEWARD)
     ]
 
 
@@ -201,6 +215,7 @@ def _expected(
     refused = replace(
         problem,
         start_m=at,
+        start_yaw_rad=None,
         objects=tuple(
             replace(obj, tag=HapticTag(fixed=True)) if obj.id == explore.object else obj
             for obj in problem.objects
@@ -250,6 +265,7 @@ def via_exploration(
     limits
         Limits of the search.
     """
+    problem.robot.check_disc("explorations in passing are planned")
     costs = costs or PushCosts()
     domain = build_search_domain(problem, costs)
     index = next((k for k, body in enumerate(domain.bodies) if body.obj.id == obj.id), None)
@@ -284,6 +300,6 @@ def _entropy(obj: MovableObject, costs: PushCosts) -> float:
 def _rate(problem: PlanningProblem, plan: Plan, costs: PushCosts) -> float:
     if not plan.reachable:
         return -1.0
-    touched = {task.object for task in plan.tasks if task.kind in {"push", "sideward", "explore"}}
+    touched = {task.object for task in plan.tasks if task.kind in {"push", "sideward", "turn", "explore"}}
     bits = sum(_entropy(obj, costs) for obj in problem.objects if obj.id in touched)
     return bits / max(plan.cost_s, 1e-9)

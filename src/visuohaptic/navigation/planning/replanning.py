@@ -72,6 +72,7 @@ def after_push(
         problem,
         map=OccupancyMap(cells, grid.resolution_m, grid.origin),
         start_m=np.asarray(robot_m),
+        start_yaw_rad=None,
         objects=tuple(moved if other.id == id else other for other in problem.objects),
     )
 

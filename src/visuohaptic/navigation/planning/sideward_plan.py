@@ -56,6 +56,7 @@ def via_sideward(
         Time limit.
     """
     body, robot = domain.bodies[index], problem.robot
+    robot.check_disc("sideward pushes are planned")
     nothing = Plan(False, reason=f"{body.obj.id} cannot be pushed aside on the path")
     start, goal = (grid_from_world(problem.map, point) for point in (problem.start_m, problem.goal_m))
     shifts = np.zeros((len(domain.bodies), 2))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from pathlib import Path
 from typing import Any
 
@@ -69,12 +71,21 @@ def plot_path_plan(
         x, y = task.contact_m or problem.start_m
         axes.plot(x, y, "o", color="tab:red", ms=12, ls="none", label="exploration", zorder=6)
         axes.annotate(f"{number}", (x, y), ha="center", va="center", color="white", fontsize=8, zorder=7)
-    colours = {"push": "tab:red", "sideward": "tab:red", "door": "tab:purple", "navigate": "tab:green"}
+    colours = {
+        "push": "tab:red",
+        "sideward": "tab:red",
+        "turn": "tab:red",
+        "door": "tab:purple",
+        "navigate": "tab:green",
+    }
     for task in plan.tasks:
         if task.path_m:
             dashes = "-." if task.kind == "sideward" else "-"
             colour = colours.get(task.kind, "tab:green")
             axes.plot(*np.array(task.path_m).T, dashes, color=colour, lw=2, label=task.kind)
+    for pose in _poses(plan) if problem.robot.footprint_m else ():
+        turned = np.array(problem.robot.footprint_m) @ rotation_2d(pose[2]).T + pose[:2]
+        axes.add_patch(Polygon(turned, fill=False, edgecolor="tab:blue", lw=0.5, label="footprint"))
     for end_m in _ends(problem, plan):
         axes.add_patch(Polygon(end_m, fill=False, edgecolor="tab:red", ls="--", lw=1, label="after the push"))
     axes.plot(*problem.start_m, "o", color="tab:blue", label="start")
@@ -87,6 +98,19 @@ def plot_path_plan(
     figure.legend([*first.values()][::-1], [*first][::-1], loc="outside lower center", ncols=4, fontsize=8)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, format="png", dpi=120)
+
+
+def _poses(plan: Plan) -> list[tuple[float, float, float]]:
+    """Poses of the robot about half a metre apart [m, m, rad]."""
+    poses = []
+    for task in plan.tasks:
+        for (ax, ay), (bx, by) in itertools.pairwise(task.path_m[:2] if task.kind == "push" else task.path_m):
+            parts = max(1, round(math.hypot(bx - ax, by - ay) / 0.5))
+            heading = math.atan2(by - ay, bx - ax)
+            poses += [
+                (ax + k / parts * (bx - ax), ay + k / parts * (by - ay), heading) for k in range(parts + 1)
+            ]
+    return poses
 
 
 def _ends(problem: PlanningProblem, plan: Plan) -> list[Float[np.ndarray, "k 2"]]:

@@ -1,7 +1,9 @@
 from .node_types import ManipulationNode as ManipulationNode
 from .node_types import PassageNode as PassageNode
 from .node_types import TransparencyNode as TransparencyNode
+from .objects_file import areas_from_data as areas_from_data
 from .objects_file import glass_objects as glass_objects
+from .objects_file import load_areas as load_areas
 from .objects_file import load_objects as load_objects
 from .objects_file import load_passages as load_passages
 from .objects_file import load_robot as load_robot
@@ -15,6 +17,7 @@ from .passages import is_door_wing as is_door_wing
 from .path_plan import Plan as Plan
 from .path_plan import Task as Task
 from .path_plan import plan_from_json as plan_from_json
+from .place_area import PlaceArea as PlaceArea
 from .planning_problem import MovableObject as MovableObject
 from .planning_problem import PlanningProblem as PlanningProblem
 from .planning_problem import PushMode as PushMode

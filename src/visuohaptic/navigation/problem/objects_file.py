@@ -12,10 +12,11 @@ from jaxtyping import Float
 
 from ...core.codec import from_dict
 from ...core.errors import InputError
-from ...core.files import load_yaml
+from ...core.files import load_yaml, parse_yaml
 from ...core.objects import Estimate, HapticTag
 from .outlines import outline_of
 from .passages import Passage, PassageKind
+from .place_area import PlaceArea
 from .planning_problem import MovableObject, PushMode, RobotModel
 
 T = TypeVar("T")
@@ -23,8 +24,8 @@ T = TypeVar("T")
 #: Maximum number of objects on one map; more indicate an error in the file.
 MAX_OBJECTS = 10_000
 #: Types of an entry besides the kinds of passages. Glass that was never pushed is avoided.
-GLASS, PASSAGES = "glass", tuple(PassageKind)
-Kind = Literal["object", "glass", "door_push", "door_sliding", "elevator"]
+GLASS, PASSAGES, AREAS = "glass", tuple(PassageKind), ("avoid", "prefer")
+Kind = Literal["object", "glass", "door_push", "door_sliding", "elevator", "avoid", "prefer"]
 #: Margin around glass, because depth cameras measure it with an error of several centimetres [m].
 GLASS_SAFETY_M = 0.05
 
@@ -40,6 +41,7 @@ class _Entry:
     open_s: Estimate | None = None
     push: PushMode = PushMode.DIRECT
     pose_sigma: tuple[float, float] = (0.01, 0.05)
+    cost_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,12 +94,12 @@ def load_objects(path: Path | str) -> tuple[MovableObject, ...]:
 
 
 def robot_from_data(data: Any, *, where: str = "robot") -> RobotModel:
-    """A robot from plain data; only ``radius_m`` has no default.
+    """A robot from plain data; only its size has no default: ``radius_m``, or ``footprint``.
 
     Parameters
     ----------
     data
-        Mapping of the robot's fields [m, m/s, N, s].
+        Mapping of the robot's fields [m, m/s, N, s]. ``footprint`` lists the corners [x, y] as Nav2 does, also as text.
     where
         Name of the source file, for messages.
 
@@ -106,7 +108,20 @@ def robot_from_data(data: Any, *, where: str = "robot") -> RobotModel:
     InputError
         Names the field, what was found and what was expected.
     """
-    return from_dict(RobotModel, data, where=where)
+    if not isinstance(data, dict) or "footprint" not in data:
+        return from_dict(RobotModel, data, where=where)
+    others = {name: value for name, value in data.items() if name != "footprint"}
+    if "radius_m" in others:
+        raise InputError(where, "found a footprint as well", field="radius_m", remedy="leave one of them out")
+    corners = data["footprint"]
+    if isinstance(corners, str):
+        corners = parse_yaml(corners, where=f"{where}: footprint")
+    try:
+        shape = RobotModel.of_footprint(corners)
+    except InputError as error:
+        raise InputError(where, error.problem, field="footprint", remedy=error.remedy) from error
+    size = {"radius_m": shape.radius_m, "footprint_m": shape.footprint_m}
+    return from_dict(RobotModel, {**others, **size}, where=where)
 
 
 def objects_from_data(data: Any, *, where: str = "objects") -> tuple[MovableObject, ...]:
@@ -133,7 +148,7 @@ def objects_from_data(data: Any, *, where: str = "objects") -> tuple[MovableObje
             tag, footprint_m = HapticTag(fixed=True), _wider(outline_of(footprint_m, where), GLASS_SAFETY_M)
         return MovableObject(str(entry.id), footprint_m, tag, push=entry.push, pose_sigma=entry.pose_sigma)
 
-    return _made(data, where, made, passages=False)
+    return _made(data, where, made, ("object", GLASS))
 
 
 def load_passages(path: Path | str) -> tuple[Passage, ...]:
@@ -178,7 +193,48 @@ def passages_from_data(data: Any, *, where: str = "objects") -> tuple[Passage, .
         kind = PassageKind(entry.type)
         return Passage(str(entry.id), entry.footprint_m, kind, entry.open_s, entry.haptic_tag)
 
-    return _made(data, where, made, passages=True)
+    return _made(data, where, made, PASSAGES)
+
+
+def load_areas(path: Path | str) -> tuple[PlaceArea, ...]:
+    """Read the areas of ``objects.yaml`` where pushed objects should end, or should not.
+
+    Parameters
+    ----------
+    path
+        File name, see :func:`load_objects`; entries of other types are ignored.
+
+    Raises
+    ------
+    InputError
+        Names the file, the entry, the field, what was found and what was expected.
+    """
+    return areas_from_data(load_yaml(path), where=str(path))
+
+
+def areas_from_data(data: Any, *, where: str = "objects") -> tuple[PlaceArea, ...]:
+    """Areas from plain data.
+
+    Parameters
+    ----------
+    data, where
+        See :func:`objects_from_data`; each entry has the type ``avoid`` or ``prefer``, and ``cost_s``, the seconds that a
+        better place is worth.
+
+    Raises
+    ------
+    InputError
+        Names the entry, the field, what was found and what was expected.
+    """
+
+    def made(entry: _Entry) -> PlaceArea:
+        if entry.cost_s is None:
+            raise InputError(
+                where, "is missing", field="cost_s", remedy="give the seconds a better place is worth"
+            )
+        return PlaceArea(str(entry.id), entry.footprint_m, entry.cost_s, entry.type == "prefer")
+
+    return _made(data, where, made, AREAS)
 
 
 def glass_objects(
@@ -209,11 +265,11 @@ def glass_objects(
     return objects_from_data({"objects": entries}, where=name)
 
 
-def _made(data: Any, where: str, make: Callable[[_Entry], T], *, passages: bool) -> tuple[T, ...]:
-    """Convert the entries that are passages, or the others, with a function."""
+def _made(data: Any, where: str, make: Callable[[_Entry], T], kinds: Iterable[str]) -> tuple[T, ...]:
+    """Convert the entries of some types with a function."""
     found = []
     for index, entry in enumerate(_entries(data, where)):
-        if (entry.type in PASSAGES) is passages:
+        if entry.type in kinds:
             try:
                 found.append(make(entry))
             except InputError as error:

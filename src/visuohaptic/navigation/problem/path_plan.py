@@ -13,8 +13,8 @@ from ...core.codec import from_dict
 from ...core.errors import InputError
 
 #: Kinds of tasks. ``explore`` touches an unknown object and decides; ``sideward`` displaces an object while driving
-#: past it; ``wait`` and ``door`` come from passages.
-Kind = Literal["navigate", "push", "sideward", "explore", "wait", "door"]
+#: past it; ``turn`` rotates it by a push beside its centre; ``wait`` and ``door`` come from passages.
+Kind = Literal["navigate", "push", "sideward", "turn", "explore", "wait", "door"]
 
 #: Costs of drives are integers: smaller gaps are due to rounding.
 OPTIMAL_GAP = 0.005
@@ -105,7 +105,7 @@ class Plan:
     @property
     def pushes(self) -> tuple[Task, ...]:
         """The manipulation tasks."""
-        return tuple(task for task in self.tasks if task.kind in ("push", "sideward"))
+        return tuple(task for task in self.tasks if task.kind in ("push", "sideward", "turn"))
 
     @property
     def failure_probability(self) -> float:

@@ -15,6 +15,7 @@ from ...core.ranges import NON_NEGATIVE, check_numbers, finite_array
 from ...io.maps.occupancy_map import OccupancyMap
 from .outlines import outline_of
 from .passages import Passage
+from .place_area import PlaceArea
 from .robot_model import RobotModel
 
 __all__ = ["MovableObject", "PlanningProblem", "PushMode", "RobotModel"]
@@ -25,6 +26,7 @@ class PushMode(StrEnum):
 
     DIRECT = "direct"  #: straight through its centre of friction (Sec. 4.3.1)
     SIDEWARD = "sideward"  #: displaced by a drive past it (Sec. 4.3.2)
+    OFF_CENTRE = "off_centre"  #: as ``DIRECT``, and rotated by a push beside its centre where no straight push clears a path
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,6 +89,8 @@ class PlanningProblem:
     goal_m: Float[np.ndarray, "2"]
     objects: tuple[MovableObject, ...] = ()
     passages: tuple[Passage, ...] = ()  #: doors and elevators: closed on the map, but they open
+    start_yaw_rad: float | None = None  #: heading at the start, if the robot has a footprint; ``None``: any
+    areas: tuple[PlaceArea, ...] = ()  #: where pushed objects should end, or should not
 
     def __post_init__(self) -> None:
         for name in ("start_m", "goal_m"):
@@ -101,6 +105,7 @@ class PlanningProblem:
                 )
             object.__setattr__(self, name, point)
         ids = [item.id for item in self.objects] + [passage.id for passage in self.passages]
+        ids += [area.id for area in self.areas]
         if len(set(ids)) != len(ids):
             twice = next(name for name in ids if ids.count(name) > 1)
             raise InputError("PlanningProblem", f"found the id '{twice}' twice, expected distinct ids")

@@ -41,6 +41,9 @@ class PushCosts:
     risk_s: float = 0.0  #: added seconds per -log(1 - p): weight of reliability
     max_push_m: float = 2.0  #: r_mani of Eq. (4.3)
     price_ends: bool = True  #: whether push lengths account for final poses that may block later drives
+    on_route_s: float = (
+        0.0  #: cost of an object that ends where the robot drives along the navigation graph, as in doorways
+    )
 
 
 @dataclass(frozen=True, slots=True)

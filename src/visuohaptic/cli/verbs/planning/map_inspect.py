@@ -17,8 +17,6 @@ from ....navigation import mapping
 
 #: Modules with kernels of the verb, the last needed first.
 KERNELS = (
-    "navigation.graph.tracing._prune_kernels",
-    "navigation.graph.tracing._junction_kernels",
     "navigation.graph.tracing._line_kernels",
     "navigation.graph.tracing._skeleton_kernels",
 )

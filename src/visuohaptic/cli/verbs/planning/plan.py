@@ -4,7 +4,7 @@ reads
   MAP.yaml     a map_server map (YAML with PGM or PNG); the objects are occupied cells in it
   --objects    objects: [{id, footprint_m: [[x, y], ...], haptic_tag: {static_friction_N: 8.1, ...}}];
                a missing or null field was not observed; an object without haptic_tag is unknown
-  --robot      {radius_m, v_max_m_s, v_min_m_s, v_push_m_s, push_force_max_N, setup_time_s}
+  --robot      {radius_m (or footprint: [[x, y], ...]), v_max_m_s, v_min_m_s, v_push_m_s, push_force_max_N, setup_time_s}
                (see `visuohaptic defaults robot`)
   --glass      regions.json of `visuohaptic reconstruct`, with poses in the map frame: each transparent part is avoided
 writes
@@ -55,8 +55,15 @@ def add_arguments(add: Any) -> None:
     add("--glass", Path, "regions.json: transparent parts to avoid, in the map frame")
     add("--robot", Path, "robot.yaml", required=True)
     add("--start", float, "start in the map frame [m]", required=True, nargs=2, metavar=("X", "Y"))
+    add("--yaw", float, "heading at the start of a robot with a footprint [rad]; default: any", metavar="RAD")
     add("--goal", float, "goal in the map frame [m]; optional with --explore", nargs=2, metavar=("X", "Y"))
     add("--explore", float, "plan a tour that explores unknown objects within this time [s]", metavar="S")
+    add(
+        "--keep-routes",
+        0.0,
+        "cost of an object that ends on a route of the graph, as in a doorway [s]",
+        metavar="S",
+    )
     add("--plot", Path, "plot to write (PNG)")
     add("--compare", bool, "also plan with other objectives: most reliable, no pushing, most information")
     add("--budget", 2.0, "CPU time of the search [s] (default %(default)s)", metavar="S")
@@ -72,8 +79,15 @@ def run(args: Any) -> dict[str, Any]:
     """Plan; returns the mapping that ``--json`` prints."""
     import numpy as np
 
-    from ....navigation.problem.objects_file import glass_objects, load_objects, load_passages, load_robot
+    from ....navigation.problem.objects_file import (
+        glass_objects,
+        load_areas,
+        load_objects,
+        load_passages,
+        load_robot,
+    )
     from ....navigation.problem.planning_problem import PlanningProblem
+    from ....navigation.problem.push_costs import PushCosts
 
     if args.goal is None and args.explore is None:
         raise InputError("--goal", "is missing", remedy="give a goal, or --explore with a time")
@@ -86,9 +100,14 @@ def run(args: Any) -> dict[str, Any]:
         from ....reconstruction.completion import load_hole_regions
 
         objects += glass_objects(region.hull_m for region in load_hole_regions(args.glass))
-    passages = load_passages(args.objects) if args.objects else ()
+    passages, areas = (load_passages(args.objects), load_areas(args.objects)) if args.objects else ((), ())
     start_m, goal_m = np.array(args.start), np.array(args.goal or args.start)
-    problem = PlanningProblem(io.OccupancyMap.load(args.map), robot, start_m, goal_m, objects, passages)
+    if args.yaw is not None and not robot.footprint_m:
+        raise InputError(
+            "--yaw", "does not apply to a disc", remedy="leave it out, or give the robot a footprint"
+        )
+    map = io.OccupancyMap.load(args.map)
+    problem = PlanningProblem(map, robot, start_m, goal_m, objects, passages, args.yaw, areas)
     if args.explore is not None:
         return _explore(args, problem)
     budget_s = args.budget * (PROOF_BUDGETS if args.prove else 1.0)
@@ -96,10 +115,11 @@ def run(args: Any) -> dict[str, Any]:
         budget_s, 0.0 if args.prove else search.SearchLimits().gap, int(args.memory * 1e6)
     )
 
+    costs = PushCosts(on_route_s=args.keep_routes)
     plans = (
-        planning.alternatives(problem, limits=limits)
+        planning.alternatives(problem, costs, limits)
         if args.compare
-        else {"cheapest": planning.make_plan(problem, limits=limits)}
+        else {"cheapest": planning.make_plan(problem, costs, limits)}
     )
     found = plans["cheapest"]
     result = found.to_json()

@@ -9,7 +9,7 @@ from ...problem.path_plan import Task
 from ...problem.planning_problem import RobotModel
 from ...problem.push_costs import PushCosts, failure_probability
 from ...pushing.contact_candidates import PushContact
-from ..search.bodies import STAND_OFF_M, Body
+from ..search.bodies import Body
 from ..search.drives import pull_string
 from ..search.search_domain import SearchDomain, world_from_grid
 
@@ -33,7 +33,7 @@ def nearest_contact(
     The drive in grid coordinates, its cost [cells at full speed] and the contact; ``None`` if none can be reached.
     """
     shifts = np.zeros((len(domain.bodies), 2))
-    stand_off = STAND_OFF_M / domain.map.resolution_m
+    stand_off = domain.robot.stand_off_m / domain.map.resolution_m
     drives = []
     for contact in body.contacts:
         path, cost = pull_string(

@@ -132,6 +132,7 @@ def exploration_tour(
     InputError
         The budget is not positive and finite.
     """
+    problem.robot.check_disc("tours are planned")
     check_numbers("exploration_tour", POSITIVE, budget_s=budget_s)
     costs = costs or PushCosts()
     unknown = [item for item in problem.objects if item.tag is None]

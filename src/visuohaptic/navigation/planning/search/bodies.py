@@ -15,8 +15,6 @@ from ...problem.push_costs import Manipulability
 from ...pushing._outline_kernels import distance_patch
 from ...pushing.contact_candidates import PushContact, push_contacts
 
-#: Distance between robot and body before and after a push [m].
-STAND_OFF_M = 0.03
 #: Spacing of the points along an outline that are checked for collisions [cells].
 OUTLINE_STEP = 0.45
 #: Distance of these points inside the outline, so that an object may slide along a wall [m].
@@ -32,9 +30,20 @@ class Body:
     centre: Float[np.ndarray, "2"]
     friction: Float[np.ndarray, "2"]  #: centre of friction from the centre
     allowed: Manipulability
-    radius: float  #: of the robot
+    radius: float  #: distance of the robot's front from its centre
     margin: float  #: margin that the robot keeps while it is pushed
     inset: float  #: of the sampled points from its outline
+    robot: Float[np.ndarray, "q 2"] | None = None  #: footprint of the robot; ``None``: a disc
+    room: float = 0.0  #: distance that drives keep in addition to the robot's radius
+
+    @cached_property
+    def kept_clear(self) -> Float[np.ndarray, "q 2"]:
+        """Outline from which drives keep the robot's radius."""
+        import shapely
+
+        if not self.room:
+            return self.outline
+        return shapely.get_coordinates(shapely.Polygon(self.outline).buffer(self.room, quad_segs=2))[:-1]
 
     @cached_property
     def samples(self) -> Float[np.ndarray, "k 2"]:
@@ -88,11 +97,27 @@ class Body:
     def _contacts(self, *, oblique: bool) -> tuple[PushContact, ...]:
         shape = np.round(self.outline - self.centre - self.friction, 6)
         found = _contacts(shape.tobytes(), self.radius, oblique)
-        if not self.friction.any():
-            return found
-        return tuple(
-            replace(push, contact=push.contact + self.friction, robot=push.robot + self.friction)
-            for push in found
+        if self.friction.any():
+            found = tuple(
+                replace(push, contact=push.contact + self.friction, robot=push.robot + self.friction)
+                for push in found
+            )
+        return (
+            found
+            if self.robot is None
+            else tuple(push for push in found if self._fits_behind(push, self.robot))
+        )
+
+    def _fits_behind(self, push: PushContact, robot: Float[np.ndarray, "q 2"]) -> bool:
+        """Whether a robot with a footprint does not overlap the body where it touches it."""
+        import shapely
+
+        (x, y) = push.direction
+        placed = robot @ np.array([[x, y], [-y, x]]) + push.robot
+        return (
+            not shapely.Polygon(placed)
+            .buffer(-2.0 * self.inset)
+            .intersects(shapely.Polygon(self.outline - self.centre))
         )
 
 

@@ -8,8 +8,9 @@ from ....core.geometry import rotation_2d
 from ...grid.cost_grid import OBSTACLE_FROM, cell_distance
 from ...problem.passages import Passage, PassageKind, is_door_wing
 from ...problem.planning_problem import MovableObject, PlanningProblem
-from ...problem.push_costs import PushCosts, manipulability
+from ...problem.push_costs import Manipulability, PushCosts, manipulability
 from ..object_cells import clear_cells
+from ..place_costs import place_costs
 from ._push_search_kernels import largest_in_blocks
 from .bodies import OUTLINE_INSET_M, Body, grid_from_world, lower_clearance
 from .push_states import needed_clearance
@@ -39,7 +40,6 @@ def build_search_domain(
     costs = costs or PushCosts()
     grid, robot = problem.map, problem.robot
     radius = robot.radius_m / grid.resolution_m
-    margin = robot.push_margin_m / grid.resolution_m
     # Unknown cells are obstacles, too: as unsigned numbers they are the largest.
     occupied = grid.cells.view(np.uint8) >= OBSTACLE_FROM
     movable: list[Body] = []
@@ -50,17 +50,13 @@ def build_search_domain(
     for obj in problem.objects:
         if any(door.id == obj.id for door in doors):
             continue
-        outline = grid_from_world(grid, obj.footprint_m)
-        clear_cells(occupied, outline)
-        allowed = manipulability(obj.tag, robot, costs)
-        if not allowed.possible:
+        body = _body(problem, obj, costs)
+        clear_cells(occupied, body.outline)
+        if body.allowed.possible:
+            movable.append(body)
+        else:
             fixed.append(obj)
-            why[obj.id] = allowed.reason
-            continue
-        centre = grid_from_world(grid, obj.centre_m)
-        friction = np.array(obj.friction_offset_m) @ rotation_2d(grid.origin[2]) / grid.resolution_m
-        inset = OUTLINE_INSET_M / grid.resolution_m
-        movable.append(Body(obj, outline, centre, friction, allowed, radius, margin, inset))
+            why[obj.id] = body.allowed.reason
     for passage in (*problem.passages, *doors):
         outline = grid_from_world(grid, passage.footprint_m)
         clear_cells(occupied, outline)
@@ -90,6 +86,29 @@ def build_search_domain(
         clearance if block == 1 else largest_in_blocks(clearance, block),
         outlines,
         tuple(passages),
+        place_costs(problem, costs.on_route_s, occupied, outlines),
+    )
+
+
+def _body(problem: PlanningProblem, obj: MovableObject, costs: PushCosts) -> Body:
+    """An object in grid coordinates, and whether the robot may push it."""
+    grid, robot = problem.map, problem.robot
+    resolution_m = grid.resolution_m
+    allowed = manipulability(obj.tag, robot, costs)
+    if allowed.possible and not robot.flat_front:
+        allowed = Manipulability(
+            False, 0.0, "the robot's footprint has no edge in front, perpendicular to its x axis"
+        )
+    return Body(
+        obj,
+        grid_from_world(grid, obj.footprint_m),
+        grid_from_world(grid, obj.centre_m),
+        np.array(obj.friction_offset_m) @ rotation_2d(grid.origin[2]) / resolution_m,
+        allowed,
+        robot.front_m / resolution_m,
+        robot.push_margin_m / resolution_m,
+        OUTLINE_INSET_M / resolution_m,
+        np.array(robot.footprint_m) / resolution_m if robot.footprint_m else None,
     )
 
 

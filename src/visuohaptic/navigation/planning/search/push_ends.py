@@ -10,7 +10,6 @@ from ...problem.push_costs import TURN_LIMIT_RAD
 from ...pushing.push_failure import PushUncertainty, sampled_pushes
 from ...pushing.push_model import PushModel
 from ...pushing.quasi_static import STEP_M, line_path
-from .bodies import STAND_OFF_M
 from .search_domain import SearchDomain
 
 #: Number of simulated pushes for a covariance in three dimensions, and for the probability of an event.
@@ -42,8 +41,9 @@ def end_errors(
     body, resolution_m = domain.bodies[index], domain.map.resolution_m
     ahead = body.push(contact).direction
     # Relative to the body's centre before the push, hence independent of its position.
-    begin = body.push(contact).robot * resolution_m - STAND_OFF_M * ahead
-    length_m = STAND_OFF_M + length * resolution_m
+    stand_off_m = domain.robot.stand_off_m
+    begin = body.push(contact).robot * resolution_m - stand_off_m * ahead
+    length_m = stand_off_m + length * resolution_m
     key = index, contact
     if key not in domain.ends:
         model = PushModel.of_footprint((body.outline - body.centre) * resolution_m)
@@ -60,7 +60,7 @@ def end_errors(
         learned, turn = body.obj.friction_covariance_m2, rotation_2d(domain.map.origin[2])
         centre_m2 = None if learned is None else turn.T @ np.array(learned) @ turn
         _, poses, _ = sampled_pushes(
-            model, (0.0, 0.0, 0.0), path_m, domain.robot.radius_m,
+            model, (0.0, 0.0, 0.0), path_m, domain.robot.front_m,
             np.random.default_rng(0), samples=samples, skip=len(known),  # one plan, one answer
             uncertainty=PushUncertainty(centre_m2=centre_m2, place_m=place_m, yaw_rad=yaw_rad),
         )  # fmt: skip

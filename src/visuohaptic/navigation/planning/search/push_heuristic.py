@@ -14,9 +14,9 @@ from jaxtyping import Float, Float32, Int, Int16, Int32, UInt32
 
 from ...problem.push_costs import PushCosts, push_cost
 from ...pushing.contact_candidates import PushContact
+from ..place_costs import places_s
 from . import _travel_kernels
 from ._travel_kernels import FAR, UNITS, mark_region, reach_costs
-from .bodies import STAND_OFF_M
 from .push_ends import turn_probability
 from .push_states import PushStep
 from .search_domain import SearchDomain
@@ -72,7 +72,7 @@ class PushHeuristic:
         self.base: Float32[np.ndarray, "rows columns"] = (
             free.base if free else domain.lowered(domain.lattice, zeros, still, domain.block)
         )
-        self.stand_off = STAND_OFF_M / domain.map.resolution_m
+        self.stand_off = domain.robot.stand_off_m / domain.map.resolution_m
         self.centres: Float[np.ndarray, "bodies 2"] = np.array(
             [body.centre for body in domain.bodies]
         ).reshape(-1, 2)
@@ -158,14 +158,15 @@ class PushHeuristic:
         return self._costs[key]
 
     def pushes_units(self, steps: tuple[PushStep, ...]) -> float:
-        """Cost of the pushes of a plan [units].
+        """Cost of the pushes of a plan, and of the places where objects end [units].
 
         Parameters
         ----------
         steps
             Pushes in order.
         """
-        return sum(self.push_units(step.body, step.length, step.contact) for step in steps)
+        pushes = sum(self.push_units(step.body, step.length, step.contact) for step in steps)
+        return pushes + (self.units_per_s * places_s(self.domain, steps[-1].shifts_after) if steps else 0.0)
 
     def shortest_push(self, body: int) -> float:
         """Cost of the shortest push of a body [units].
@@ -290,7 +291,7 @@ class PushHeuristic:
             Index of the body.
         """
         domain, both = self.domain, self._from_start_to_goal(start)
-        outline = domain.bodies[body].outline
+        outline = domain.bodies[body].kept_clear
         grow = domain.radius + self.stand_off + 2.0 * domain.block
         c0, r0 = np.maximum((outline.min(axis=0) - grow) // domain.block, 0).astype(int)
         c1, r1 = ((outline.max(axis=0) + grow) // domain.block).astype(int) + 1
@@ -362,7 +363,7 @@ class PushHeuristic:
         domain = self.domain
         region = np.zeros(self.base.shape, np.int16)
         for index in sorted(bodies, key=lambda k: self.crossing(k, shifts[k])):
-            outline = domain.bodies[index].outline + shifts[index]
+            outline = domain.bodies[index].kept_clear + shifts[index]
             mark_region(region, outline, domain.radius, index + 1, domain.block)
         if known:
             self._marked[bodies] = region

@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 
 from ....core.geometry import rotation_2d
 from ...pushing.push_failure import covariance_of_ends
+from ..footprint._footprint_kernels import free_drive
 from . import _travel_kernels
 from ._push_search_kernels import free_push_length, opening_lengths
 from .bodies import lower_clearance
@@ -174,14 +175,18 @@ def free_length(
     body, shift = domain.bodies[step.body], step.shifts_before[step.body]
     direction = body.push(step.contact).direction
     ahead = np.stack([np.zeros(2), limit * direction])
-    reach = body.radius + body.margin + 1.0
+    reach = domain.radius + body.margin + 1.0
     low = np.minimum((body.outline + shift).min(axis=0), step.touch) + ahead.min(axis=0) - reach
     high = np.maximum((body.outline + shift).max(axis=0), step.touch) + ahead.max(axis=0) + reach
     outlines, starts = domain.obstacle_outlines(step.shifts_before, step.body, low, high, among)
     found: float = free_push_length(
         domain.occupied, domain.clearance, body.samples + shift, body.around + shift, body.outline + shift,
-        outlines, starts, *step.touch, *direction, needed_clearance(body.radius, SWEEP_STEP), limit,
+        outlines, starts, *step.touch, *direction, needed_clearance(domain.robot.radius_m / domain.map.resolution_m, SWEEP_STEP), limit,
     )  # fmt: skip
+    if body.robot is not None and found > 0.0:
+        heading = float(np.arctan2(direction[1], direction[0]))
+        driven = free_drive(domain.counts, body.robot, *step.approach, heading, heuristic.stand_off + found)
+        found = max(min(found, driven - heuristic.stand_off), 0.0)
     return found
 
 
@@ -221,7 +226,7 @@ def opening_at(
     corner = low * float(block)
     without = domain.part(domain.lattice, low, high, shifts, block, among)
     found: Float[np.ndarray, "k"] = opening_lengths(
-        without, domain.bodies[index].outline + shift - corner, *direction, domain.radius, block, limit,
+        without, domain.bodies[index].kept_clear + shift - corner, *direction, domain.radius, block, limit,
         *(ends[0] - corner), *(ends[1] - corner),
     )  # fmt: skip
     return found

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float, Int32
 
+from ..place_costs import places_s
 from . import _travel_kernels
 from ._travel_kernels import clearances_at, reach_costs
 from .drives import drive_cost, drives_cost
@@ -271,6 +272,10 @@ class PushPass:
             if not opens and self.weight > 1.0:  # most likely, another push is needed
                 to_go = max(to_go, driven + heuristic.min_any_push)
                 to_go += heuristic.crossing(contact.body, shift)
+            if domain.places is not None and self.weight > 1.0:  # most likely, it stays there
+                after = state.shifts.copy()
+                after[contact.body] = shift + length * push.direction
+                to_go += heuristic.units_per_s * places_s(domain, after)
             entry = _Push(contact, length, spent, opens, not push.oblique)
             if np.isfinite(to_go):
                 self.queue.push(spent + to_go * self.weight, entry)

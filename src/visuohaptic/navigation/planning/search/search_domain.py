@@ -61,6 +61,7 @@ class SearchDomain:
     lattice: Float32[np.ndarray, "blocks_down blocks_across"]  #: maximum clearance in each block [cells]
     immovable_outlines: tuple[Float[np.ndarray, "p 2"], ...]
     passages: tuple[tuple[Passage, Float[np.ndarray, "p 2"], float], ...] = ()  #: outline, seconds
+    places: Float32[np.ndarray, "rows columns"] | None = None  #: cost of an object that ends in a cell [s]
     #: distances around bodies, cached because most bodies do not move
     patches: dict[tuple[int, int, float, float], tuple[Float32[np.ndarray, "r c"], int, int]] = field(
         default_factory=dict, repr=False
@@ -90,6 +91,16 @@ class SearchDomain:
 
     #: minimum and maximum corners of the bodies, cached
     boxes: list[Float[np.ndarray, "bodies 2"]] = field(default_factory=list, repr=False)
+
+    #: :attr:`counts`, cached
+    sums: list[Int32[np.ndarray, "rows columns"]] = field(default_factory=list, repr=False)
+
+    @property
+    def counts(self) -> Int32[np.ndarray, "rows columns"]:
+        """Number of :attr:`occupied` cells of a row before each column, the last one included."""
+        if not self.sums:
+            self.sums.append(np.pad(np.cumsum(self.occupied, axis=1, dtype=np.int32), ((0, 0), (1, 0))))
+        return self.sums[0]
 
     @property
     def reach(self) -> float:
@@ -227,7 +238,7 @@ class SearchDomain:
     def extents(self) -> tuple[Float[np.ndarray, "bodies 2"], Float[np.ndarray, "bodies 2"]]:
         """Minimum and maximum x, y of every body at its mapped position [cells]."""
         if not self.boxes:
-            outlines = [body.outline for body in self.bodies]
+            outlines = [body.kept_clear for body in self.bodies]
             self.boxes.append(np.array([o.min(axis=0) for o in outlines]).reshape(-1, 2))
             self.boxes.append(np.array([o.max(axis=0) for o in outlines]).reshape(-1, 2))
         return self.boxes[0], self.boxes[1]
@@ -249,7 +260,7 @@ class SearchDomain:
         if key not in self.patches:
             if len(self.patches) >= MAX_PATCHES:
                 self.patches.clear()
-            outline = self.bodies[index].outline + shift
+            outline = self.bodies[index].kept_clear + shift
             self.patches[key] = (
                 distance_patch(outline, self.reach) if block == 1
                 else block_patch(self.clearance, outline, self.radius, self.reach, block)

@@ -1,4 +1,6 @@
+from .explore_floor import FloorExploration as FloorExploration
 from .navigate import Travel as Travel
+from .navigate import drive_task as drive_task
 from .navigate import travel as travel
 from .travel_memory import TravelMemory as TravelMemory
 from .travel_memory import map_with_footprints as map_with_footprints

@@ -101,9 +101,34 @@ def travel(
     >>> done.arrived, round(done.length_m, 1), done.pushes
     (True, 0.8, 0)
     """
-    require_members(base, MobileBase, "travel")
-    require_members(senses, TravelSenses, "travel", "TravelSenses object")
     task = TravelTask(problem, settings, plan, without_passage_sensors=passages is None)
+    return drive_task(task, base, senses, wait, passages=passages)
+
+
+def drive_task(
+    task: TravelTask,
+    base: MobileBase,
+    senses: TravelSenses,
+    wait: Callable[[float], None],
+    *,
+    passages: PassageSenses | None = None,
+) -> Travel:
+    """Run a navigation task to its end.
+
+    Parameters
+    ----------
+    task
+        The task; it was not started before.
+    base, senses, wait, passages
+        See :func:`travel`.
+
+    Raises
+    ------
+    InputError
+        ``base`` or ``senses`` lacks a member of its protocol.
+    """
+    require_members(base, MobileBase, task.task)
+    require_members(senses, TravelSenses, task.task, "TravelSenses object")
     command, waited_for = TravelCommand(), ""
 
     def observations() -> Iterator[TravelObservation]:

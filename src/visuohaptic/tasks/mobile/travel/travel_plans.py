@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ....navigation.planning.off_centre_push import OffCentrePush, plan_off_centre_pushes
-from ....navigation.problem.path_plan import Plan
+from ....navigation.planning.off_centre_push import plan_off_centre_pushes
+from ....navigation.problem.path_plan import Plan, Task
 from ....navigation.problem.planning_problem import PlanningProblem
 from .travel_memory import TravelMemory
 from .travel_types import TravelSettings
@@ -60,8 +60,10 @@ class TravelPlans:
                 break
         return best, found
 
-    def turning(self, pose_m: Float[np.ndarray, "3"]) -> tuple[float, PlanningProblem, OffCentrePush] | None:
-        """An off-centre push that rotates an object, if no straight push helps; with its margin and problem.
+    def turning(
+        self, pose_m: Float[np.ndarray, "3"]
+    ) -> tuple[float, PlanningProblem, tuple[Task, ...]] | None:
+        """The tasks of an off-centre push that rotates an object, if no straight push helps; with its margin and problem.
 
         Parameters
         ----------
@@ -78,7 +80,7 @@ class TravelPlans:
             self.note("planned turns", margin_m=margin_m, found=len(found))
             if found:
                 self.turns += 1
-                return margin_m, problem, found[0]
+                return margin_m, problem, found[0].tasks
         return None
 
     def bumped(self, margin_m: float) -> None:

@@ -12,7 +12,6 @@ from jaxtyping import Float
 from ....core.errors import InputError
 from ....core.objects import Estimate, HapticTag
 from ....core.robots import BaseState
-from ....navigation.planning.off_centre_push import OffCentrePush
 from ....navigation.planning.path_follower import FollowLimits, PathFollower
 from ....navigation.planning.sideward_plan import SidewardCheck
 from ....navigation.problem.path_plan import Task
@@ -193,31 +192,30 @@ class TravelPushes:
         self._memory.explored(task.object, tag)
         self._note("explored", task.object, end=str(push.end), moved=moved, force_N=_finite(first))
 
-    def turn(self, off_centre: OffCentrePush) -> Motion[None]:
+    def turn(self, task: Task) -> Motion[None]:
         """Rotate an object by a straight off-centre push.
 
         Parameters
         ----------
-        off_centre
-            Start, direction and length of the push.
+        task
+            A task of kind "turn".
         """
-        before = yield from self._motion.look(off_centre.object)
-        length_m = max(off_centre.length_m - off_centre.free_m, 0.01)
-        push = yield from self._contact(
-            off_centre.object, off_centre.start_m, off_centre.direction_rad, length_m, None
-        )
+        before = yield from self._motion.look(task.object)
+        start, touch, end = np.array(task.path_m[:3])
+        direction = math.atan2(*(end - start)[::-1])
+        length_m = max(float(np.hypot(*(end - touch))), 0.01)
+        push = yield from self._contact(task.object, start, direction, length_m, None)
         self.count += 1
-        after = yield from self._motion.look(off_centre.object)
+        after = yield from self._motion.look(task.object)
         off = np.zeros(3) if before is None or after is None else after - before
         off[2] = math.remainder(off[2], 2.0 * math.pi)
         settings = self._settings
         moved = bool(np.hypot(off[0], off[1]) > settings.moved_m or abs(off[2]) > settings.near_rad)
         unseen = before is None or after is None
-        self._learn(off_centre.object, moved=moved or unseen, failed=False, heavy=self._too_heavy(push))
+        self._learn(task.object, moved=moved or unseen, failed=False, heavy=self._too_heavy(push))
         self._note(
-            "turned", off_centre.object, end=str(push.end), moved_m=[float(v) for v in off[:2]],
-            turned_rad=float(off[2]), predicted_rad=off_centre.turn_rad, opens=off_centre.opens,
-            force_N=_finite(push.force_N[1]),
+            "turned", task.object, end=str(push.end), moved_m=[float(v) for v in off[:2]],
+            turned_rad=float(off[2]), predicted_rad=task.turn_rad, force_N=_finite(push.force_N[1]),
         )  # fmt: skip
 
     def _look(self, id: str) -> Motion[Float[np.ndarray, "3"] | None]:

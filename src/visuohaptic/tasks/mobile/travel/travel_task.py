@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,6 @@ from jaxtyping import Float
 
 from ....core.robots import BaseState
 from ....navigation.grid.cost_grid import SpeedLimits, grid_layers
-from ....navigation.planning.off_centre_push import OffCentrePush
 from ....navigation.planning.path_follower import FollowLimits, PathFollower
 from ....navigation.planning.policies import make_plan
 from ....navigation.problem.path_plan import Plan, Task
@@ -67,6 +67,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         *,
         without_passage_sensors: bool = False,
     ) -> None:
+        problem.robot.check_disc("`travel` drives and pushes")
         self.settings = settings or TravelSettings()
         s = TravelState
         after = (s.PLAN, *_WORKING)
@@ -91,7 +92,6 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         self.pushes = TravelPushes(self.robot, self.memory, self.motion, self.settings, self._note)
         self._objects = tuple(item.id for item in problem.objects)
         self._tasks: list[Task] = []
-        self._turning: OffCentrePush | None = None  #: off-centre push after the remaining tasks
         self._clearance: Callable[[Float[np.ndarray, "2"]], float] = lambda _: math.inf
         self._driven_m = 0.0
         self._as_planned = False  #: whether the last push reached its planned goal
@@ -145,7 +145,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
 
     def _finish(self, outcome: TravelOutcome, reason: str) -> None:
         self._note(str(outcome), reason=reason)
-        self.end(outcome is TravelOutcome.ARRIVED, outcome.value, reason)
+        self.end(outcome in (TravelOutcome.ARRIVED, TravelOutcome.EXPLORED), outcome.value, reason)
 
     def _plan(self) -> Motion[TravelState | None]:
         """Locate the objects, and plan with the largest feasible margin."""
@@ -158,13 +158,10 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         turn = self.plans.turning(pose) if best is None else None
         if best is not None:
             self.pushes.margin_m, problem, plan = best
-            self._tasks, self._turning = list(plan.tasks), None
+            self._tasks = list(plan.tasks)
         elif turn is not None:
-            self.pushes.margin_m, problem, self._turning = turn
-            path = tuple((float(x), float(y)) for x, y in self._turning.approach_m)
-            length_m = float(np.hypot(*np.diff(self._turning.approach_m, axis=0).T).sum())
-            approach = Task("navigate", self._turning.cost_s, length_m, path)
-            self._tasks = [approach] if len(path) > 1 else []
+            self.pushes.margin_m, problem, tasks = turn
+            self._tasks = list(tasks)
         elif self.plans.reset_failures():
             self._note("failures reset")
             return TravelState.PLAN
@@ -177,14 +174,13 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
     def _next(self) -> TravelState | None:
         """State of the next task; ``None`` at the goal."""
         if not self._tasks:
-            if self._turning is not None:
-                return TravelState.TURN
             self._finish(TravelOutcome.ARRIVED, "")
             return None
         return {
             "navigate": TravelState.DRIVE,
             "push": TravelState.PUSH,
             "sideward": TravelState.SIDEWARD,
+            "turn": TravelState.TURN,
             "explore": TravelState.EXPLORE,
             "wait": TravelState.WAIT,
             "door": TravelState.DOOR,
@@ -276,6 +272,10 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         self.plans.changed()
         unknown = self._tasks[0].object
         after = next((t for t in self._tasks[1:] if t.kind == "push" and t.object == unknown), None)
+        if after is None and self._tasks[0].contact_m is not None:  # of a tour
+            x, y = (float(value) for value in self.motion.pose_m()[:2])
+            ahead = self._tasks[0].contact_m[0] - x, self._tasks[0].contact_m[1] - y
+            after = replace(self._tasks[0], path_m=((x, y),), displacement_m=ahead)
         if after is None:
             return TravelState.PLAN
         yield from self.pushes.explore(after)
@@ -284,10 +284,8 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
 
     def _turn(self) -> Motion[TravelState]:
         """Push an object off-centre."""
-        next_push, self._turning = self._turning, None
         self.plans.changed()
-        assert next_push is not None
-        yield from self.pushes.turn(next_push)
+        yield from self.pushes.turn(self._tasks[0])
         self._as_planned, self._behind_m = False, self.pushes.behind_m
         return TravelState.BACK_OFF
 

@@ -82,6 +82,7 @@ class TravelOutcome(StrEnum):
     """How the task ended."""
 
     ARRIVED = "arrived"
+    EXPLORED = "floor explored"  #: nothing is left that is worth exploring in the remaining time
     NO_PLAN = "no plan"
     TIMED_OUT = "timed out"
     GAVE_UP = "gave up"  #: maximum number of plans reached

@@ -1,0 +1,1 @@
+from .footprint_drives import FootprintDrives as FootprintDrives
