@@ -28,7 +28,7 @@ def filled(delta, hidden):
     """The contour with an occluder on some of its points."""
     probability = np.zeros((K, 4))
     probability[:, 0], probability[hidden] = 1.0, [0.0, 0.0, 1.0, 0.0]
-    states = EdgeStates(probability, np.zeros((K, K)), np.zeros((K, 5)))
+    states = EdgeStates(probability, np.zeros((K, K)), "")
     seen = states.foam
     filled = fill_gaps(GEOMETRY, delta, SIGMA, SIGMA, 0.0 * SIGMA, seen)
     return Deflection(*filled[:4], seen, filled[4], delta, states, *np.zeros((3, K)))
@@ -114,6 +114,14 @@ def test_texture_that_the_zero_has_too_cancels() -> None:
     changed = np.hypot(5e-6, texture) * rng.standard_normal(K)
     sigma = with_cancelled_texture(changed, declared, noise, clean, pixel)
     assert 0.7 < np.median(sigma) / declared[0] < 1.4
+
+
+def test_an_edge_that_may_be_that_of_an_occluder_is_no_history_of_the_foam() -> None:
+    found = filled(np.full(K, 0.002), np.zeros(K, dtype=bool))
+    runs = np.zeros((K, K))
+    runs[40:46, 40:46] = 0.4
+    contour = replace(found, states=replace(found.states, runs=runs)).contour(GEOMETRY, 0.0)
+    np.testing.assert_array_equal(np.flatnonzero(~contour.measured), np.arange(40, 46))
 
 
 PLATE_M = 0.003 * np.exp(-np.maximum(np.abs(GEOMETRY.s_m) - 0.02, 0.0) / 0.006)

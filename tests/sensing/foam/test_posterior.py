@@ -168,6 +168,26 @@ def test_the_surface_of_a_body_close_to_the_front_at_rest_is_no_second_edge(beyo
         assert np.median(against[:, 1]) > 8.0
 
 
+@pytest.mark.parametrize(("beyond", "at_rest"), [(35.0, True), (70.0, True), (12.0, False)])
+def test_foam_in_a_shadow_is_at_rest_where_the_floor_lies_beyond_it(beyond, at_rest) -> None:
+    """A shadow on the foam, 25 px before its front: beyond that lies the floor in one light or the other, or a black body."""
+    from scipy.ndimage import gaussian_filter1d
+
+    rng, j, ones = np.random.default_rng(9), np.arange(110.0), np.ones(30)
+    scenes = (
+        np.where(j < 85.0, 170.0, 70.0),
+        np.where(j < 60.0, 170.0, np.where(j < 85.0, 85.0, beyond)),
+    )
+    rest, now = (gaussian_filter1d(np.tile(one, (30, 5, 1)), 1.0, axis=2) for one in scenes)
+    now = (now + 1.4 * rng.standard_normal(now.shape)).astype(np.float32)
+    found, against = np.empty((30, 8)), np.zeros((30, 6))
+    lines = np.tile([0.0, 0.0, 0.0, 1.0, 1.0, 1.0], (30, 1))
+    places = 59.5 * ones, 84.5 * ones, 0 * ones, 1.0
+    shadow_odds(now, np.rint(rest).astype(np.uint8), lines, *places, 0 * ones, 1.0, 2.0, ones > 0, found)
+    bare = level_odds(found, ones, ones, 0 * ones, 170.0 * ones, 2.0, against)
+    assert bare.min() > 0.9 if at_rest else bare.max() < 0.1
+
+
 @pytest.mark.parametrize("shaded", [True, False])
 def test_the_fit_of_light_equals_plain_least_squares(shaded) -> None:
     rng, first, last = np.random.default_rng(3), 4, 30

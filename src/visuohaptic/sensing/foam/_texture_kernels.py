@@ -176,6 +176,8 @@ def texture_odds(bands, unary, against, gain):
 def level_odds(found, dependence, gain, change, foam, variance, against):
     """Log-odds of the edge of a shadow against that of a body, from the pixels between the edge and its position at rest.
 
+    Returns the probability that the floor at rest lies beyond an edge, if it is that of a shadow, (K,).
+
     Parameters
     ----------
     found
@@ -195,7 +197,7 @@ def level_odds(found, dependence, gain, change, foam, variance, against):
         The second column, shadow, is filled, (K, 6).
     """
     n, count = len(found), 0
-    known, work = np.empty(n), np.empty(n)
+    known, work, bare = np.empty(n), np.empty(n), np.ones(n)
     for k in range(n):
         if math.isfinite(gain[k]):
             known[count] = gain[k]
@@ -219,14 +221,17 @@ def level_odds(found, dependence, gain, change, foam, variance, against):
             # A front of foam is as sharp as lens and motion make it; neighbours share the softness of a shadow.
             odds += (texture + ALIKE * found[k, 7]) / dependence[k]
             sigma = math.hypot(SAME_GREY * light * foam[k], math.sqrt(variance))
-            shaded = 0.4 * _density(beyond - light * floor, sigma) + 0.2 / 255
-            shaded += 0.4 * _density(beyond - between / foam[k] * floor, sigma)
+            same = 0.4 * _density(beyond - light * floor, sigma)
+            same += 0.4 * _density(beyond - between / foam[k] * floor, sigma)
+            shaded = same + 0.2 / 255
+            bare[k] = same / shaded
             # An edge of a body would have to coincide with the front at rest by chance.
             chance = min(_BY_CHANCE * max(found[k, 5], 1.0), 1.0)
             body = 0.6 * _density(beyond - between, sigma) + 0.4 / 255 * chance
             levels = ALIKE * math.log(shaded / body)
             odds += levels if math.isfinite(levels) else 0.0
         against[k, 1] = min(max(odds, -MAX_ODDS), MAX_ODDS)
+    return bare
 
 
 @kernel(nogil=True)

@@ -71,7 +71,8 @@ class Deflection:
             zero_sigma_m=zero_sigma_m,
             averaged=True,
             shared_noise=SHARED_NOISE,
-            measured=~self.covered,
+            # An edge that may be another one's is no history of the foam.
+            measured=~self.covered & ~self.states.undecided,
             end_cells_m=geometry.end_cells_m,
         )
 

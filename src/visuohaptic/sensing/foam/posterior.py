@@ -6,6 +6,7 @@ now and x0 at rest, the likelihoods of a frame, each relative to that of O, are
 
     foam      p(I before x | F) = 0.6 p(I | g Z(t x0/x)) + 0.3 p(I | g Z(t)) + 0.1 p(I | any)
     shadow    p(I | S) : I = light(t) Z(t), or light(t) Z(t) up to x0, then another floor; p(I | F) : g Z up to x, then a surface
+    floor     p(I beyond x0 | S) : the floor of Z in either light, or a body that may press: then the front is not seen
     position  p(x | F) : at rest, or within reach of the last position at max_contact_speed;  p(x | O) : anywhere
     blur      p(b | F, pressed) : that of the lens and of its own motion;  p(b | O) : any, the edge of a shadow may be soft
     steepness p(x_k, x_k+1 | F, F) : free foam decays over DECAY_PER_WIDTH w or more (a free end has no slope)
@@ -62,7 +63,7 @@ _ONSET = 0.01
 _OTHER_SURFACE = 0.05
 #: Standard deviation of the front under the edge of a shadow [px], due to the pixel resolution.
 REST_PX = 0.5
-#: Names of the kinds of evidence, in the order of :attr:`EdgeStates.against`.
+#: Names of the kinds of evidence against foam.
 _CHANNELS = ("texture", "shadow", "speed", "steepness", "no edge", "blur")
 
 
@@ -74,7 +75,7 @@ class EdgeStates:
     #: Probability that the states of all points from one to another are wrong; single points and pairs
     #: are interpolated and do not count.
     runs: Float[np.ndarray, "K K"]
-    against: Float[np.ndarray, "K 6"]  #: log-odds against foam from each kind of evidence
+    evidence: str  #: strongest evidence against foam over the points that are not, or may not be; empty if there is none
 
     @property
     def foam(self) -> Bool[np.ndarray, "K"]:
@@ -82,27 +83,14 @@ class EdgeStates:
         return self.probability.argmax(axis=1) == FOAM
 
     @property
-    def undecided(self) -> Float[np.ndarray, "K"]:
-        """Probability that a point belongs to a run of points with wrong states."""
-        return self.runs.diagonal()
+    def undecided(self) -> Bool[np.ndarray, "K"]:
+        """Points that may belong to a run of points with wrong states."""
+        return self.runs.diagonal() > FALSE_ALARM
 
     @property
     def shadow(self) -> Bool[np.ndarray, "K"]:
         """Edges that are most likely those of a shadow on foam at rest."""
         return self.probability.argmax(axis=1) == SHADOW
-
-    def evidence(self, points: Bool[np.ndarray, "K"]) -> str:
-        """Strongest evidence against foam over some points; empty if there is none.
-
-        Parameters
-        ----------
-        points
-            Points to include.
-        """
-        if not points.any():
-            return ""
-        total = self.against[points].sum(axis=0)
-        return _CHANNELS[int(total.argmax())] if total.max() > 0.0 else ""
 
 
 class EdgePosterior:
@@ -154,7 +142,7 @@ class EdgePosterior:
         delta, sigma = np.where(seen, edges.delta_m, 0.0), np.where(seen, sigma_m, self._width)
         deflected = delta > 3.0 * np.minimum(sigma, strip.pixel_m)
         surface = _beyond(strip)
-        unary, against, same = self._look(strip, zero, seen, deflected, delta, surface)
+        unary, against, same, bare = self._look(strip, zero, seen, deflected, delta, surface)
         own, near = unary[:, FOAM] - unary[:, SHADOW:NOTHING].max(axis=1), np.empty(len(seen))
         apart_s = strip.t_s - self._last[0] if self._last is not None else math.inf
         place_odds(
@@ -198,7 +186,11 @@ class EdgePosterior:
         self._pressed = np.where(foam, deflected, self._pressed)
         # How an edge came to its place is known only where there was foam before.
         self._foam = foam & np.isfinite(self.last_m)
-        states = EdgeStates(probability, runs, against)
+        # Foam in a shadow is at rest where the floor lies beyond it. Beside another surface, which may press, it is not seen.
+        beside = probability[:, SHADOW] * (1.0 - bare)
+        probability = probability + np.outer(beside, np.eye(4)[NOTHING] - np.eye(4)[SHADOW])
+        total = against[(probability.argmax(axis=1) != FOAM) | (runs.diagonal() > FALSE_ALARM)].sum(axis=0)
+        states = EdgeStates(probability, runs, _CHANNELS[int(total.argmax())] if total.max() > 0.0 else "")
         calm = states.foam & seen
         self._beyond[calm] = surface[calm]
         self.last_m[calm], self._since_s[calm] = delta[calm], strip.t_s
@@ -212,21 +204,27 @@ class EdgePosterior:
         deflected: Bool[np.ndarray, "K"],
         delta: Float[np.ndarray, "K"],
         surface: Float[np.ndarray, "K"],
-    ) -> tuple[Float[np.ndarray, "K 4"], Float[np.ndarray, "K 6"], Float[np.ndarray, "K"]]:
+    ) -> tuple[
+        Float[np.ndarray, "K 4"], Float[np.ndarray, "K 6"], Float[np.ndarray, "K"], Float[np.ndarray, "K"]
+    ]:
         """Log-likelihoods of the grey levels on both sides of each edge.
 
         Returns those of foam, shadow, occluder and nothing; the log-odds against foam by kind of evidence, of which the first
-        two, texture and shadow, are filled; and the log-likelihood ratio of the levels beyond the edges: the body that pressed
-        there before against any surface. Neighbours share it: the points of known contacts whose surface is the same have its
-        median over the strip.
+        two, texture and shadow, are filled; the log-likelihood ratio of the levels beyond the edges: the body that pressed
+        there before against any surface; and the probability that the floor at rest lies beyond an edge of a shadow. Neighbours
+        share the ratio: the points of known contacts whose surface is the same have its median over the strip.
         """
-        unary, against = np.zeros((len(seen), 4)), np.zeros((len(seen), len(_CHANNELS)))
+        unary, against, bare = (
+            np.zeros((len(seen), 4)),
+            np.zeros((len(seen), len(_CHANNELS))),
+            np.ones(len(seen)),
+        )
         if strip.stripe:
             against[:, 1] = -MAX_ODDS
         else:
             moved_m = np.abs(delta - self.last_m)
             moved_px = np.where(np.isfinite(moved_m), moved_m, 0.0) / strip.pixel_m
-            _compare(strip, zero, seen, deflected, moved_px, unary, against)
+            bare = _compare(strip, zero, seen, deflected, moved_px, unary, against)
         unary[:, SHADOW] = np.where(deflected, unary[:, SHADOW], -MAX_ODDS)
         known = seen & deflected & self._pressed
         away = (surface - self._beyond) / SAME_GREY
@@ -234,7 +232,7 @@ class EdgePosterior:
         each = np.log((1.0 - _OTHER_SURFACE) * density + _OTHER_SURFACE)
         local = local_statistics(np.where(known & np.isfinite(each), each, np.nan))[0]
         same = max(float(np.median(local[known])), 0.0) if known.any() else 0.0
-        return unary, against, np.where(known, np.where(local > 0.0, same, local), 0.0)
+        return unary, against, np.where(known, np.where(local > 0.0, same, local), 0.0), bare
 
 
 def _beyond(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
@@ -252,8 +250,11 @@ def _compare(
     moved_px: Float[np.ndarray, "K"],
     unary: Float[np.ndarray, "K 4"],
     against: Float[np.ndarray, "K 6"],
-) -> None:
-    """Log-likelihoods of the pixels on both sides of each edge: texture behind it, shadow or body in front of it."""
+) -> Float[np.ndarray, "K"]:
+    """Log-likelihoods of the pixels on both sides of each edge: texture behind it, shadow or body in front of it.
+
+    Returns the probability that the floor at rest lies beyond an edge, if it is that of a shadow.
+    """
     step = strip.step_px * (strip.image.shape[2] - 1) / (zero.image.shape[2] - 1)
     front = np.where(seen, strip.front.position_px, strip.rest_px) / step
     resting = strip.rest_px / step
@@ -263,7 +264,7 @@ def _compare(
     foam_bands(strip.image, zero.image, front, resting, slope, blur, seen, bands)
     transfer, variance = texture_odds(bands, unary, against, gain)
     if variance == 0.0:
-        return
+        return np.ones(len(seen))
     found = np.empty((len(seen), 8))
     lines = np.column_stack(
         [strip.reference_points_px, strip.front.lines.direction_px, strip.step_px, strip.across_px]
@@ -275,5 +276,6 @@ def _compare(
     foam = mean_between(zero.image, np.full((len(seen), 2), [float(stop // 2), float(stop)]))[:, 0]
     change = local_statistics(np.log(np.maximum(gain, 1e-3)))[2]
     dependence = local_statistics(np.ascontiguousarray(found[:, 6]))[0]
-    level_odds(found, dependence, gain, change, foam, variance, against)
+    bare: Float[np.ndarray, "K"] = level_odds(found, dependence, gain, change, foam, variance, against)
     unary[:, SHADOW] += against[:, 1]
+    return bare

@@ -20,7 +20,7 @@ from ...core.measurement import Contact, ErrorBudget, ForceProfile, Reason
 from .deflection import Deflection, measure_deflection
 from .edges import edge_uncertainty_m, measure_edges
 from .material.hysteresis import HysteresisState
-from .posterior import FALSE_ALARM, EdgePosterior
+from .posterior import EdgePosterior
 from .profile import ContactRegion, FoamReading, read_profile
 from .strip.config import FoamSensorConfig, FoamSetup
 from .strip.encoding import ENCODINGS, EdgeSkew, edge_skew, encoding_probability
@@ -244,7 +244,7 @@ class FoamSensor:
             strip.t_s, reason is Reason.OK, reason, reading.force_N, reading.budget,
             geometry.s_m, found.delta_m, found.sigma_m, reading.pressure_Pa, reading.pressure_sigma_Pa,
             found.seen, tuple(self._contact(region, found) for region in reading.contacts),
-            found.states.evidence(~found.states.foam | (found.states.undecided > FALSE_ALARM)),
+            found.states.evidence,
         )  # fmt: skip
         return profile if profile.valid else profile.unread()
 
