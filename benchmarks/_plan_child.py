@@ -53,6 +53,7 @@ def described(world: World, resolution_m: float, cells: np.ndarray | None = None
                 "outline_m": body.outline_m.tolist(),
                 "force_N": body.force_N,
                 "fixed": body.fixed,
+                "push": str(world.notes.get("push", "direct")),
             }
             for body in world.bodies
         ],
@@ -133,7 +134,7 @@ def _map(data: dict[str, Any]) -> Any:
 def problem_of(data: dict[str, Any]) -> Any:
     """The library's problem of plain data."""
     from visuohaptic.core import Estimate, HapticTag
-    from visuohaptic.navigation.problem import MovableObject, PlanningProblem, robot_from_data
+    from visuohaptic.navigation.problem import MovableObject, PlanningProblem, PushMode, robot_from_data
 
     objects = tuple(
         MovableObject(
@@ -146,6 +147,7 @@ def problem_of(data: dict[str, Any]) -> Any:
                 falls=False,
                 explored=1,
             ),
+            push=PushMode(entry["push"]),
             pose_sigma=(0.0, 0.0),  # outlines are exact
         )
         for entry in data["objects"]
@@ -167,6 +169,7 @@ def _timed(call: Any) -> tuple[Any, dict[str, float]]:
 def _plan(request: dict[str, Any]) -> dict[str, Any]:
     from visuohaptic.navigation.planning import make_plan
     from visuohaptic.navigation.planning.search import SearchLimits
+    from visuohaptic.navigation.problem import PushCosts
 
     # The problem is rebuilt for every call, so that nothing cached from the last one speeds up the plan.
     problem = problem_of(request["problem"])
@@ -174,7 +177,8 @@ def _plan(request: dict[str, Any]) -> dict[str, Any]:
         limits = SearchLimits(request["limit_s"])
         plan, spent = _timed(lambda: make_plan(problem, limits=limits))
         return {**spent, "plan": plan.to_json()}
-    plan, spent = _timed(lambda: make_plan(problem))
+    costs = PushCosts(on_route_s=request.get("on_route_s", 0.0))
+    plan, spent = _timed(lambda: make_plan(problem, costs))
     times = [spent["cpu_s"]]
     for _ in range(request.get("repeats", 1) - 1 if spent["cpu_s"] < 1.0 else 0):
         problem = problem_of(request["problem"])

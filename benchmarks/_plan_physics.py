@@ -61,6 +61,10 @@ def _done(physics: FloorPhysics, world: World, task: Row) -> bool:
         arrived = physics.drive(path, max(task["length_m"] / task["cost_s"], 0.05))
     elif task["kind"] == "push":
         arrived = physics.drive(path[:2], world.robot.v_push_m_s) and physics.drive(path[1:], 0.1)
+    elif task["kind"] == "turn":
+        physics.drive(path[:3], world.robot.v_push_m_s)
+        physics.drive(np.stack([physics.robot_m, path[3]]), 0.1)
+        return False  # where it ends is only known approximately: plan again
     else:
         return True
     if not arrived:

@@ -112,3 +112,20 @@ def test_bad_files_are_one_line_and_exit_code_2(files, capsys, name, text, said)
 def test_start_off_the_map_is_an_error(files, capsys):
     assert run(files, start=("-50", "0")) == 2
     assert "off the map" in capsys.readouterr().err
+
+
+def test_a_footprint_its_heading_and_areas_are_read(files, capsys):
+    corners = [[0.2, 0.15], [-0.2, 0.15], [-0.2, -0.15], [0.2, -0.15]]
+    (files / "robot.yaml").write_text(yaml.safe_dump({"footprint": str(corners)}))
+    data = yaml.safe_load((files / "objects.yaml").read_text())
+    area = {"id": "all", "type": "avoid", "cost_s": 0.5, "footprint_m": [[0, 0], [9, 0], [9, 9], [0, 9]]}
+    (files / "objects.yaml").write_text(yaml.safe_dump({"objects": [*data["objects"], area]}))
+    assert run(files, "--yaw", "0.0", "--keep-routes", "0.25", "--json") == 0
+    plan = json.loads(capsys.readouterr().out)
+    ends = [note for note in plan["notes"] if "place to avoid" in note]
+    assert len(ends) == len({task["object"] for task in plan["tasks"] if task["kind"] == "push"}) > 0
+    assert run(files, "--compare") == 2
+    assert "alternatives are planned for a disc only" in capsys.readouterr().err
+    (files / "robot.yaml").write_text(ROBOT)
+    assert run(files, "--yaw", "0.0") == 2
+    assert "--yaw: does not apply to a disc" in capsys.readouterr().err

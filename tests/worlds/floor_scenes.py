@@ -10,7 +10,7 @@ import shapely
 from .maps import Body, Robot, World, at, bar, box, disc, ell, place_bodies, walled
 
 __all__ = [
-    "blind_corridor", "campus", "closed_room", "doors_in_series", "idle_objects", "off_centre", "random_body", "random_rooms", "six_boxes",
+    "blind_corridor", "campus", "closed_room", "doors_in_series", "idle_objects", "off_centre", "plank", "random_body", "random_rooms", "six_boxes",
     "small_room",
 ]  # fmt: skip
 
@@ -246,6 +246,24 @@ def off_centre(seed: int) -> World:
         (_cm(rng.uniform(5.0, 6.4)), _cm(rng.uniform(0.6, 3.4))),
     )
     return World(f"off centre {seed}", (7.0, 4.0), tuple(walls), (body,), start, goal)
+
+
+def plank(seed: int) -> World:
+    """Two rooms; in the door a plank across it, with a post behind its middle: it can be turned, not pushed out of the way."""
+    rng = _rng(10, seed)
+    width, thick = _cm(rng.uniform(0.95, 1.15)), _cm(rng.uniform(0.14, 0.22))
+    behind, middle = _cm(rng.uniform(0.35, 0.6)), _cm(rng.uniform(1.3, 1.7))
+    post = bar(3.1 + behind, middle - 0.05, 3.2 + behind, middle + 0.05)
+    walls = [*walled(6.0, 3.0), *_wall_with_doors(2.95, 3.0, [(middle, width)], 0.1), post]
+    outline = at(box(thick, width - _cm(rng.uniform(0.06, 0.16))), 3.0, middle)
+    body = _body("plank", outline, 0.0, rng)
+    start, goal = (
+        (_cm(rng.uniform(0.6, 2.2)), _cm(rng.uniform(0.6, 2.4))),
+        (_cm(rng.uniform(4.4, 5.4)), _cm(rng.uniform(0.6, 2.4))),
+    )
+    return World(
+        f"plank {seed}", (6.0, 3.0), tuple(walls), (body,), start, goal, notes={"push": "off_centre"}
+    )
 
 
 def closed_room(seed: int) -> World:

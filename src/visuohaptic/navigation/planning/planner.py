@@ -113,7 +113,7 @@ def assemble(
     begin
         Start of the search, after an escape from a start in collision; the start by default [cells].
     deadline
-        Corner cutting ends at this time.
+        Corner cutting and the search for drives of a footprint end at this time.
     """
     notes = _notes(domain, result)
     if not result.found:
@@ -130,7 +130,7 @@ def assemble(
         at = begin
     shifts = np.zeros((len(domain.bodies), 2))
     ends = [step.approach for step in result.steps] + [grid_from_world(problem.map, problem.goal_m)]
-    shaped = FootprintDrives(domain) if problem.robot.footprint_m else None
+    shaped = FootprintDrives(domain, deadline) if problem.robot.footprint_m else None
     heading, longer = _heading(problem), 0.0
     for last, step, end in zip([None, *result.steps], [*result.steps, None], ends, strict=True):
         path, cost = pull_string(domain, shifts, at, end, deadline)

@@ -17,7 +17,7 @@ from ..object_cells import fill_cells
 from ..search._travel_kernels import clearances_at
 from ..search.cell_paths import resampled
 from ..search.drives import pull_string
-from ..search.push_states import PushStep
+from ..search.push_states import Deadline, PushStep
 from ..search.search_domain import SearchDomain
 from . import _footprint_kernels as kernels
 
@@ -47,6 +47,7 @@ class FootprintDrives:
     """Drives and pushes of a domain's robot, if it has a footprint."""
 
     domain: SearchDomain
+    deadline: Deadline | None = None  #: no other drive is searched after it
     outline: Path = field(init=False)  #: corners of the robot [fine cells]
     factor: int = field(init=False)  #: fine cells per cell
     free: tuple[bytes, Int32[np.ndarray, "rows columns"]] | None = field(default=None, init=False)
@@ -90,6 +91,8 @@ class FootprintDrives:
             return (disc, self._cost(clearance, disc, begin, end)) if turns else nowhere
         tried = None
         for margin_m in MARGINS_M:
+            if self.deadline is not None and self.deadline.passed:
+                break
             margin = margin_m / self.domain.map.resolution_m
             limit = np.array(clearance.shape[::-1], dtype=np.float64)
             low, high = np.maximum(disc.min(axis=0) - margin, 0), np.minimum(disc.max(axis=0) + margin, limit)
@@ -172,7 +175,7 @@ class FootprintDrives:
         self, shifts: Float[np.ndarray, "bodies 2"], without: int = -1
     ) -> Int32[np.ndarray, "rows columns"]:
         """Number of occupied fine cells before each column of a row, the last one included."""
-        key = shifts.tobytes() + bytes([without + 1 & 255])
+        key = shifts.tobytes() + str(without).encode()
         if self.free is None or self.free[0] != key:
             occupied = self.domain.occupied.repeat(self.factor, axis=0).repeat(self.factor, axis=1)
             moved = [
