@@ -160,11 +160,45 @@ def log_likelihood(
         second row is minus infinity.
     """
     fit, square = sequential_likelihood(model, place, value, noise, np.array([len(place)]))[0]
+    fit = fit + _by_exemplars(model, fit, (place, value, noise))
     freedom = model.freedom + len(place)
     if not freedom:
         return np.stack([fit, np.full_like(fit, -np.inf)])
     limit = model.tail * chdtri(freedom, FALSE_ALARM)
     return np.stack([fit, fit + 0.5 * (class_chi_square(model, square, freedom) - limit)])
+
+
+def class_likelihood(model: HapticModel, fit: Float[np.ndarray, "c"]) -> Float[np.ndarray, "k"]:
+    """Log likelihood of each trained class: the average over its Gaussians.
+
+    Parameters
+    ----------
+    model
+        Of the candidates.
+    fit
+        Log likelihood of each Gaussian.
+    """
+    with np.errstate(divide="ignore"):
+        score = fit + np.log(model.fraction)
+    return np.array([np.logaddexp.reduce(score[model.part == k]) for k in range(int(model.part.max()) + 1)])
+
+
+def _by_exemplars(
+    model: HapticModel, fit: Float[np.ndarray, "c"], read: tuple[np.ndarray, ...]
+) -> np.ndarray:
+    """Change of the log likelihood of each Gaussian by the objects of its class; that of all classes together is kept."""
+    log = None if model.exemplars is None else model.exemplars.log_density(*read)
+    if model.exemplars is None or log is None:
+        return np.zeros_like(fit)
+    known = model.part >= 0
+    own = class_likelihood(model, fit)
+    moved = (model.exemplars.powers[0] - 1) * own + model.exemplars.powers[1] * log
+    before, after = (
+        np.logaddexp.reduce((score + model.log_prior)[known]) for score in (fit, fit + moved[model.part])
+    )
+    if not np.isfinite(before) or not np.isfinite(after):
+        return np.zeros_like(fit)
+    return np.where(known, moved[model.part] + before - after, 0.0)
 
 
 def class_chi_square(
@@ -265,6 +299,7 @@ def with_outline(
         log_prior=score - np.logaddexp.reduce(score),
         square=(_whitened(model, *read)[1] ** 2).sum(axis=1),
         freedom=len(level),
+        exemplars=None,  # their density is not conditioned
     )
 
 

@@ -13,6 +13,8 @@ sqrt(p (1 - p) / N), so that a relative error of :data:`RATE_ERROR` requires N =
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,10 +22,20 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import chdtri
 
 from ...core.errors import InputError
+from ..data.curve_file import SqueezedObject
 from ..data.data_set import FeatureSet
 from ..data.noise import as_measured
 from .bayes import TOUCHES
-from .belief import FALSE_ALARM, WIDTH_VARIANCE, class_chi_square, sequential_likelihood
+from .belief import (
+    FALSE_ALARM,
+    WIDTH_VARIANCE,
+    class_chi_square,
+    class_likelihood,
+    evidence,
+    log_likelihood,
+    sequential_likelihood,
+)
+from .exemplars import learn_exemplars, pooled_powers
 from .haptic_model import APART, RANGE_WIDENING, HapticModel, fit_model
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
@@ -129,6 +141,48 @@ def calibrate(
     )
     tail = max(float(np.quantile(tails, 1.0 - rate)), 1.0)
     return replace(model, temperature=temperature, unknown_log_odds=log_odds, tail=tail)
+
+
+def with_exemplars(
+    model: HapticModel,
+    squeezed: Sequence[SqueezedObject],
+    learn: Callable[[Sequence[SqueezedObject]], HapticModel],
+) -> HapticModel:
+    """The same model with a density around its objects, see :mod:`.exemplars`.
+
+    It is unchanged unless two objects of each class were read at the same places, those of most objects, once at each.
+
+    Parameters
+    ----------
+    model
+        Of :func:`.learn_from_curves`.
+    squeezed
+        Its training objects.
+    learn
+        Learns a model without some of them.
+    """
+    names = list(dict.fromkeys(one.label for one in squeezed))
+    read = [evidence(model, one.readings) for one in squeezed]
+    places = [tuple(np.sort(place)) for place, _, _ in read]
+    common = Counter(places).most_common(1)[0][0]
+    rows = [k for k, one in enumerate(places) if one == common]
+    part = np.array([names.index(squeezed[k].label) for k in rows])
+    if np.bincount(part, minlength=len(names)).min() < 2 or len(set(common)) < len(common):
+        return model
+    density = learn_exemplars([read[k] for k in rows], part)
+    turn = np.empty(len(rows), dtype=np.int64)
+    for k in range(len(names)):
+        turn[part == k] = np.arange(int(np.count_nonzero(part == k))) % FOLDS
+    gaussian = np.empty((len(rows), len(names)))
+    for fold in set(turn.tolist()):
+        left = {rows[k]: k for k in np.flatnonzero(turn == fold).tolist()}
+        others = [one for k, one in enumerate(squeezed) if k not in left]
+        without = learn(sorted(others, key=lambda one: names.index(one.label)))
+        for row, k in left.items():
+            asked = evidence(without, squeezed[row].readings)
+            gaussian[k] = class_likelihood(without, log_likelihood(without, *asked)[0])
+    powers = pooled_powers(gaussian, density.left_out(turn), part)
+    return replace(model, exemplars=replace(density, powers=powers))
 
 
 def best_or_first(losses: Float[np.ndarray, "t o"]) -> int:

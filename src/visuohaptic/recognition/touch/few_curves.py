@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -23,6 +24,7 @@ from ..data.data_set import FeatureSet
 from ..data.places import HEIGHTS
 from ..data.protocol import TouchProtocol
 from .belief import curvatures, evidence
+from .calibration import with_exemplars
 from .haptic_model import (
     ClassStatistics,
     HapticModel,
@@ -96,6 +98,20 @@ def learn_from_curves(
     InputError
         Fewer than two classes, or an object without a reading.
     """
+    learn = partial(
+        _learned_gaussians, simulated=simulated, groups=groups or {}, settings=settings, protocol=protocol
+    )
+    model = learn(squeezed)
+    return model if simulated else with_exemplars(model, squeezed, learn)
+
+
+def _learned_gaussians(
+    squeezed: Sequence[SqueezedObject],
+    simulated: Mapping[str, ClassStatistics] | None,
+    groups: Mapping[str, Sequence[str]],
+    settings: ModelSettings | None,
+    protocol: TouchProtocol | None,
+) -> HapticModel:
     settings, protocol = settings or ModelSettings(), protocol or TouchProtocol()
     learned = dict(simulated or {})
     labels = dict.fromkeys(one.label for one in squeezed)

@@ -14,8 +14,8 @@ an object inside the trained ranges and :data:`RANGE_WIDENING` for one outside, 
 an inaccurate one. The part of w that is of second order in the parameters of the class grows with l^2, as its standard deviation
 does with the square of that of the parameters. Each combination is a Gaussian component with equal prior probability, so that
 residuals have the heavy tails of the mixture. W_k is shrunk to the average of all classes by the strength with the highest cross-validated likelihood.
-The unknown class is an answer with its own components (:mod:`.unknown_class`). Stiffness is measured in series with the
-resolution c0 of a touch, k / (1 + c0 k): it saturates beyond the resolution, and its logarithm keeps a Gaussian error.
+The unknown class is an answer with its own components (:mod:`.unknown_class`). Stiffness is measured in series with the resolution
+c0 of a touch, k / (1 + c0 k): it saturates beyond the resolution, and its logarithm keeps a Gaussian error.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from ..data.data_set import FeatureSet
 from ..data.places import HEIGHTS
 from ..data.pose_error import POSE_m
 from ..data.protocol import TouchProtocol
+from .exemplars import ExemplarDensity
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, UNKNOWN_CLASS_SIGMAS, USUAL_HEIGHT_m, unknown_kinds
 
 UNKNOWN = "unknown"
@@ -96,6 +97,7 @@ class HapticModel:
     tail: float = 1.0  #: factor of the chi-square limit of known classes, see :mod:`.calibration`
     square: Float[np.ndarray, "c"] | float = 0.0  #: chi-square of an outline, see :func:`.with_outline`
     freedom: int = 0  #: number of its values
+    exemplars: ExemplarDensity | None = None  #: of the trained classes, see :mod:`.exemplars`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -346,9 +348,8 @@ def _within(
             for k, covariance in enumerate(_shrunk(moved[turn != fold], number[turn != fold], strength)):
                 # The variance of the mean of n objects is that of one object divided by n.
                 root = np.linalg.cholesky(covariance * (1 + 1 / max(len(kept[k]), 1)) + np.diag(own))
-                left = moved[(turn == fold) & (number == k)]
-                white = np.linalg.solve(root, left.T)
-                score[trial, k] -= 0.5 * (white**2).sum() + len(left) * np.log(np.diag(root)).sum()
+                white = np.linalg.solve(root, moved[(turn == fold) & (number == k)].T)
+                score[trial, k] -= 0.5 * (white**2).sum() + white.shape[1] * np.log(np.diag(root)).sum()
     each = np.stack([_shrunk(away, number, strength) for strength in SHRINKAGE_STRENGTHS])
     score[score.sum(axis=1).argmax()] += 0.5 * np.log(away.size)
     return np.asarray(each[score.argmax(axis=0), np.arange(score.shape[1])])
@@ -356,9 +357,8 @@ def _within(
 
 def _curved(within: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
     """Part of a covariance beyond its first :data:`PARAMETERS` directions: a linear function of that many parameters has none."""
-    variance, direction = np.linalg.eigh(within)
-    minor = direction[:, :-PARAMETERS]
-    return np.asarray(minor * np.maximum(variance[:-PARAMETERS], 0.0) @ minor.T)
+    variance, direction = (part[..., :-PARAMETERS] for part in np.linalg.eigh(within))
+    return np.asarray(direction * np.maximum(variance, 0.0) @ direction.T)
 
 
 def _shrunk(
