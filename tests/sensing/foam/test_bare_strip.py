@@ -238,3 +238,18 @@ def test_a_width_within_a_tenth_is_accepted(tmp_path, images, reference_law) -> 
     path = write_sensor(tmp_path, images, reference_law.stress, width_m=0.0214)
     # Seven percent; the camera sees 20 mm within a twentieth of a millimetre.
     assert np.median(zeroed(path, images.World(1)).zero_reference.width_m) == pytest.approx(0.02, abs=5e-5)
+
+
+@pytest.mark.parametrize(("floor", "enough"), [(120.0, False), (70.0, True), (230.0, True)])
+def test_a_zero_reference_states_its_contrast(config, images, caplog, floor, enough) -> None:
+    # The how-to asks for 40 grey levels; without them frames are refused as occluded, which names no remedy.
+    world = images.World(3)
+    world.foam, world.floor = 150.0, floor
+    either = config.read_text(encoding="utf-8").replace(
+        "tracking: {foam_is: brighter, base_is: darker}\n", ""
+    )
+    config.with_name("either.yaml").write_text(either, encoding="utf-8")
+    sensor = FoamSensor.load(config.with_name("either.yaml"))
+    sensor.zero(Frame(world.image(), i * FRAME_S, i) for i in range(ZERO_FRAMES))
+    assert sensor.zero_reference.contrast == pytest.approx(150.0 - floor, abs=4.0)
+    assert ("grey levels, expected 40 or more" in caplog.text) == (not enough)

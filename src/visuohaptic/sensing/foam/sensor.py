@@ -31,6 +31,8 @@ from .validity import Validity, check_known
 
 log = logging.getLogger(__name__)
 
+#: Minimum contrast of the front that docs/howto/build_foam_sensor.md asks for [grey levels].
+_MIN_CONTRAST = 40.0
 #: Number of recent images that are compared with a new one, because a camera with mixed-up buffers may repeat one of them.
 _REMEMBERED_IMAGES = 8
 
@@ -173,6 +175,13 @@ class FoamSensor:
         zero = replace(zero, encoding=encoding_probability(skews))
         self._check_width(float(np.median(zero.width_m)), "zero")
         check_known(zero, seen[-1].width_sigma_m, self.setup)
+        if self.optics.stripe is None and abs(zero.contrast) < _MIN_CONTRAST:
+            log.warning(
+                "the foam and what is in front of it differ by %.0f grey levels, expected %.0f or more: frames may not be read; "
+                "change the background or the light",
+                abs(zero.contrast),
+                _MIN_CONTRAST,
+            )
         self._watch = self._watching(zero)
         self._forget()
         self.optics.forget_motion()

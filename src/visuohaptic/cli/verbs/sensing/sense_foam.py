@@ -85,7 +85,7 @@ def _zero(args: Any, sensor: foam.FoamSensor, source: core.FrameSource) -> dict[
     sigma_m = float(zero.width_sigma_m[~zero.inferred].mean())
     args.report(
         f"zero reference from {zero.frames} frames written to {sensor.setup.zero_path}: "
-        f"width {1e3 * zero.width_m.mean():.3f} mm, "
+        f"width {1e3 * zero.width_m.mean():.3f} mm, contrast {abs(zero.contrast):.0f} grey levels, "
         f"noise of a point {1e6 * sigma_m * zero.frames**0.5:.0f} um per frame"
     )
     return {

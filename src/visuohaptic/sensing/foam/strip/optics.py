@@ -19,7 +19,7 @@ from .config import TrackingSection
 from .encoding import encoded_shift_px
 from .geometry import StripGeometry
 from .stripe_view import StripeView
-from .zero import PARALLELS, ZeroReference
+from .zero import PARALLELS, REACH, ZeroReference
 
 _POLARITY = {"brighter": 1, "darker": -1, "either": 0}
 
@@ -35,9 +35,8 @@ _RECEDES = 0.18
 #: Minimum lever arm for estimating a change of distance from the motion of the base.
 _SHORTEST_LEVER_PX = 30.0
 
-#: Length of the image of the strip relative to the width, which includes floor beyond the front, and extent of its
-#: parallel lines relative to the spacing of the points.
-_BEYOND, _BESIDE = 1.3, 0.8
+#: Extent of the parallel lines of the image of the strip relative to the spacing of the points.
+_BESIDE = 0.8
 
 #: Sampling starts this far behind the front, to include a band of foam and the blur of the edge [px].
 _BEFORE = 30
@@ -121,7 +120,7 @@ class StripOptics:
         self._reference_tracker = ContourTracker(ContourSettings(polarity=-_POLARITY[tracking.base_is]))
         self.forget_motion()
         self.place(plane)
-        self._samples = int(_BEYOND * self._length_px.max()) + 2
+        self._samples = int(REACH * self._length_px.max()) + 2
 
     def reset(self) -> None:
         """Discard the previous frame."""
@@ -292,7 +291,7 @@ class StripOptics:
 
         Without ``front_px`` the whole width is sampled, else it starts a short distance behind the front.
         """
-        step = _BEYOND * self._length_px / (self._samples - 1)
+        step = REACH * self._length_px / (self._samples - 1)
         image = np.zeros((len(step), PARALLELS, self._samples), np.float32)
         first = np.zeros(len(step), dtype=np.int64)
         if front_px is not None:

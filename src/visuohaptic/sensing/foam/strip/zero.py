@@ -24,6 +24,8 @@ _WIDTH_TOLERANCE = 0.10
 _ARRAYS = ("reference_px", "width_m", "width_sigma_m", "blur_ratio", "encoded_m")
 #: Parallel lines per point in the image of the strip.
 PARALLELS = 5
+#: Length of the image of the strip relative to its width, which includes floor beyond the front.
+REACH = 1.3
 _ZERO_AGAIN = "zero again: visuohaptic sense foam --zero"
 
 Numbers = Annotated[list[FiniteFloat], Field(min_length=8, max_length=2000)]
@@ -69,6 +71,14 @@ class ZeroReference:
     image: UInt8[np.ndarray, "K parallels samples"]
     inferred: Bool[np.ndarray, "K"]  #: points that were not observed at rest; neighbours share their errors
     encoding: float = UNKNOWN_ENCODING  #: probability that the camera encodes its grey levels
+
+    @property
+    def contrast(self) -> float:
+        """Median step of brightness from the foam to what is in front of it, positive if the foam is brighter [grey levels]."""
+        at = np.arange(self.image.shape[2]) / self.image.shape[2] * REACH
+        foam, beyond = (at > 0.4) & (at < 0.9), at > 1.1
+        means = [self.image[:, :, part].mean(axis=(1, 2)) for part in (foam, beyond)]
+        return float(np.median(means[0] - means[1]))
 
     @property
     def known(self) -> Bool[np.ndarray, "K"]:
