@@ -141,6 +141,7 @@ def assemble(
             longer, heading = longer + cost, shaped.heading(step)
             if last is not None and back:
                 tasks[-1] = _backed_off(domain, tasks[-1], last, back)
+                longer += back * last.length * domain.slow
         if not len(path):
             what = "a drive" if shaped is None else "a drive or push of its footprint"
             return Plan(False, reason=f"{what} of the plan is too narrow on the map", name=name, notes=notes)
