@@ -16,6 +16,8 @@ from ._plan_physics import execute
 __all__ = ["off_centre_plans", "off_centre_table", "places", "places_table"]
 
 CELL_M, ON_ROUTE_S = 0.05, 60.0
+#: Half the width of a person or a larger robot; doors are at least 0.75 m wide [m].
+PERSON_M = 0.35
 
 
 def off_centre_plans(planner: Planner, key: str) -> Row:
@@ -56,22 +58,22 @@ def places(planner: Planner, key: str) -> Row:
 
 
 def _open(world: World, tasks: list[Row]) -> float:
-    """Floor that the robot reaches from the goal after a plan, as a fraction of that without the pushed bodies."""
+    """Floor that a person reaches from the goal after a plan, as a fraction of that without the pushed bodies."""
     shifts = {body.id: np.zeros(2) for body in world.bodies}
     for task in tasks:
         if task["kind"] == "push":
             shifts[task["object"]] = shifts[task["object"]] + task["displacement_m"]
     kept = [body for body in world.bodies if not shifts[body.id].any()]
     moved = [body.moved(shifts[body.id]) for body in world.bodies if shifts[body.id].any()]
-    return round(_reached_m2(world, [*kept, *moved]) / _reached_m2(world, kept), 4)
+    return round(_reached_m2(world, [*kept, *moved]) / max(_reached_m2(world, kept), 1e-9), 4)
 
 
 def _reached_m2(world: World, bodies: list[Row]) -> float:
     shapes = [world.solid, *(body.polygon for body in bodies)]
-    free = shapely.box(0, 0, *world.size_m) - shapely.union_all(shapes).buffer(world.robot.radius_m)
+    free = shapely.box(0, 0, *world.size_m) - shapely.union_all(shapes).buffer(PERSON_M)
     goal = shapely.Point(world.goal_m)
     parts = getattr(free, "geoms", [free])
-    return float(sum(part.area for part in parts if part.distance(goal) < 0.01))
+    return float(sum(part.area for part in parts if part.distance(goal) < PERSON_M))
 
 
 def places_table(rows: Rows) -> list[Row]:

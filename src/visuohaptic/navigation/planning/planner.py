@@ -74,7 +74,7 @@ def plan_in_domain(
     plan = assemble(problem, domain, result, said, name=name, begin=begin, deadline=deadline)
     if plan.reachable or not (problem.robot.footprint_m and result.found) or deadline.passed:
         return plan
-    # The circle in the footprint fits where the footprint does not: between objects there is then room for the one around it.
+    # The circle in the footprint fits where the footprint does not: now with room between objects for the one around it.
     room = (problem.robot.reach_m - problem.robot.radius_m) / problem.map.resolution_m
     wide = replace(
         domain, bodies=tuple(replace(body, room=room) for body in domain.bodies),
@@ -82,8 +82,9 @@ def plan_in_domain(
     )  # fmt: skip
     limits = replace(limits, budget_s=max(deadline.left_s, 1e-9))
     found = search_pushes(wide, begin, goal, costs, limits, active=active, oblique=oblique)
-    found = replace(found, bound=result.bound, exhausted=False)
-    return assemble(problem, wide, found, said, name=name, begin=begin, deadline=deadline)
+    found = replace(found, bound=result.bound)
+    other = assemble(problem, wide, found, said, name=name, begin=begin, deadline=deadline)
+    return other if other.reachable else plan
 
 
 def assemble(
@@ -140,6 +141,7 @@ def assemble(
             longer, heading = longer + cost, shaped.heading(step)
             if last is not None and back:
                 tasks[-1] = _backed_off(domain, tasks[-1], last, back)
+                longer += back * last.length * domain.slow
         if not len(path):
             what = "a drive" if shaped is None else "a drive or push of its footprint"
             return Plan(False, reason=f"{what} of the plan is too narrow on the map", name=name, notes=notes)

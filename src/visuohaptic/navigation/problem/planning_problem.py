@@ -11,7 +11,7 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ...core.geometry import polygon_centroid
 from ...core.objects import HapticTag
-from ...core.ranges import NON_NEGATIVE, check_numbers, finite_array
+from ...core.ranges import FINITE, NON_NEGATIVE, check_numbers, finite_array
 from ...io.maps.occupancy_map import OccupancyMap
 from .outlines import outline_of
 from .passages import Passage
@@ -93,6 +93,7 @@ class PlanningProblem:
     areas: tuple[PlaceArea, ...] = ()  #: where pushed objects should end, or should not
 
     def __post_init__(self) -> None:
+        check_numbers("PlanningProblem", FINITE, start_yaw_rad=self.start_yaw_rad)
         for name in ("start_m", "goal_m"):
             point = finite_array("PlanningProblem", getattr(self, name), 2, field=name).copy()
             if not self.map.inside(self.map.cell_from_world(point)):

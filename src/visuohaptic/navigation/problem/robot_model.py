@@ -39,7 +39,8 @@ class RobotModel(SpeedLimits):
     push_margin_m: float = field(
         default=0.0, metadata=NON_NEGATIVE
     )  #: margin between a pushed object and obstacles
-    #: corners x, y in the robot's frame, x forwards [m]; empty: a disc. ``radius_m`` is then that of the inscribed circle
+    #: corners x, y in the robot's frame, x forwards [m]; empty: a disc. In a file write ``footprint`` instead of ``radius_m``,
+    #: which is then the radius of the inscribed circle
     footprint_m: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
