@@ -190,7 +190,7 @@ def test_the_covariance_of_a_match_covers_its_errors() -> None:
     for _ in range(120):
         pose = truth[rng.integers(len(truth))] + rng.uniform(-0.03, 0.03, 3)
         guess = pose + rng.multivariate_normal(np.zeros(3), spread)
-        match = match_scan(mapper._hits(), laser.scan(tuple(pose), 0.0).points_m, tuple(guess), spread, 0.0)
+        match = match_scan(mapper._grid, laser.scan(tuple(pose), 0.0).points_m, tuple(guess), spread, 0.0)
         error = np.array(match.pose) - pose
         assert match.valid
         assert np.hypot(*error[:2]) < 0.02
@@ -202,7 +202,7 @@ def test_the_covariance_of_a_match_covers_its_errors() -> None:
     vague = np.diag([0.2**2, 0.2**2, 0.03**2])
     for shift in ((0.0, -0.25, 0.0), (0.0, 0.25, 0.0), (-0.25, 0.0, 0.0), (0.25, 0.0, 0.0)):
         points = laser.scan(tuple(pose), 0.0).points_m
-        match = match_scan(mapper._hits(), points, tuple(pose + shift), vague, 0.0)
+        match = match_scan(mapper._grid, points, tuple(pose + shift), vague, 0.0)
         assert match.valid
         assert np.hypot(*(np.array(match.pose) - pose)[:2]) < 0.02
 
@@ -212,9 +212,9 @@ def test_a_map_that_grows_keeps_its_hits() -> None:
     mapper = OccupancyMapper()
     laser = SimulatedLaser(GRID, LaserConfig(), np.random.default_rng(0))
     mapper.add(laser.scan((1.2, 1.6, 0.0), 0.0), (1.2, 1.6, 0.0))
-    before, size = mapper.mean_hits_m(), mapper._log_odds.shape
+    before, size = mapper.mean_hits_m(), mapper._grid.log_odds.shape
     mapper._make_room(np.array([[-40.0, -25.0], [60.0, 30.0]]))
-    assert min(np.subtract(mapper._log_odds.shape, size)) > 500
+    assert min(np.subtract(mapper._grid.log_odds.shape, size)) > 500
     # Places of some thousand cells of 5 cm in single precision.
     np.testing.assert_allclose(mapper.mean_hits_m(), before, atol=2e-5)
 

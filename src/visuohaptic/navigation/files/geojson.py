@@ -9,10 +9,12 @@ The route server drives the straight line between nodes: edges are split until t
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from ...core.files import write_text
 from ...io.maps.occupancy_map import OccupancyMap
@@ -77,20 +79,44 @@ def save_route_graph(
     """
     route = route_pieces(graph, layers)
     node_m = np.concatenate([graph.node_m, layers.map.world_from_cell(route.cells)])
-    features = [
-        feature("Point", node_m[node].tolist(), {"id": node, "frame": frame}) for node in range(len(node_m))
-    ]
-    number = len(node_m)
-    for (first, second), (cost_s, length_m, clearance_m) in zip(
-        route.ends.tolist(), route.measures.tolist(), strict=True
-    ):
+    write_route(path, frame, node_m, route.ends, route.measures, {}, {})
+
+
+def write_route(
+    path: Path | str,
+    frame: str,
+    node_m: Float[np.ndarray, "n 2"],
+    ends: Int[np.ndarray, "m 2"],
+    measures: Float[np.ndarray, "m k"],
+    objects: Mapping[int, dict[str, Any]],
+    operations: Mapping[int, dict[str, Any]],
+) -> None:
+    """Write nodes and undirected edges for the Nav2 route server: each edge in both directions.
+
+    Parameters
+    ----------
+    path
+        ``.geojson`` file.
+    frame
+        Name of the map frame.
+    node_m
+        Positions of the nodes [m].
+    ends, measures
+        Nodes of each edge, and its cost [s], or cost [s], length [m] and clearance [m].
+    objects, operations
+        Metadata of the nodes of objects, and operations of the edges into them, by the number of the node.
+    """
+    features = []
+    for node, place in enumerate(node_m.tolist()):
+        more = {"metadata": objects[node]} if node in objects else {}
+        features.append(feature("Point", place, {"id": node, "frame": frame, **more}))
+    for (first, second), (cost_s, *others) in zip(ends.tolist(), measures.tolist(), strict=True):
+        metadata = dict(zip(("length_m", "clearance_m"), others, strict=False))
         for start, end in ((first, second), (second, first)):
-            properties = edge_properties(
-                number, start, end, cost_s, length_m=length_m, clearance_m=clearance_m
-            )
-            line = node_m[[start, end]].tolist()
-            features.append(feature("MultiLineString", [line], properties))
-            number += 1
+            properties = edge_properties(len(features), start, end, cost_s, **metadata)
+            if end in operations:
+                properties["operations"] = operations[end]
+            features.append(feature("MultiLineString", [node_m[[start, end]].tolist()], properties))
     write_features(path, features)
 
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..planning.joint_graph import JointGraph
-from .geojson import edge_properties, feature, write_features
+from .geojson import write_route
 from .route_edges import route_pieces, task_pieces
 
 
@@ -31,7 +30,6 @@ def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = 
         Name of the coordinate frame.
     """
     grid = joint.regions.layers.map
-    features: list[dict[str, Any]] = []
     places = [joint.visual.node_m]
     for node in joint.added:
         inside = node.cell[0] >= 0
@@ -42,34 +40,23 @@ def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = 
     pieces = np.where(route.ends < joint.visual.nodes, route.ends, route.ends + len(joint.added))
     tasks = task_pieces(joint, joint.visual.nodes + len(joint.added) + len(route.cells))
     points = np.concatenate([*places, *(grid.world_from_cell(part.cells) for part in (route, tasks))])
-    by_number = {node.number: node for node in joint.added}
-    for number, (x, y) in enumerate(points):
-        properties: dict[str, Any] = {"id": number, "frame": frame}
-        if number in by_number:
-            kind = by_number[number].kind
-            properties["metadata"] = {"object": kind.id, "planner": kind.planner}
-        features.append(feature("Point", [float(x), float(y)], properties))
-    number = len(points)
+    objects = {node.number: {"object": node.kind.id, "planner": node.kind.planner} for node in joint.added}
+    operations = {
+        node.number: {
+            node.kind.planner.replace(" ", "_"): {
+                "type": node.kind.planner.title().replace(" ", ""),
+                "trigger": "ON_ENTER",
+                "metadata": {
+                    "object": node.kind.id,
+                    "seconds": float(node.task_s),
+                    "failure_probability": float(node.kind.failure_probability(joint.robot)),
+                },
+            }
+        }
+        for node in joint.added
+        if node.task_s > 0
+    }
     driven = np.where(np.isfinite(joint.edges()[1][route.edge]), route.measures[:, 0], np.inf)
     ends, costs = (np.concatenate(both) for both in ((pieces, tasks.ends), (driven, tasks.measures[:, 0])))
-    for (a, b), cost in zip(ends.tolist(), costs.tolist(), strict=True):
-        if not np.isfinite(cost):
-            continue
-        for start, end in ((a, b), (b, a)):
-            properties = edge_properties(number, start, end, cost)
-            if end in by_number and by_number[end].task_s > 0:
-                node = by_number[end]
-                properties["operations"] = {
-                    node.kind.planner.replace(" ", "_"): {
-                        "type": node.kind.planner.title().replace(" ", ""),
-                        "trigger": "ON_ENTER",
-                        "metadata": {
-                            "object": node.kind.id,
-                            "seconds": float(node.task_s),
-                            "failure_probability": float(node.kind.failure_probability(joint.robot)),
-                        },
-                    }
-                }
-            features.append(feature("MultiLineString", [points[[start, end]].tolist()], properties))
-            number += 1
-    write_features(path, features)
+    passed = np.isfinite(costs)
+    write_route(path, frame, points, ends[passed], costs[passed, None], objects, operations)

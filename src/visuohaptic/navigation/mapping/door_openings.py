@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int, Shaped
 
 from ...io.maps.occupancy_map import OccupancyMap
 
@@ -258,20 +258,28 @@ def _jambs(
     return np.array([groups[0][a], groups[1][b]], dtype=np.float64)
 
 
-def _look(
-    mask: Bool[np.ndarray, "rows columns"], points: Float[np.ndarray, "*n 2"]
-) -> Bool[np.ndarray, "*n"]:
-    """Values at positions (row, column); false outside."""
+def look(
+    values: Shaped[np.ndarray, "rows columns"], points: Float[np.ndarray, "n 2"]
+) -> Shaped[np.ndarray, "n"]:
+    """Values of the nearest cells; 0 outside the map.
+
+    Parameters
+    ----------
+    values
+        One of each cell, (R, C).
+    points
+        (row, column), (n, 2).
+    """
     cells = np.rint(points).astype(np.int64)
-    inside = ((cells >= 0) & (cells < mask.shape)).all(axis=-1)
-    cells = np.where(inside[..., None], cells, 0)
-    return np.asarray(mask[cells[..., 0], cells[..., 1]] & inside)
+    inside = ((cells >= 0) & (cells < values.shape)).all(axis=1)
+    cells[~inside] = 0
+    return np.where(inside, values[cells[:, 0], cells[:, 1]], values.dtype.type(0))
 
 
 def _free_length(free: np.ndarray, start: np.ndarray, towards: np.ndarray, resolution_m: float) -> float:
     """Free distance along a direction, at most 3 m [m]; 0 if the start is not free."""
     steps = np.arange(0, 3.0 / resolution_m, 0.7)
-    blocked = np.flatnonzero(~_look(free, start + steps[:, None] * towards))
+    blocked = np.flatnonzero(~look(free, start + steps[:, None] * towards))
     return float(steps[blocked[0]] if len(blocked) else steps[-1]) * resolution_m
 
 
@@ -279,17 +287,12 @@ def _widening(free: np.ndarray, middle: np.ndarray, passage: np.ndarray, resolut
     """Maximum clearance along the passage within 2 m, on the side where it is smaller [m]."""
     window = _window(middle, round(1.5 * _REACH_M / resolution_m))
     distance = distance_cells(free[window])
-    corner = np.array([window[0].start, window[1].start])
+    start = middle - np.array([window[0].start, window[1].start])
+    steps = np.arange(0, 2.0 / resolution_m, 1.5)
     best = []
-    for sign in (1.0, -1.0):
-        steps = np.arange(0, 2.0 / resolution_m, 1.5)
-        cells = np.rint(middle + sign * steps[:, None] * passage - corner).astype(np.int64)
-        inside = ((cells >= 0) & (cells < distance.shape)).all(axis=1)
-        cells = cells[: int(np.argmin(inside)) if not inside.all() else len(cells)]
-        clearance = distance[cells[:, 0], cells[:, 1]]
+    for towards in (passage, -passage):
+        clearance = look(distance, start + steps[:, None] * towards)
         # Behind a wall in between is another room.
-        stops = np.flatnonzero((clearance == 0) & (np.arange(len(cells)) * 1.5 * resolution_m > 0.3))
-        best.append(
-            float(clearance[: stops[0]].max(initial=0.0) if len(stops) else clearance.max(initial=0.0))
-        )
+        behind = np.logical_or.accumulate((clearance == 0) & (steps * resolution_m > 0.3))
+        best.append(float(clearance[~behind].max(initial=0.0)))
     return min(best) * resolution_m

@@ -22,7 +22,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int32
 
 from ...core.errors import InputError
-from ...core.geometry import rotation_2d
 from ...core.ranges import POSITIVE, check_order, check_ranges, within
 from ...io.maps.occupancy_map import OccupancyMap
 from .door_openings import (
@@ -31,6 +30,7 @@ from .door_openings import (
     DoorSpace,
     Opening,
     free_space,
+    look,
     measure,
     narrow_places,
     without_gaps,
@@ -266,22 +266,15 @@ def _weights() -> tuple[Float[np.ndarray, "m"], Float[np.ndarray, "n"]]:
     return by_shape, np.array([weights["in_plan"][name] for name in plan], dtype=np.float64)
 
 
-def _line(shape: tuple[int, ...], opening: Opening) -> Bool[np.ndarray, "rows columns"]:
-    """Cells of the closed door."""
+def _closed(space: DoorSpace, openings: list[Opening]) -> Bool[np.ndarray, "rows columns"]:
+    """Free space without the lines between the jambs."""
     import cv2
 
-    mask = np.zeros(shape, dtype=np.uint8)
-    ends = [tuple(int(round(v)) for v in jamb[::-1]) for jamb in opening.jambs]
-    cv2.line(mask, ends[0], ends[1], 1, 2)
-    return mask > 0
-
-
-def _closed(space: DoorSpace, openings: list[Opening]) -> Bool[np.ndarray, "rows columns"]:
-    """Free cells with some openings closed."""
-    free = space.free.copy()
+    lines = np.zeros(space.free.shape, dtype=np.uint8)
     for opening in openings:
-        free &= ~_line(free.shape, opening)
-    return free
+        first, second = ([round(float(v)) for v in jamb[::-1]] for jamb in opening.jambs)
+        cv2.line(lines, first, second, 1, 2)
+    return space.free & (lines == 0)
 
 
 def room_pairs(
@@ -307,11 +300,9 @@ def room_pairs(
 
 def _room_at(rooms: np.ndarray, opening: Opening, sign: float, resolution_m: float) -> int:
     """First room on one side, up to 0.7 m from the opening."""
-    for t in np.arange(0.15, 0.7, 0.5 * resolution_m):
-        row, column = np.rint(opening.middle + sign * t / resolution_m * opening.passage).astype(int)
-        if 0 <= row < rooms.shape[0] and 0 <= column < rooms.shape[1] and rooms[row, column]:
-            return int(rooms[row, column])
-    return 0
+    steps = sign * np.arange(0.15, 0.7, 0.5 * resolution_m) / resolution_m
+    found = look(rooms, opening.middle + steps[:, None] * opening.passage)
+    return int(found[np.argmax(found > 0)])
 
 
 def _with_rooms(grid: OccupancyMap, space: DoorSpace, taken: list[tuple[Opening, float]]) -> DoorMap:
@@ -327,16 +318,9 @@ def _with_rooms(grid: OccupancyMap, space: DoorSpace, taken: list[tuple[Opening,
     rooms = number[rooms].astype(np.int32)
     doors = []
     for opening, confidence in taken:
-        jambs_m = _place_m(grid, opening.jambs)
-        ends = _place_m(grid, np.stack([opening.middle, opening.middle + opening.passage]))
+        jambs_m = grid.world_from_cell(opening.jambs)
+        ends = grid.world_from_cell(np.stack([opening.middle, opening.middle + opening.passage]))
         passage = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
         sides = [_room_at(rooms, opening, sign, space.resolution_m) for sign in (-1.0, 1.0)]
         doors.append(Door(jambs_m, opening.width_m, passage, (sides[0], sides[1]), confidence))
     return DoorMap(tuple(doors), rooms)
-
-
-def _place_m(grid: OccupancyMap, cells: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-    """Map coordinates of positions (row, column) between the centres of cells."""
-    x, y, yaw = grid.origin
-    local = (cells[:, ::-1] + 0.5) * grid.resolution_m
-    return local @ rotation_2d(yaw).T + [x, y]

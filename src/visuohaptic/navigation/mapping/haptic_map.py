@@ -73,21 +73,19 @@ def primitive_occupancy(
     """
     p, places = primitive.parameters, np.asarray(places_foam_m, dtype=np.float64)
     if primitive.kind == PrimitiveKind.CIRCLE:
-        inside = np.hypot(places[..., 0] - p[0], places[..., 1] - p[1]) <= p[2]
-        return np.where(inside, 1.0, -1.0).astype(np.float32)
-    if primitive.kind == PrimitiveKind.CORNER:
-        return _behind_corner(p, places, depth_m)
-    if primitive.kind == PrimitiveKind.SEGMENT:
+        depth, depth_m = p[2] - np.hypot(places[..., 0] - p[0], places[..., 1] - p[1]), math.inf
+    elif primitive.kind == PrimitiveKind.CORNER:
+        depth = _behind_corner(p, places)
+    elif primitive.kind == PrimitiveKind.SEGMENT:
         start, along = p[:2], p[2:] - p[:2]
         length = max(float(np.hypot(*along)), 1e-9)
         along = along / length
-        normal = _away(along)
-        a, b = (places - start) @ along, (places - start) @ normal
-        inside = (a >= 0) & (a <= length) & (b >= 0) & (b <= length)
-        # The area behind the square is hidden by it.
-        hidden = (a >= 0) & (a <= length) & (b > length)
-        return np.where(inside, 1.0, np.where(hidden, 0.0, -1.0)).astype(np.float32)
-    depth = (places - p[:2]) @ _away(np.array([np.cos(p[2]), np.sin(p[2])]))
+        across = (places - start) @ along
+        # A square; the area behind it is hidden by it.
+        depth = np.where((across >= 0) & (across <= length), (places - start) @ _away(along), -1.0)
+        depth_m = length
+    else:
+        depth = (places - p[:2]) @ _away(np.array([np.cos(p[2]), np.sin(p[2])]))
     return np.where(depth < 0, -1.0, np.where(depth <= depth_m, 1.0, 0.0)).astype(np.float32)
 
 
@@ -97,7 +95,7 @@ def _away(along: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
     return normal if normal[0] >= 0 else -normal
 
 
-def _behind_corner(p: np.ndarray, places: np.ndarray, depth_m: float) -> Float32[np.ndarray, "*n"]:
+def _behind_corner(p: np.ndarray, places: np.ndarray) -> Float[np.ndarray, "*n"]:
     """Area between the edges, on the side away from the robot."""
     edges = [np.array([np.cos(angle), np.sin(angle)]) for angle in p[2:4]]
     bisector = edges[0] + edges[1]
@@ -111,7 +109,7 @@ def _behind_corner(p: np.ndarray, places: np.ndarray, depth_m: float) -> Float32
     if bisector[0] < 0:
         # The wedge opens towards the robot: a corner of the room, touched from inside.
         between = np.maximum(-distance[0], -distance[1])
-    return np.where(between < 0, -1.0, np.where(between <= depth_m, 1.0, 0.0)).astype(np.float32)
+    return np.asarray(between)
 
 
 @dataclass(slots=True, eq=False)

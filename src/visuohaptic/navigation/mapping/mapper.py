@@ -88,14 +88,13 @@ class OccupancyMapper:
         self.settings = settings or MapperSettings()
         self.matches: list[ScanMatch] = []  #: one per scan
         self._r = self.settings.resolution_m
-        self._corner = np.zeros(2)
         self._odometry: tuple[float, float, float] | None = None
         self._pose = (0.0, 0.0, 0.0)
         self._spread = np.zeros((3, 3))
         self._added_at: tuple[float, float, float] | None = None
         self._added = 0
         self._refused = 0
-        self._allocate((1, 1))
+        self._grid = HitGrid.unknown((1, 1), self._r, np.zeros(2))
 
     @classmethod
     def from_map(
@@ -134,19 +133,19 @@ class OccupancyMapper:
         # A map may end at its outer walls: points are matched to cells at a distance from the edge of the grid.
         rim = mapper.settings.match.reach_cells + 2
         cells = np.pad(grid.cells, rim, constant_values=-1)
-        mapper._allocate(cells.shape)
-        mapper._corner = np.array(grid.origin[:2]) - rim * grid.resolution_m
+        corner_m = np.array(grid.origin[:2]) - rim * grid.resolution_m
+        hits = mapper._grid = HitGrid.unknown(cells.shape, grid.resolution_m, corner_m)
         bound = mapper.settings.bound
         occupied, free = cells >= 50, cells == FREE
-        mapper._log_odds[occupied], mapper._log_odds[free] = bound, -bound
+        hits.log_odds[occupied], hits.log_odds[free] = bound, -bound
         if hits_m is None:
             places = np.argwhere(occupied & ndimage.binary_dilation(free)) + 0.5
         else:
-            places = ((hits_m - mapper._corner) / grid.resolution_m)[:, ::-1]
+            places = ((hits_m - corner_m) / grid.resolution_m)[:, ::-1]
             places = places[((places >= 0.0) & (places < cells.shape)).all(axis=1)]
         hit = tuple(places.astype(np.int64).T)
-        mapper._count[hit] = 1.0
-        mapper._mean_row[hit], mapper._mean_column[hit] = places.T
+        hits.count[hit] = 1.0
+        hits.mean_row[hit], hits.mean_column[hit] = places.T
         mapper._pose, mapper._odometry = pose, odometry
         mapper._added = mapper.settings.warm_up_scans
         return mapper
@@ -242,7 +241,7 @@ class OccupancyMapper:
             return ScanMatch(scan.t_s, False, reason, guess, self._spread, 0.0, float("nan"))
         if self._added < self.settings.warm_up_scans:
             return ScanMatch(scan.t_s, True, Reason.OK, guess, self._spread, 1.0, 0.0)
-        return match_scan(self._hits(), points, guess, self._spread, scan.t_s, self.settings.match)
+        return match_scan(self._grid, points, guess, self._spread, scan.t_s, self.settings.match)
 
     def _has_moved(self) -> bool:
         """Whether the scanner has moved since the last scan that was added."""
@@ -251,16 +250,6 @@ class OccupancyMapper:
             return True
         turn = abs((now[2] - last[2] + math.pi) % (2 * math.pi) - math.pi)
         return math.hypot(now[0] - last[0], now[1] - last[1]) >= s.add_every_m or turn >= s.add_every_rad
-
-    def _hits(self) -> HitGrid:
-        return HitGrid(
-            self._mean_row,
-            self._mean_column,
-            self._count,
-            self._log_odds,
-            self._r,
-            (float(self._corner[0]), float(self._corner[1])),
-        )
 
     def _cast(self, scan: LaserScan) -> None:
 
@@ -271,37 +260,39 @@ class OccupancyMapper:
         angles = scan.angles_rad[seen] + pose[2]
         ends_m = pose[:2] + ranges[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
         self._make_room(np.vstack([ends_m, pose[None, :2]]))
-        start = (pose[:2] - self._corner) / self._r
-        ends = ((ends_m - self._corner) / self._r)[:, ::-1].copy()
+        grid = self._grid
+        start = (pose[:2] - grid.corner_m) / self._r
+        ends = ((ends_m - grid.corner_m) / self._r)[:, ::-1].copy()
         self._added += 1
         self._added_at = self._pose
         add_beams(
-            self._log_odds, self._stamp, self._added, start[1], start[0], ends, hits, s.hit, s.miss, s.bound
+            grid.log_odds, grid.stamp, self._added, start[1], start[0], ends, hits, s.hit, s.miss, s.bound
         )
         self._count_hits(ends[hits])
 
     def _count_hits(self, ends: Float[np.ndarray, "n 2"]) -> None:
         """Running means of the hits in every cell; cells that have become free lose theirs."""
         cells = np.floor(ends).astype(np.int64)
-        flat = cells[:, 0] * self._count.shape[1] + cells[:, 1]
+        grid, (_, columns) = self._grid, self._grid.count.shape
+        flat = cells[:, 0] * columns + cells[:, 1]
         unique, first = np.unique(flat, return_inverse=True)
         fresh = np.bincount(first).astype(np.float32)
-        for mean, axis in ((self._mean_row, 0), (self._mean_column, 1)):
+        old = grid.count.ravel()[unique]
+        for mean, axis in ((grid.mean_row, 0), (grid.mean_column, 1)):
             total = np.bincount(first, weights=ends[:, axis])
-            old = self._count.ravel()[unique]
             # The weight of new hits in an old cell decreases, but is bounded below.
             mean.ravel()[unique] = (mean.ravel()[unique] * old + total) / (old + fresh)
-        self._count.ravel()[unique] = np.minimum(self._count.ravel()[unique] + fresh, 50.0)
-        rows, columns = unique // self._count.shape[1], unique % self._count.shape[1]
-        if len(rows):
-            box = slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1)
-            self._count[box][self._log_odds[box] < _SURELY_FREE] = 0.0
+        grid.count.ravel()[unique] = np.minimum(old + fresh, 50.0)
+        if len(cells):
+            low, high = cells.min(axis=0), cells.max(axis=0) + 1
+            box = slice(low[0], high[0]), slice(low[1], high[1])
+            grid.count[box][grid.log_odds[box] < _SURELY_FREE] = 0.0
 
     def _make_room(self, points_m: Float[np.ndarray, "n 2"]) -> None:
         """Grow the grid so that it holds the points, by at least half its size."""
-        low = np.floor((points_m.min(axis=0) - self._corner) / self._r).astype(np.int64) - 5
-        high = np.floor((points_m.max(axis=0) - self._corner) / self._r).astype(np.int64) + 6
-        size = np.array(self._log_odds.shape)[::-1]
+        low = np.floor((points_m.min(axis=0) - self._grid.corner_m) / self._r).astype(np.int64) - 5
+        high = np.floor((points_m.max(axis=0) - self._grid.corner_m) / self._r).astype(np.int64) + 6
+        size = np.array(self._grid.count.shape)[::-1]
         if (low >= 0).all() and (high <= size).all():
             return
         spare = np.maximum(size // 2, round(5.0 / self._r))
@@ -314,36 +305,23 @@ class OccupancyMapper:
                 f"the map would grow to {tall} x {wide} cells, expected at most {MAX_CELLS}",
                 remedy="a coarser resolution_m or a smaller range_max_m",
             )
-        old = (self._log_odds, self._stamp, self._count, self._mean_row, self._mean_column)
-        self._allocate((tall, wide))
-        place = (slice(before[1], before[1] + size[1]), slice(before[0], before[0] + size[0]))
-        new = (self._log_odds, self._stamp, self._count, self._mean_row, self._mean_column)
-        for source, target in zip(old, new, strict=True):
-            target[place] = source
-        self._mean_row[place] += before[1]
-        self._mean_column[place] += before[0]
-        self._corner = self._corner - before * self._r
+        self._grid = self._grid.grown(before, after)
 
     def mean_hits_m(self) -> Float[np.ndarray, "k 2"]:
         """Mean position of the hits in every cell that has hits (x, y), map frame [m]."""
-        hit = self._count > 0
-        places = np.column_stack([self._mean_column[hit], self._mean_row[hit]]).astype(np.float64)
-        return self._corner + self._r * places
-
-    def _allocate(self, shape: tuple[int, int]) -> None:
-        self._stamp = np.zeros(shape, dtype=np.int32)
-        layers = [np.zeros(shape, dtype=np.float32) for _ in range(4)]
-        self._log_odds, self._count, self._mean_row, self._mean_column = layers
+        grid, hit = self._grid, self._grid.count > 0
+        places = np.column_stack([grid.mean_column[hit], grid.mean_row[hit]]).astype(np.float64)
+        return grid.corner_m + self._r * places
 
     def map(self) -> OccupancyMap:
         """The map so far: occupied above a probability of 0.65, free below 0.35, cropped to the observed area."""
-        seen = np.argwhere(self._log_odds != 0.0)
+        seen = np.argwhere(self._grid.log_odds != 0.0)
         if len(seen) == 0:
             raise InputError("OccupancyMapper", "no scan was added, there is no map")
         (top, left), (bottom, right) = seen.min(axis=0), seen.max(axis=0) + 1
-        part = self._log_odds[top:bottom, left:right]
+        part = self._grid.log_odds[top:bottom, left:right]
         probability = np.where(part == 0.0, np.nan, 1.0 / (1.0 + np.exp(-part.astype(np.float64))))
-        corner = self._corner + np.array([left, top]) * self._r
+        corner = self._grid.corner_m + np.array([left, top]) * self._r
         return OccupancyMap.from_probability(
             probability, self._r, origin=(float(corner[0]), float(corner[1]), 0.0), free_thresh=_FREE_BELOW
         )

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, Int, Int32
 
 from ...core.geometry import rotation_2d, wrap_angle
 from ...core.measurement import Reason
@@ -62,14 +62,50 @@ class ScanMatch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HitGrid:
-    """The map for matching: the mean hit of each cell, in grid coordinates."""
+    """The map for matching: the mean hit of each cell, in grid coordinates; everywhere unknown where it begins."""
 
     mean_row: Float32[np.ndarray, "rows columns"]
     mean_column: Float32[np.ndarray, "rows columns"]
     count: Float32[np.ndarray, "rows columns"]
     log_odds: Float32[np.ndarray, "rows columns"]  #: 0 where unknown
+    stamp: Int32[np.ndarray, "rows columns"]  #: number of the last scan that changed a cell
     resolution_m: float
-    corner_m: tuple[float, float]  #: (x, y) of the corner of cell (0, 0); the grid's axes are the map's
+    corner_m: Float[np.ndarray, "2"]  #: (x, y) of the corner of cell (0, 0); the grid's axes are the map's
+
+    @classmethod
+    def unknown(
+        cls, shape: tuple[int, int], resolution_m: float, corner_m: Float[np.ndarray, "2"]
+    ) -> HitGrid:
+        """A grid without a hit.
+
+        Parameters
+        ----------
+        shape
+            Rows and columns.
+        resolution_m, corner_m
+            Size of a cell, and (x, y) of the corner of cell (0, 0) [m].
+        """
+        row, column, count, log_odds = (np.zeros(shape, dtype=np.float32) for _ in range(4))
+        return cls(row, column, count, log_odds, np.zeros(shape, dtype=np.int32), resolution_m, corner_m)
+
+    def grown(self, before: Int[np.ndarray, "2"], after: Int[np.ndarray, "2"]) -> HitGrid:
+        """The same map in a larger grid.
+
+        Parameters
+        ----------
+        before, after
+            Number of columns and rows to add at the corner of cell (0, 0) and opposite to it.
+        """
+        pad = tuple(zip(before[::-1].tolist(), after[::-1].tolist(), strict=True))
+        return HitGrid(
+            np.pad(self.mean_row, pad) + np.float32(before[1]),
+            np.pad(self.mean_column, pad) + np.float32(before[0]),
+            np.pad(self.count, pad),
+            np.pad(self.log_odds, pad),
+            np.pad(self.stamp, pad),
+            self.resolution_m,
+            self.corner_m - before * self.resolution_m,
+        )
 
 
 def match_scan(
@@ -117,12 +153,13 @@ def match_scan(
     return ScanMatch(t_s, True, Reason.OK, pose, covariance, inliers, residual_m)
 
 
-def _places(
-    grid: HitGrid, points_m: Float[np.ndarray, "n 2"], pose: tuple[float, float, float]
-) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
-    """Points rotated into the map's axes [m], and their positions in the grid (x, y) [cells]."""
+def _near_lines(
+    grid: HitGrid, points_m: Float[np.ndarray, "n 2"], pose: tuple[float, float, float], reach_cells: int
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], Float[np.ndarray, "n 5"]]:
+    """Points rotated into the map's axes [m], their positions in the grid (row, column) [cells], the lines near them."""
     turned = points_m @ rotation_2d(pose[2]).T
-    return turned, (turned + np.array(pose[:2]) - np.array(grid.corner_m)) / grid.resolution_m
+    places = ((turned + np.array(pose[:2]) - grid.corner_m) / grid.resolution_m)[:, ::-1].copy()
+    return turned, places, nearest_lines(grid.mean_row, grid.mean_column, grid.count, places, reach_cells)
 
 
 def _agreement(
@@ -133,11 +170,8 @@ def _agreement(
 ) -> tuple[int, int]:
     """Number of points in the known part of the map, and number of those near a hit."""
 
-    _, places = _places(grid, points_m, pose)
-    lines = nearest_lines(
-        grid.mean_row, grid.mean_column, grid.count, places[:, ::-1].copy(), settings.reach_cells
-    )
-    cells = np.floor(places[:, ::-1]).astype(np.int64)
+    _, places, lines = _near_lines(grid, points_m, pose, settings.reach_cells)
+    cells = np.floor(places).astype(np.int64)
     inside = ((cells >= 0) & (cells < grid.count.shape)).all(axis=1)
     cells = np.where(inside[:, None], cells, 0)
     near = lines[:, 4] != 0
@@ -207,13 +241,11 @@ def _refine(
     information = prior
     residual_m = float("nan")
     for _ in range(settings.iterations):
-        turned, places = _places(grid, points_m, (pose[0], pose[1], pose[2]))
-        lines = nearest_lines(
-            grid.mean_row, grid.mean_column, grid.count, places[:, ::-1].copy(), settings.reach_cells
-        )
+        turned, places, lines = _near_lines(grid, points_m, (pose[0], pose[1], pose[2]), settings.reach_cells)
         found = lines[:, 4] > 0
         normal = lines[found][:, [3, 2]]
-        residual = np.einsum("ij,ij->i", places[found] - lines[found][:, [1, 0]], normal) * r
+        away = places[found] - lines[found][:, :2]
+        residual = np.einsum("ij,ij->i", away[:, ::-1], normal) * r
         lever = np.einsum("ij,ij->i", normal, np.column_stack([-turned[found][:, 1], turned[found][:, 0]]))
         jacobian = np.column_stack([normal, lever])
         huber = np.minimum(1.0, 1.5 * settings.sigma_m / np.maximum(np.abs(residual), 1e-12))

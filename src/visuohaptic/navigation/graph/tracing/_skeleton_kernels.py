@@ -63,8 +63,8 @@ ADJACENT = _adjacent()
 
 
 @kernel(error_model="numpy")
-def survey(distance: np.ndarray, step: np.ndarray, mark: np.ndarray) -> int:
-    """Mark the cells that remain if all neighbours with smaller keys are deleted; returns their number.
+def survey(distance: np.ndarray, step: np.ndarray, mark: np.ndarray) -> None:
+    """Mark the cells that remain if all neighbours with smaller keys are deleted.
 
     ``distance`` (rows, columns) float32, ``step`` uint16 (0 = not reachable), ``mark`` uint8, filled.
 
@@ -80,35 +80,25 @@ def survey(distance: np.ndarray, step: np.ndarray, mark: np.ndarray) -> int:
     rows, columns = distance.shape
     masks = np.zeros(columns, np.uint8)
     one = np.uint8(1)
-    kept = 0
     for row in range(rows):
-        if row == 0 or row == rows - 1:
-            for column in range(columns):
-                mark[row, column] = 0
-                if step[row, column] != 0 and _DELETABLE[_higher(distance, row, column)] == 0:
-                    mark[row, column] = KEPT
-                    kept += 1
-            continue
-        below, here, above = distance[row - 1], distance[row], distance[row + 1]
-        for column in range(1, columns - 1):
-            d = here[column]
-            bits = np.uint8(here[column + 1] >= d) * one
-            bits |= np.uint8(above[column + 1] >= d) << np.uint8(1)
-            bits |= np.uint8(above[column] >= d) << np.uint8(2)
-            bits |= np.uint8(above[column - 1] >= d) << np.uint8(3)
-            bits |= np.uint8(here[column - 1] > d) << np.uint8(4)
-            bits |= np.uint8(below[column - 1] > d) << np.uint8(5)
-            bits |= np.uint8(below[column] > d) << np.uint8(6)
-            bits |= np.uint8(below[column + 1] > d) << np.uint8(7)
-            masks[column] = bits
-        if columns > 0:
-            masks[0] = _higher(distance, row, 0)
-            masks[columns - 1] = _higher(distance, row, columns - 1)
+        inner = 0 < row < rows - 1
+        for column in range(0, columns, max(columns - 1, 1) if inner else 1):
+            masks[column] = _higher(distance, row, column)
+        if inner:
+            below, here, above = distance[row - 1], distance[row], distance[row + 1]
+            for column in range(1, columns - 1):
+                d = here[column]
+                bits = np.uint8(here[column + 1] >= d) * one
+                bits |= np.uint8(above[column + 1] >= d) << np.uint8(1)
+                bits |= np.uint8(above[column] >= d) << np.uint8(2)
+                bits |= np.uint8(above[column - 1] >= d) << np.uint8(3)
+                bits |= np.uint8(here[column - 1] > d) << np.uint8(4)
+                bits |= np.uint8(below[column - 1] > d) << np.uint8(5)
+                bits |= np.uint8(below[column] > d) << np.uint8(6)
+                bits |= np.uint8(below[column + 1] > d) << np.uint8(7)
+                masks[column] = bits
         for column in range(columns):
-            keep = step[row, column] != 0 and _DELETABLE[masks[column]] == 0
-            mark[row, column] = keep
-            kept += keep
-    return kept
+            mark[row, column] = step[row, column] != 0 and _DELETABLE[masks[column]] == 0
 
 
 @kernel(error_model="numpy")
@@ -127,70 +117,44 @@ def _higher(distance: np.ndarray, row: int, column: int) -> int:
 
 
 @kernel(error_model="numpy")
-def start(distance: np.ndarray, mark: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Cells to re-evaluate after :func:`survey`: those with a larger key than a remaining neighbour.
-
-    Parameters
-    ----------
-    distance
-        Clearance of each cell, (rows, columns) float32.
-    mark
-        Marks, (rows, columns) uint8.
-    kept
-        Number of remaining cells, from :func:`survey`.
-    """
-    columns = distance.shape[1]
-    found = np.empty(8 * len(kept), np.int32)
-    count = 0
-    for cell in kept:
-        row, column = cell // columns, cell % columns
-        higher = _higher(distance, row, column)
-        for k in range(8):
-            if higher >> k & 1:
-                r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
-                if not mark[r, c] & _QUEUED:
-                    mark[r, c] |= _QUEUED
-                    found[count] = r * columns + c
-                    count += 1
-    return found[:count]
-
-
-@kernel(error_model="numpy")
-def refine(distance: np.ndarray, step: np.ndarray, mark: np.ndarray, queue: np.ndarray) -> None:
-    """Evaluate the recursion from the queued cells.
+def refine(distance: np.ndarray, step: np.ndarray, mark: np.ndarray, kept: np.ndarray) -> None:
+    """Evaluate the recursion after :func:`survey`, from the cells with a larger key than a remaining neighbour.
 
     Parameters
     ----------
     distance, step, mark
         See :func:`survey`.
-    queue
-        Cells (flat) to re-evaluate.
+    kept
+        Remaining cells (flat), in any order.
     """
     rows, columns = distance.shape
-    capacity = max(1024, 2 * len(queue))
-    stack = np.empty(capacity, np.int32)
+    stack = np.empty(max(1024, 8 * len(kept)), np.int32)
     # In reverse order, so that the first cell is on top.
-    count = len(queue)
-    for k in range(count):
-        stack[k] = queue[count - 1 - k]
-    while count > 0:
-        count -= 1
-        cell = stack[count]
-        row, column = cell // columns, cell % columns
-        old = mark[row, column] & KEPT
-        new = np.uint8(0)
-        higher = 0
-        if step[row, column] != 0:
+    count, remaining = 0, len(kept)
+    while remaining + count > 0:
+        if remaining > 0:
+            remaining -= 1
+            cell = kept[remaining]
+            row, column = cell // columns, cell % columns
             higher = _higher(distance, row, column)
-            mask = higher
-            for k in range(8):
-                r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
-                if 0 <= r < rows and 0 <= c < columns and mark[r, c] & KEPT:
-                    mask |= 1 << k
-            new = np.uint8(1) - _DELETABLE[mask]
-        mark[row, column] = new
-        if new == old:
-            continue
+        else:
+            count -= 1
+            cell = np.int64(stack[count])
+            row, column = cell // columns, cell % columns
+            old = mark[row, column] & KEPT
+            new = np.uint8(0)
+            higher = 0
+            if step[row, column] != 0:
+                higher = _higher(distance, row, column)
+                mask = higher
+                for k in range(8):
+                    r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
+                    if 0 <= r < rows and 0 <= c < columns and mark[r, c] & KEPT:
+                        mask |= 1 << k
+                new = np.uint8(1) - _DELETABLE[mask]
+            mark[row, column] = new
+            if new == old:
+                continue
         for k in range(7, -1, -1):
             if higher >> k & 1:
                 r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, UInt8
 
 from ...grid.cost_grid import GridLayers
-from ._skeleton_kernels import refine, start, survey
+from ._skeleton_kernels import refine, survey
 
 
 def skeleton_marks(layers: GridLayers) -> UInt8[np.ndarray, "rows columns"]:
@@ -20,8 +20,7 @@ def skeleton_marks(layers: GridLayers) -> UInt8[np.ndarray, "rows columns"]:
 
     mark = np.zeros(layers.shape, np.uint8)
     survey(layers.distance_m, layers.step, mark)
-    queue = start(layers.distance_m, mark, np.flatnonzero(mark.view(np.bool_)))
-    refine(layers.distance_m, layers.step, mark, queue)
+    refine(layers.distance_m, layers.step, mark, np.flatnonzero(mark.view(np.bool_)))
     return mark
 
 
