@@ -40,8 +40,8 @@ from ...io.depth.depth_sequence import DepthFrame
 from ...io.depth.pixel_model import PixelModel, scores_of
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
-from .body_pairs import disjoint_bodies, fit_pair
-from .outline_fit import OutlineView, UprightBody, body_evidence, fit_bodies
+from .body_pairs import fit_part, without_body
+from .outline_fit import OutlineView, UprightBody, body_evidence
 from .outline_rings import with_rings
 from .ray_evidence import (
     HIDDEN,
@@ -61,7 +61,7 @@ from .ray_readings import (
     reading_tables,
     surface_ratios,
 )
-from .regions import TransparentRegion, region_of
+from .regions import TransparentRegion, body_voxels, region_of
 from .search_report import SearchReport, next_eye
 from .view_geometry import ray_stride, thinned, view_graph
 
@@ -243,7 +243,10 @@ class EvidenceDetector:
         """
         import cv2
 
-        matching, object_px = self._matching_px(frame), self._window_px(frame)
+        matching, object_px = (
+            self.noise.window_px(frame.camera.focal_px, self._stride),
+            self._window_px(frame),
+        )
         total = np.zeros(rays.reading.shape, np.float32)
         for table in tables / np.float32(matching**2):
             image, size = np.take(table, rays.code), (object_px, object_px)
@@ -269,9 +272,9 @@ class EvidenceDetector:
             peak = evidence[left].max(initial=-np.inf)
             # The remaining evidence of a part: accepted parts may have reduced it.
             if peak >= best[number] - 1e-3:
-                part, body = self._part(left, evidence, box)
-                if body is not None:
-                    part = self._accept(part, body, box)
+                part, bodies = self._part(left, evidence, box)
+                if bodies:
+                    part = self._accept(part, bodies, box)
                 labels[box][part] = 0
                 peak = evidence[left & ~part].max(initial=-np.inf)
             best[number] = peak
@@ -279,33 +282,41 @@ class EvidenceDetector:
 
     def _part(
         self, left: Bool[np.ndarray, "x y z"], evidence: Float32[np.ndarray, "x y z"], box: tuple[slice, ...]
-    ) -> tuple[Bool[np.ndarray, "x y z"], UprightBody | None]:
-        """The connected component around the strongest voxel of a part, and its strongest body."""
+    ) -> tuple[Bool[np.ndarray, "x y z"], list[UprightBody]]:
+        """The connected component around the strongest voxel of a part, its strongest body, and a second one beside it."""
         from scipy import ndimage
 
         labels, _ = ndimage.label(left, np.ones((3, 3, 3)))
         whole: Bool[np.ndarray, "x y z"] = labels == labels.flat[np.where(left, evidence, -np.inf).argmax()]
         told = float(evidence[whole].max())
-        for body in self._fit(whole, evidence, box):
+        bodies = self._fit(whole, evidence, box)
+        for body in bodies:
             seen = self._rays.scored(body.points_m(self.grid.voxel_m))
-            outlined = told if told >= self.threshold else self._bounded(body) + seen
+            outlined = told if told >= self.threshold else self._bounded(body, self._outlines) + seen
             if outlined >= self.threshold and self._beside(body) + seen >= self.threshold:
                 self._strongest = max(self._strongest, outlined)
-                return whole, body
-        return whole, None
+                beside = [other for other in bodies if other is not body and self._second(other, body)]
+                return whole, [body, *beside]
+        return whole, []
 
-    def _bounded(self, body: UprightBody) -> float:
+    def _second(self, body: UprightBody, first: UprightBody) -> bool:
+        """Whether a body has enough evidence by the readings of the rays that miss the first one."""
+        rest = without_body(self._outlines, first.shape_m)
+        return min(self._bounded(body, rest), self._beside(body, first)) >= self.threshold
+
+    def _bounded(self, body: UprightBody, views: Sequence[OutlineView]) -> float:
         """Evidence for a body, that of each view bounded as for a voxel: no single view is decisive [nat]."""
         weights, shown = self._rays.weights, self.look_alike
-        ratio = np.exp(np.minimum(body_evidence(self._outlines, body) / weights, 30.0))
+        ratio = np.exp(np.minimum(body_evidence(views, body) / weights, 30.0))
         return float(weights @ np.log(((1 - HIDDEN) * ratio + HIDDEN) / ((1 - shown) + shown * ratio)))
 
-    def _beside(self, body: UprightBody) -> float:
-        """Evidence for a body, given the readings at the surfaces behind it of rays that pass beside it [nat]."""
+    def _beside(self, body: UprightBody, first: UprightBody | None = None) -> float:
+        """Evidence for a body, given the readings at the surfaces behind it of rays that pass beside it; of rays that miss a first body [nat]."""
         rays, body_m, size_m = self._rays, body.points_m(self.grid.voxel_m), 2 * self.settings.radius_m
         through = np.stack([rays.passed(k, body_m, self.grid.voxel_m) for k in range(self.used)])
         added = surface_ratios(rays.frames, self._images, through, rays.limit_m > 0, self._tables, size_m)
-        return float(body_evidence(self._outline_views(added), body).sum())
+        views = self._outline_views(added)
+        return float(body_evidence(without_body(views, first.shape_m) if first else views, body).sum())
 
     @property
     def _min_voxels(self) -> float:
@@ -321,49 +332,41 @@ class EvidenceDetector:
         points_m = self.grid.centres_m(np.argwhere(part) + [s.start for s in box])
         # Windows may look like glass in all views for a common cause without an outline: an edge.
         self._outlines = self._outlines or self._outline_views()
-        told = self._outlines, points_m, evidence[part]
-        bodies = [*fit_bodies(*told), *fit_pair(*told)]
-        # A body thinner than the smallest object is a fragment of a rim, whose centre is elsewhere.
-        thick = [body for body in bodies if sum(body.radius_m) >= 2 * self.settings.radius_m]
-        return disjoint_bodies(self._outlines, thick, self.threshold)
+        return fit_part(self._outlines, points_m, evidence[part], self.settings.radius_m, self.threshold)
 
     def _accept(
-        self, part: Bool[np.ndarray, "x y z"], body: UprightBody, box: tuple[slice, ...]
+        self, part: Bool[np.ndarray, "x y z"], bodies: Sequence[UprightBody], box: tuple[slice, ...]
     ) -> Bool[np.ndarray, "x y z"]:
-        """Accept a part unless it intersects an accepted one; returns its voxels, without those that belong to another part."""
+        """Accept the bodies that intersect no accepted one; returns the voxels of the part, without those of another part."""
         from scipy import ndimage
 
-        if any(region.body is not None and body.meets(region.body) for region in self._found):
+        others = [region.body for region in self._found if region.body is not None]
+        bodies = [body for body in bodies if not any(map(body.meets, others))]
+        if not bodies:
             return part
-        grid = self.grid
-        cells = np.argwhere(part) + [s.start for s in box]
-        points_m, body_m = grid.centres_m(cells), body.points_m(grid.voxel_m)
+        grid, cells = self.grid, np.argwhere(part) + [s.start for s in box]
+        points_m = grid.centres_m(cells)
         # Windows are as wide as the smallest object, so a body appears larger by half a window.
-        own = body.contains(points_m, self.settings.radius_m)
-        self._explain(np.concatenate([points_m[own], body_m]))
+        own = np.array([body.contains(points_m, self.settings.radius_m) for body in bodies])
+        own[1:] &= ~own[0]
+        for body, inside in zip(bodies, own, strict=True):
+            self._rays.explain(np.concatenate([points_m[inside], body.points_m(grid.voxel_m)]), grid.voxel_m)
         rest = part.copy()
-        rest[part] = ~own
-        if own.any() and self._rays.sums(self.grid.part(box))[0][rest].max(initial=0.0) >= self.threshold:
-            # Evidence above the threshold from rays that miss the body belongs to another part.
-            part, cells, own = part & ~rest, cells[own], own[own]
+        rest[part] = ~own.any(axis=0)
+        if own.any() and self._rays.sums(grid.part(box))[0][rest].max(initial=0.0) >= self.threshold:
+            # Evidence above the threshold from rays that miss the bodies belongs to another part.
+            part = part & ~rest
         else:
-            self._explain(points_m[~own])
-        # Drop components that are mostly outside the body.
-        piece = ndimage.label(part, np.ones((3, 3, 3)))[0][part]
-        cells = cells[2 * np.bincount(piece, weights=own)[piece] > np.bincount(piece)[piece]]
-        if len(cells) < self._min_voxels:
-            cells = np.floor((body_m - grid.low_m) / grid.voxel_m).astype(int)
-            cells = cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)]
-        if len(cells):
-            chosen = tuple(cells.T)
-            self.inside[chosen] = True
-            self._found += (region_of(cells, self.score(cells), grid, body),)
+            self._rays.explain(points_m[~own.any(axis=0)], grid.voxel_m)
+            if len(bodies) == 1:  # Drop components that are mostly outside the body.
+                piece = ndimage.label(part, np.ones((3, 3, 3)))[0][part]
+                own = (2 * np.bincount(piece, weights=own[0])[piece] > np.bincount(piece)[piece])[None]
+        for body, inside in zip(bodies, own, strict=True):
+            chosen = cells[inside] if inside.sum() >= self._min_voxels else body_voxels(body, grid)
+            if len(chosen):
+                self.inside[tuple(chosen.T)] = True
+                self._found += (region_of(chosen, self.score(chosen), grid, body),)
         return part
-
-    def _explain(self, points_m: Float[np.ndarray, "n 3"]) -> None:
-        """Set the evidence of all rays through some points to zero."""
-        for k, limit_m in enumerate(self._rays.limit_m):
-            limit_m[self._rays.passed(k, points_m, self.grid.voxel_m)] = 0.0
 
     @property
     def _even(self) -> float:

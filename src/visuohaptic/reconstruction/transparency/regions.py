@@ -135,6 +135,20 @@ def region_of(
     )
 
 
+def body_voxels(body: UprightBody, grid: SpaceGrid) -> Int[np.ndarray, "n 3"]:
+    """Indices of the voxels inside a body (n, 3).
+
+    Parameters
+    ----------
+    body
+        The body.
+    grid
+        Position and size of the voxels.
+    """
+    cells = np.floor((body.points_m(grid.voxel_m) - grid.low_m) / grid.voxel_m).astype(int)
+    return cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)]
+
+
 def outer_voxels(inside: Bool[np.ndarray, "x y z"]) -> Int[np.ndarray, "n 3"]:
     """Indices of the outer voxels of transparent parts: the approximate shape as in Alt 2016, Fig. 5.6.
 
