@@ -1,6 +1,7 @@
 """Seeded depth sequences of a table with thin clear vessels, and of the same table with opaque copies.
 
-A scene has 48 views, a close one 24; smaller numbers are every second, fourth or sixth of them, so that all campaigns share the rendered images.
+A scene has 48 views, a close one 24, one of a walk around the table 24 to 60; smaller numbers are every second, fourth or sixth of
+them, so that all campaigns share the rendered images.
 Alternatively it is seen from a level ring, with any number of views.
 Even seeds are open, odd ones closed; the kind of a scene depends on seed // 2, so that both halves contain all kinds.
 """
@@ -30,7 +31,12 @@ _OPAQUE = ("twin", "black", "metal", "person", "wall", "hand")
 #: Kinds of close scenes, 2 to 4 cm between walls: two in a row as seen from the middle of the views; side by side; in a row within a
 #: narrow arc, so that they overlap in most views; one before a box; single ones that are easily taken for two: a thin stem, a handle.
 _CLOSE = ("row", "side", "narrow", "box", "stem", "handle")
-FAMILIES = {"clear": _CLEAR, "filled": ("pair",), "opaque": _OPAQUE, "close": _CLOSE}
+#: Kinds of sequences of a hand, 24 to 60 views: three to six opaque objects; one clear vessel among them; a single can; nothing on the
+#: table.
+_WALK = ("objects", "glass", "can", "bare")
+#: Number of opaque objects, 2 by default.
+_BESIDE = {"wall": 0, "can": 0, "bare": 0, "glass": 4}
+FAMILIES = {"clear": _CLEAR, "filled": ("pair",), "opaque": _OPAQUE, "close": _CLOSE, "walk": _WALK}
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +105,7 @@ def _path(kind: str, count: int, middle_rad: float, rng: np.random.Generator) ->
     """Poses of an arm on a part of a hemisphere, or of a hand on an arc."""
     u = rng.uniform
     share = np.linspace(-0.5, 0.5, count)
-    if kind == "hand":
+    if kind in ("hand", *_WALK):
         span, radius = np.radians(u(80, 170)), u(0.45, 0.65)
         wobble = 0.03 * np.sin(2 * np.pi * (u(1, 3) * share[:, None] + rng.random((1, 3))))
         rise = np.radians(u(28, 45)) + np.radians(10) * np.sin(
@@ -152,7 +158,8 @@ def layout(family: str, seed: int, ring: int = 0) -> Layout:
         Box(np.array([0, 0, -0.015]), np.array([0.5, 0.5, 0.015]), rng.uniform(0, 1.5), PLAIN),
         Box(np.array([0, 0, -0.78]), np.array([4, 4, 0.03]), 0.0, PLAIN),
     ]
-    vessels, near = _close(kind, view, rng) if family == "close" else _apart(family, kind, view, rng)
+    placed = {"close": _close, "walk": _among}.get(family)
+    vessels, near = placed(kind, view, rng) if placed else _apart(family, kind, view, rng)
     places = [vessel.position_m[:2] for vessel in vessels]
     boxes += [one for one in near if isinstance(one, Box)]
     if kind == "wall":
@@ -162,14 +169,17 @@ def layout(family: str, seed: int, ring: int = 0) -> Layout:
     material = CLEAR
     if family == "opaque":
         material = {"black": BLACK, "metal": METAL}.get(kind, PLAIN)
-    objects, cartons = _beside(2 if kind != "wall" else 0, places, rng)
+    beside = int(rng.integers(3, 7)) if kind == "objects" else _BESIDE.get(kind, 2)
+    objects, cartons = _beside(beside, places, rng)
+    if kind == "can":
+        objects = (can(rng.uniform(0.03, 0.05), rng.uniform(0.08, 0.15), (0.0, 0.0, 0.0), PLAIN),)
     objects += tuple(one for one in near if isinstance(one, Revolved))
     walker = None
     if kind == "person":
         across = np.array([-view[1], view[0]])
         steps = np.linspace(-0.8, 0.8, VIEWS)[:, None]
         walker = np.column_stack([-rng.uniform(0.65, 0.8) * view + steps * across, np.full(VIEWS, -0.75)])
-    count = _CLOSE_VIEWS if family == "close" else VIEWS
+    count = {"close": _CLOSE_VIEWS, "walk": 24 + 12 * (seed // 8 % 4)}.get(family, VIEWS)
     poses = _ring(ring, middle, rng) if ring else _path(kind, count, middle, rng)
     return Layout(family, kind, seed, vessels, material, objects, (*boxes, *cartons), poses, walker)
 
@@ -195,6 +205,14 @@ def _apart(
         for name, place in zip(names, places, strict=False)
     )
     return vessels, []
+
+
+def _among(
+    kind: str, view: np.ndarray, rng: np.random.Generator
+) -> tuple[tuple[Vessel, ...], list[Box | Revolved]]:
+    """The clear vessel of a sequence of a hand, if it has one."""
+    name, place = str(rng.choice(["glass", "bottle", "jar", "wine glass"])), 0.05 * view
+    return ((random_vessel(name, rng, tuple(place)),) if kind == "glass" else ()), []
 
 
 def _close(
