@@ -3,7 +3,8 @@
 For a ray with reading r in context c (:mod:`.ray_readings`)
 
 - P(r | c, nothing transparent) is estimated from the sequence itself, so that no drop-out model of the camera is needed.
-  The estimate is repeated without the rays through detected parts until no further parts are found;
+  The estimate is repeated without the rays through detected parts until no further parts are found, and without those
+  through a place that is tested: a vessel seen in a few views raises the rates that it is compared with;
 - P(r | glass) is that of four kinds of glass: faint, thin, strong and filled (:func:`.ray_readings.reading_tables`).
 
 Readings of neighbouring pixels are correlated: all readings within a matching window count as one. R is the likelihood
@@ -134,18 +135,13 @@ class EvidenceDetector:
             return
         limit_m = np.stack([rays.limit_m for rays in self._images])
         self._rays = replace(self._rays, frames=frames, weights=weights, limit_m=limit_m)
-        whole, before = self.evidence, -1
-        while before < len(self._found):
-            first, before = before < 0, len(self._found)
-            self._sum(limit_m > 0, first=first)
-            whole = self.evidence if first else whole
-            strong = np.argwhere(self.evidence >= self.threshold)
-            if before and len(strong):
-                # Parts weaker than the accepted ones, as a bowl of which only the rim shows, contaminate the rates less.
-                there_m, voxel_m = self.grid.centres_m(strong), self.grid.voxel_m
-                passed = np.stack([self._rays.passed(k, there_m, voxel_m) for k in range(len(frames))])
-                self._sum((limit_m > 0) & ~passed)
-            self._take()
+        self._sum(limit_m > 0, first=True)
+        whole = self.evidence
+        while self._take() or self._take_held_out(limit_m):
+            # Parts weaker than the accepted ones, as a bowl of which only the rim shows, contaminate the rates less.
+            self._sum(limit_m > 0)
+            if (strong := self.evidence >= self.threshold).any():
+                self._sum((limit_m > 0) & ~self._passed(strong))
         self.evidence = whole
         if self._found:
             limit_m[:] = [image.limit_m for image in self._images]
@@ -254,13 +250,36 @@ class EvidenceDetector:
             total += cv2.exp(np.clip(window, -30.0, 30.0)) / len(tables)
         return total
 
-    def _take(self) -> None:
-        """Extract parts in order of falling evidence; each explains the evidence of the rays through it."""
+    def _passed(self, voxels: Bool[np.ndarray, "x y z"]) -> Bool[np.ndarray, "n h w"]:
+        """Masks of the rays of all views through some voxels."""
+        there_m, voxel_m = self.grid.centres_m(np.argwhere(voxels)), self.grid.voxel_m
+        return np.stack([self._rays.passed(k, there_m, voxel_m) for k in range(self.used)])
+
+    def _take_held_out(self, limit_m: Float32[np.ndarray, "n h w"]) -> bool:
+        """Extract the first part that exceeds the threshold with the rates of the rays that do not pass it, the most probable place first."""
         from scipy import ndimage
 
+        labels, number = ndimage.label(self.evidence > 0, np.ones((3, 3, 3)))
+        peaks = ndimage.maximum_position(self.evidence, labels, range(1, number + 1))
+        # A single view is not enough for a part.
+        one_view = math.log((1 - HIDDEN) / self.look_alike)
+        peaks = [peak for peak in peaks if self.evidence[peak] > one_view]
+        for peak in sorted(peaks, key=self.evidence.__getitem__, reverse=True):
+            self._sum((limit_m > 0) & ~self._passed(labels == labels[peak]))
+            if self._take(peak):
+                return True
+        return False
+
+    def _take(self, only: tuple[int, ...] | None = None) -> bool:
+        """Extract parts, or that at one voxel, in order of falling evidence; each explains the evidence of the rays through it."""
+        from scipy import ndimage
+
+        before = len(self._found)
         if self.evidence.max() < self._even:
-            return
+            return False
         labels, _ = ndimage.label(self.extent > 0, np.ones((3, 3, 3)))
+        if only:
+            labels = (labels == labels[only]).astype(labels.dtype) * (labels[only] > 0)
         boxes = ndimage.find_objects(labels)
         held, best = labels > 0, np.full(len(boxes), -np.inf)
         np.maximum.at(best, labels[held] - 1, self.evidence[held])
@@ -279,6 +298,7 @@ class EvidenceDetector:
                 peak = evidence[left & ~part].max(initial=-np.inf)
             best[number] = peak
         self._found = tuple(sorted(self._found, key=lambda region: -region.voxels))
+        return len(self._found) > before
 
     def _part(
         self, left: Bool[np.ndarray, "x y z"], evidence: Float32[np.ndarray, "x y z"], box: tuple[slice, ...]
