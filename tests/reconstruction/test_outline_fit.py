@@ -23,7 +23,7 @@ from visuohaptic.reconstruction.transparency.outline_fit import (
     fit_bodies,
 )
 from visuohaptic.reconstruction.transparency.outline_rings import outline_rings
-from visuohaptic.reconstruction.transparency.ray_readings import DROPPED, SAME
+from visuohaptic.reconstruction.transparency.ray_readings import DROPPED, SAME, RayImage
 
 #: x, y of the axis, radius and height of the body, which stands at z = 0.05 [m].
 AXIS_M, RADIUS_M, LOW_M, HIGH_M = np.array([0.02, -0.03]), 0.035, 0.05, 0.17
@@ -386,6 +386,42 @@ def test_a_second_body_by_the_rays_that_miss_the_first_is_a_region_of_its_own():
     assert [region.body for region in regions] == [first, second]
     for region in regions:
         assert np.hypot(*(region.centroid_m[:2] - region.body.axis_m)) < grid.voxel_m
+
+
+@pytest.mark.parametrize("opaque", [False, True])
+def test_a_place_is_tested_with_the_rates_of_the_rays_beside_it(opaque):
+    """A vessel in a tenth of what eight views know raises the rates that it is compared with; what hides the background is none."""
+    rng, (rows, columns) = np.random.default_rng(5), np.mgrid[0:120, 0:160]
+    known = np.hypot(columns - 80, rows - 60) < 34
+    frames, images = [], []
+    for turn in np.linspace(0, 6, 9)[:8]:
+        eye = np.array([0.6 * np.cos(turn), 0.6 * np.sin(turn), 0.55])
+        pose = Camera.pose_of_view(tuple(eye), (*AXIS_M, 0.11))
+        rays = CAMERA.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float))
+        glass = hit(eye, rays.reshape(120, 160, 3) @ pose.rotation.T)
+        dropped = rng.random(glass.shape) < np.where(glass, 0.5, 0.02)
+        limit_m = np.where(known, np.float32(2.0), np.float32(0.0))
+        reading = np.where(known, np.where(dropped, DROPPED, SAME), 0).astype(np.uint8)
+        # What remains of the readings lies on an opaque body, which is 0.6 to 0.8 m away, or behind a clear one.
+        middle_m = float(pose.inverse().apply(np.array([[*AXIS_M, 0.14]]))[0, 2])
+        depth_m = np.where(glass & opaque, np.float32(middle_m), np.float32(2.0))
+        frames.append(DepthFrame(0.0, np.where(dropped, np.float32(np.nan), depth_m), None, pose, CAMERA))
+        images.append(
+            RayImage(reading, reading.astype(np.uint16), 2.0 * known.astype(np.float32), limit_m, known)
+        )
+    detector = EvidenceDetector(SpaceGrid.around((-0.08, -0.13, 0.0), (0.12, 0.07, 0.2), 0.01), NOISE)
+    limit_m = np.stack([image.limit_m for image in images])
+    detector._images = images
+    detector._rays = replace(detector._rays, frames=frames, weights=np.ones(8, np.float32), limit_m=limit_m)
+    detector._sum(limit_m > 0, first=True)
+    assert not detector._take()
+    before = detector.evidence.max()
+    assert detector._take_held_out(limit_m) is not opaque
+    assert [np.hypot(*(region.body.axis_m - AXIS_M)) < 0.01 for region in detector.regions()] == [True] * (
+        not opaque
+    )
+    if opaque:
+        assert detector.evidence.max() == pytest.approx(before)
 
 
 def bottle_views(rng: np.random.Generator, shift_m: float) -> list[OutlineView]:

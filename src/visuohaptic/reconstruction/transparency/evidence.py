@@ -61,8 +61,9 @@ from .ray_readings import (
     ray_image,
     reading_tables,
     surface_ratios,
+    window_ratios,
 )
-from .regions import TransparentRegion, body_voxels, region_of
+from .regions import TransparentRegion, body_voxels, region_of, shows_behind
 from .search_report import SearchReport, next_eye
 from .view_geometry import ray_stride, thinned, view_graph
 
@@ -152,8 +153,9 @@ class EvidenceDetector:
         self._outlines, told = [], self._rays
         codes = [rays.code[some] for rays, some in zip(self._images, counted, strict=True)]
         self._tables = reading_tables(codes)
-        pairs = zip(told.frames, self._images, strict=True)
-        ratios = np.stack([self.ratios(frame, rays, self._tables) for frame, rays in pairs])
+        sizes = [(self._matching_px(frame), self._window_px(frame)) for frame in told.frames]
+        pairs = zip(self._images, sizes, strict=True)
+        ratios = np.stack([window_ratios(rays, self._tables, *size) for rays, size in pairs])
         windows = [ratio[limit > 0][:: _STRIDE**2] for ratio, limit in zip(ratios, told.limit_m, strict=True)]
         self.look_alike = look_alike_fraction(np.concatenate(windows))
         self._rays = RayEvidence.of_ratios(told.frames, told.weights, told.limit_m, ratios, self.look_alike)
@@ -223,42 +225,16 @@ class EvidenceDetector:
         radius_px = frame.camera.focal_px * self.settings.radius_m / self._away_m(frame)
         return 2 * round(max(0.5 * (self._matching_px(frame) - 1), radius_px)) + 1
 
-    def ratios(
-        self, frame: DepthFrame, rays: RayImage, tables: Float32[np.ndarray, "kinds n"]
-    ) -> Float32[np.ndarray, "h w"]:
-        """Likelihood ratio of an object-sized window around every pixel (h, w).
-
-        Parameters
-        ----------
-        frame
-            View.
-        rays
-            Readings of the view.
-        tables
-            Log-likelihood ratios of the readings, see :func:`~.ray_readings.reading_tables` [nat].
-        """
-        import cv2
-
-        matching, object_px = (
-            self.noise.window_px(frame.camera.focal_px, self._stride),
-            self._window_px(frame),
-        )
-        total = np.zeros(rays.reading.shape, np.float32)
-        for table in tables / np.float32(matching**2):
-            image, size = np.take(table, rays.code), (object_px, object_px)
-            window = cv2.boxFilter(image, -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
-            total += cv2.exp(np.clip(window, -30.0, 30.0)) / len(tables)
-        return total
-
     def _passed(self, voxels: Bool[np.ndarray, "x y z"]) -> Bool[np.ndarray, "n h w"]:
         """Masks of the rays of all views through some voxels."""
         there_m, voxel_m = self.grid.centres_m(np.argwhere(voxels)), self.grid.voxel_m
         return np.stack([self._rays.passed(k, there_m, voxel_m) for k in range(self.used)])
 
     def _take_held_out(self, limit_m: Float32[np.ndarray, "n h w"]) -> bool:
-        """Extract the first part that exceeds the threshold with the rates of the rays that do not pass it, the most probable place first."""
+        """Extract the first part that exceeds the threshold with the rates of the rays that do not pass it, most probable place first."""
         from scipy import ndimage
 
+        before = self._rays, self._tables, self.evidence, self.extent, self.look_alike, self._outlines
         labels, number = ndimage.label(self.evidence > 0, np.ones((3, 3, 3)))
         peaks = ndimage.maximum_position(self.evidence, labels, range(1, number + 1))
         # A single view is not enough for a part.
@@ -268,6 +244,7 @@ class EvidenceDetector:
             self._sum((limit_m > 0) & ~self._passed(labels == labels[peak]))
             if self._take(peak):
                 return True
+        self._rays, self._tables, self.evidence, self.extent, self.look_alike, self._outlines = before
         return False
 
     def _take(self, only: tuple[int, ...] | None = None) -> bool:
@@ -292,7 +269,8 @@ class EvidenceDetector:
             # The remaining evidence of a part: accepted parts may have reduced it.
             if peak >= best[number] - 1e-3:
                 part, bodies = self._part(left, evidence, box)
-                if bodies:
+                # Without their own rates, dark objects look like glass: readings tell whether these hide what is behind.
+                if bodies and (only is None or shows_behind(self._rays.frames, bodies[0])):
                     part = self._accept(part, bodies, box)
                 labels[box][part] = 0
                 peak = evidence[left & ~part].max(initial=-np.inf)
