@@ -8,7 +8,8 @@ pose errors of 2 mm and 0.3 degrees per axis. A vessel is found if the centroid 
 enlarged by 15 mm; the position error is the horizontal distance of the nearest such centroid from the vessel's axis, because
 the detected part of the height does not affect the position. ``false``: the same tables with opaque copies, black and shiny
 objects, and people who walk past; every region is false. ``filled``: vessels with water. Regions that belong to no vessel of a
-clear scene count as false, too. ``dense``, ``dense_false``: the same from a level ring of 120, 60, 30 and 15 views.
+clear scene count as false, too. ``close``: two vessels 2 to 4 cm apart, of which both have to be found within 10 mm, and single
+ones (before a box, with a thin stem, with a handle) that must not be found twice. ``dense``, ``dense_false``: the same from a level ring of 120, 60, 30 and 15 views.
 
 ``network``: the clear tables and their opaque copies with the masks of networks of segmentation as a further source of
 evidence (``tests/worlds/view_masks.py``): none, usual ones, one fooled by every opaque object, noise, the opposite.
@@ -61,6 +62,7 @@ FAMILY = {
     "found": ("clear", (48, 24, 12, 8)),
     "filled": ("filled", (24, 12)),
     "false": ("opaque", (48, 24, 12, 8)),
+    "close": ("close", (24, 12, 8)),
     "dense": ("clear", (120, 60, 30, 15)),
     "dense_false": ("opaque", (120, 60, 30, 15)),
 }
@@ -117,6 +119,7 @@ def detect(scene: GlassSequence, **options: Any) -> dict[str, Any]:
     own = np.zeros(len(centroids), dtype=bool)
     errors: list[float | None] = []
     deviates: list[float] = []
+    split = 0
     axes = np.array([vessel.position_m[:2] for vessel in scene.vessels]).reshape(-1, 2)
     away = np.linalg.norm(centroids[:, None, :2] - axes, axis=2)
     for number, vessel in enumerate(scene.vessels):
@@ -125,6 +128,7 @@ def detect(scene: GlassSequence, **options: Any) -> dict[str, Any]:
         # A region between two vessels belongs to one of them only.
         inside &= away.argmin(axis=1) == number
         own |= inside
+        split += max(int(inside.sum()) - 1, 0)
         best = int(np.where(inside, away[:, number], np.inf).argmin()) if inside.any() else -1
         errors.append(float(away[best, number]) if best >= 0 else None)
         body = found.regions[best].body if best >= 0 else None
@@ -137,6 +141,7 @@ def detect(scene: GlassSequence, **options: Any) -> dict[str, Any]:
         "error_m": errors,
         "deviates": deviates,
         "false": int((~own).sum()),
+        "split": split,
         "regions": [np.round(c, 4).tolist() for c in centroids],
         "reason": found.search.text,
         "cpu_s": time.process_time() - started,
@@ -282,12 +287,37 @@ def summary(name: str, rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         return declared_figures(rows)
     if name == "network":
         return network_figures(rows)
+    if name == "close":
+        return close_figures(rows)
     figures = []
     for count in sorted({row["views"] for row in rows}, reverse=True):
         for variant in VARIANTS:
             chosen = [row for row in rows if row["views"] == count and row["variant"] == variant]
             if chosen:
                 figures += _figures(name, count, variant, chosen)
+    return figures
+
+
+def close_figures(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Scenes in which every vessel is found within 10 mm, of pairs and of single vessels, and those with a region too many."""
+    figures = []
+    for count, variant in sorted({(row["views"], row["variant"]) for row in rows}, reverse=True):
+        of = [row for row in rows if (row["views"], row["variant"]) == (count, variant)]
+        for what, number in (("pairs", 2), ("single vessels", 1)):
+            chosen = [row for row in of if len(row["vessels"]) == number]
+            met = [(row["kind"], all(e is not None and e < 0.01 for e in row["error_m"])) for row in chosen]
+            kinds = (
+                f"{k} {sum(m for o, m in met if o == k)}/{sum(o == k for o, _ in met)}" for k in dict(met)
+            )
+            many = [row["false"] + row["split"] > 0 for row in chosen]
+            name = f"close, {count} views {variant}: {what}"
+            limits: dict[str, Any] = {"unit": "1", "floor": {24: 0.9, 12: 0.75}.get(count, 0.5), "aim": 1.0}
+            figures += [
+                {"name": f"{name} all found within 10 mm", "ours": float(np.mean([m for _, m in met])), **limits,
+                 "note": f"{len(met)} scenes: {', '.join(kinds)}"},
+                {"name": f"{name} with a region too many", "ours": float(np.mean(many)), "unit": "1", "floor": 0.1,
+                 "aim": 0.02, "higher_is_better": False, "note": f"{sum(many)} scenes"},
+            ] if chosen else []  # fmt: skip
     return figures
 
 

@@ -53,6 +53,7 @@ CAMPAIGNS = (
     "nav_scenes",
     "objects_db",
     "objects_faults",
+    "odometry_evidence",
     "recog_state",
     "recog_table62",
     "reproduce",

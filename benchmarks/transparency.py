@@ -39,7 +39,13 @@ from visuohaptic.reconstruction.transparency import (
     refine_poses,
 )
 from visuohaptic.reconstruction.transparency.ray_evidence import RayEvidence
-from visuohaptic.reconstruction.transparency.ray_readings import FAR, NEAR, SAME, reading_tables
+from visuohaptic.reconstruction.transparency.ray_readings import (
+    FAR,
+    NEAR,
+    SAME,
+    reading_tables,
+    window_ratios,
+)
 from visuohaptic.reproduce.worlds import (
     VOXEL_M,
     PublishedDetector,
@@ -185,7 +191,8 @@ def speed() -> list[dict[str, Any]]:
 
     def weighed() -> None:
         rays = ray_image(ViewDepth.of_frame(own, tracked), known, tracked)
-        ratios = detector.ratios(own, rays, reading_tables([rays.code]))[None]
+        sizes = detector._matching_px(own), detector._window_px(own)
+        ratios = window_ratios(rays, reading_tables([rays.code]), *sizes)[None]
         weights = np.ones(1, np.float32)
         RayEvidence.of_ratios([own], weights, rays.limit_m[None], ratios, 0.05).sums(grid)
 

@@ -48,6 +48,25 @@ def _solid(path: np.ndarray, position_m: tuple[float, float, float], index: floa
     return Revolved(pieces, np.array(position_m), CLEAR)
 
 
+def test_a_handle_touches_its_vessel_and_close_vessels_leave_a_gap():
+    for seed in range(len(FAMILIES["close"])):
+        plan = layout("close", 2 * seed)
+        if len(plan.vessels) == 2:
+            (a, b) = plan.vessels
+            apart = np.hypot(*(a.position_m - b.position_m)[:2]) - a.outer[:, 0].max() - b.outer[:, 0].max()
+            assert 0.02 <= apart <= 0.04, plan.kind
+        for handle in (one for one in plan.objects if one.material == CLEAR):
+            turn = np.linspace(0, 2 * np.pi, 60)
+            rows = handle.pieces[:, :2]
+            ring = np.stack(
+                [np.outer(rows[:, 0], f(turn)) for f in (np.cos, np.sin)] + [np.outer(rows[:, 1], turn**0)],
+                axis=-1,
+            )
+            points = ring.reshape(-1, 3) @ handle.rotation.T + handle.position_m
+            assert points[:, 2].min() > 0.0
+            assert 0 < plan.vessels[0].distance(points).min() < 0.004
+
+
 def test_a_plate_shifts_a_ray_by_the_textbook_amount():
     thick, index = 0.02, 1.5
     plate = np.array([[0, 0], [2, 0], [2, thick], [0, thick]])

@@ -73,6 +73,21 @@ def test_figures_count_every_vessel_and_every_false_region():
     assert by_name["found, 8 views in order: position error, p90"] == pytest.approx(10.4)  # of 2, 4 and 12 mm
 
 
+def test_close_scenes_count_where_all_are_found_and_nothing_twice(scene, monkeypatch):
+    rows = []
+    for kind, errors, split in (("row", [0.002, 0.009], 0), ("row", [0.002, 0.011], 0), ("stem", [0.003], 1)):
+        told = {"kind": kind, "vessels": ["glass"] * len(errors), "views": 8, "variant": "in order"}
+        rows.append(told | {"error_m": errors, "false": 0, "split": split})
+    by_name = {figure["name"]: figure["ours"] for figure in glass_evidence.summary("close", rows)}
+    assert by_name["close, 8 views in order: pairs all found within 10 mm"] == pytest.approx(0.5)
+    assert by_name["close, 8 views in order: pairs with a region too many"] == pytest.approx(0.0)
+    assert by_name["close, 8 views in order: single vessels all found within 10 mm"] == pytest.approx(1.0)
+    assert by_name["close, 8 views in order: single vessels with a region too many"] == pytest.approx(1.0)
+    near = scene.vessels[0].bounds_m.mean(axis=0)
+    _found(monkeypatch, [near, np.add(near, [0.0, 0.0, 0.01])])
+    assert glass_evidence.detect(scene)["split"] == 1
+
+
 def test_a_declared_rate_is_held_within_chance():
     rows = [
         {"rate": rate, "false": int(abs(rate - 0.1) < 1e-9)}

@@ -11,9 +11,9 @@ import pytest
 from visuohaptic.core.camera import Camera
 from visuohaptic.io.depth import DepthFrame
 from visuohaptic.reconstruction.fusion import DepthNoise, SpaceGrid
-from visuohaptic.reconstruction.transparency import evidence
+from visuohaptic.reconstruction.transparency import body_pairs, evidence
 from visuohaptic.reconstruction.transparency._outline_kernels import outline_sums
-from visuohaptic.reconstruction.transparency.body_pairs import disjoint_bodies, fit_pair
+from visuohaptic.reconstruction.transparency.body_pairs import disjoint_bodies, fit_pair, without_body
 from visuohaptic.reconstruction.transparency.evidence import EvidenceDetector
 from visuohaptic.reconstruction.transparency.outline_fit import (
     OutlineView,
@@ -23,7 +23,7 @@ from visuohaptic.reconstruction.transparency.outline_fit import (
     fit_bodies,
 )
 from visuohaptic.reconstruction.transparency.outline_rings import outline_rings
-from visuohaptic.reconstruction.transparency.ray_readings import DROPPED, SAME
+from visuohaptic.reconstruction.transparency.ray_readings import DROPPED, SAME, RayImage
 
 #: x, y of the axis, radius and height of the body, which stands at z = 0.05 [m].
 AXIS_M, RADIUS_M, LOW_M, HIGH_M = np.array([0.02, -0.03]), 0.035, 0.05, 0.17
@@ -173,7 +173,7 @@ def test_a_part_is_one_region_where_its_body_is():
     part = np.zeros(detector.grid.shape, dtype=bool)
     part[7:13, 7:13, 4:14] = part[4:16, 4:16, 22:30] = True
     body = UprightBody(np.zeros(2), np.full(2, 0.003), (0.035, 0.035), 0.002, (0.03, 0.14), 60.0)
-    detector._accept(part, body, (slice(0, 20), slice(0, 20), slice(0, 30)))
+    detector._accept(part, [body], (slice(0, 20), slice(0, 20), slice(0, 30)))
     (region,) = detector.regions()
     assert region.centroid_m == pytest.approx([0.0, 0.0, 0.09], abs=0.006)
     assert region.body is body
@@ -292,8 +292,8 @@ def test_no_two_views_alone_show_a_body(showing, found):
     detector._outlines, detector._rays = seen, replace(detector._rays, weights=np.ones(9, np.float32))
     assert body_evidence(seen, body).sum() > 30
     # At most ln((.9 R + .1) / (.95 + .05 R)) of each view, 2.9 for a large R.
-    assert (detector._bounded(body) > 12.0) is found
-    assert detector._bounded(body) < 2.9 * showing
+    assert (detector._bounded(body, seen) > 12.0) is found
+    assert detector._bounded(body, seen) < 2.9 * showing
 
 
 def test_a_piece_of_a_rim_is_no_body_of_its_own(monkeypatch):
@@ -303,8 +303,8 @@ def test_a_piece_of_a_rim_is_no_body_of_its_own(monkeypatch):
         UprightBody(*place, radius_m, 0.002, (0.0, 0.06), told)
         for radius_m, told in (((0.011, 0.018), 30.0), ((0.013, 0.018), 20.0))
     )
-    monkeypatch.setattr(evidence, "fit_bodies", lambda *_: [rod, cup])
-    monkeypatch.setattr(evidence, "fit_pair", lambda *_: [])
+    monkeypatch.setattr(body_pairs, "fit_bodies", lambda *_: [rod, cup])
+    monkeypatch.setattr(body_pairs, "fit_pair", lambda *_: [])
     detector = EvidenceDetector(SpaceGrid.around((-0.1, -0.1, 0.0), (0.1, 0.1, 0.2), 0.01))
     part = np.ones((10, 10, 10), bool)
     # Half of the edge of the smallest object is 15 mm.
@@ -355,10 +355,73 @@ def test_what_else_founds_a_part_is_left_to_itself(both):
     detector._rays = evidence.RayEvidence(frames, weights, limit_m, told, 0.02 * told)
     part = (near | far).reshape(grid.shape)
     body = UprightBody(np.array([-0.055, 0.0]), np.full(2, 0.003), (0.03, 0.03), 0.002, (0.0, 0.16), 60.0)
-    taken = detector._accept(part, body, tuple(slice(0, n) for n in grid.shape))
+    taken = detector._accept(part, [body], tuple(slice(0, n) for n in grid.shape))
     assert np.array_equal(taken, near.reshape(grid.shape) if both else part)
     (region,) = detector.regions()
     assert region.body is body
+
+
+def test_a_second_body_by_the_rays_that_miss_the_first_is_a_region_of_its_own():
+    """From one side two vessels in a row overlap; the voxels left by the rays beside the first may hold too little evidence."""
+    seen = views(np.random.default_rng(11), np.linspace(-0.5, 0.5, 12), 0.5, ROW_M)
+    first, second = (
+        UprightBody(axis_m, np.full(2, 0.003), (RADIUS_M, RADIUS_M), 0.002, (LOW_M, HIGH_M), 60.0)
+        for axis_m in ROW_M
+    )
+    hidden = replace(second, height_m=(LOW_M, LOW_M + 0.02), radius_m=(0.02, 0.02))
+    grid = SpaceGrid.around((-0.12, -0.06, 0.0), (0.12, 0.06, 0.2), 0.01)
+    detector = EvidenceDetector(grid)
+    detector.threshold, detector._outlines = 12.0, seen
+    detector._rays = replace(detector._rays, weights=np.ones(12, np.float32))
+    rest = without_body(seen, first.shape_m)
+    alone, beside_first = (detector._bounded(second, of) for of in (seen, rest))
+    assert 12.0 < beside_first < alone
+    assert detector._bounded(hidden, rest) < 12.0
+    part = np.ones(grid.shape, bool)
+    box = tuple(slice(0, n) for n in grid.shape)
+    assert np.array_equal(detector._accept(part, [first, second], box), part)
+    # A body that meets an accepted one is none.
+    detector._accept(part, [replace(second)], box)
+    regions = detector.regions()
+    assert [region.body for region in regions] == [first, second]
+    for region in regions:
+        assert np.hypot(*(region.centroid_m[:2] - region.body.axis_m)) < grid.voxel_m
+
+
+@pytest.mark.parametrize("opaque", [False, True])
+def test_a_place_is_tested_with_the_rates_of_the_rays_beside_it(opaque):
+    """A vessel in a tenth of what eight views know raises the rates that it is compared with; what hides the background is none."""
+    rng, (rows, columns) = np.random.default_rng(5), np.mgrid[0:120, 0:160]
+    known = np.hypot(columns - 80, rows - 60) < 34
+    frames, images = [], []
+    for turn in np.linspace(0, 6, 9)[:8]:
+        eye = np.array([0.6 * np.cos(turn), 0.6 * np.sin(turn), 0.55])
+        pose = Camera.pose_of_view(tuple(eye), (*AXIS_M, 0.11))
+        rays = CAMERA.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float))
+        glass = hit(eye, rays.reshape(120, 160, 3) @ pose.rotation.T)
+        dropped = rng.random(glass.shape) < np.where(glass, 0.5, 0.02)
+        limit_m = np.where(known, np.float32(2.0), np.float32(0.0))
+        reading = np.where(known, np.where(dropped, DROPPED, SAME), 0).astype(np.uint8)
+        # What remains of the readings lies on an opaque body, which is 0.6 to 0.8 m away, or behind a clear one.
+        middle_m = float(pose.inverse().apply(np.array([[*AXIS_M, 0.14]]))[0, 2])
+        depth_m = np.where(glass & opaque, np.float32(middle_m), np.float32(2.0))
+        frames.append(DepthFrame(0.0, np.where(dropped, np.float32(np.nan), depth_m), None, pose, CAMERA))
+        images.append(
+            RayImage(reading, reading.astype(np.uint16), 2.0 * known.astype(np.float32), limit_m, known)
+        )
+    detector = EvidenceDetector(SpaceGrid.around((-0.08, -0.13, 0.0), (0.12, 0.07, 0.2), 0.01), NOISE)
+    limit_m = np.stack([image.limit_m for image in images])
+    detector._images = images
+    detector._rays = replace(detector._rays, frames=frames, weights=np.ones(8, np.float32), limit_m=limit_m)
+    detector._sum(limit_m > 0, first=True)
+    assert not detector._take()
+    before = detector.evidence.max()
+    assert detector._take_held_out(limit_m) is not opaque
+    assert [np.hypot(*(region.body.axis_m - AXIS_M)) < 0.01 for region in detector.regions()] == [True] * (
+        not opaque
+    )
+    if opaque:
+        assert detector.evidence.max() == pytest.approx(before)
 
 
 def bottle_views(rng: np.random.Generator, shift_m: float) -> list[OutlineView]:

@@ -9,7 +9,7 @@ from scipy.interpolate import PchipInterpolator
 
 from .ray_optics import CLEAR, Box, Revolved
 
-__all__ = ["BLACK", "KINDS", "METAL", "PLAIN", "Vessel", "can", "carton", "random_vessel"]
+__all__ = ["BLACK", "KINDS", "METAL", "PLAIN", "Vessel", "can", "carton", "random_vessel", "ring_handle"]
 
 #: Opaque materials: bright and diffuse, hardly any light back, shiny.
 PLAIN, BLACK, METAL = 0, 1, 2
@@ -157,6 +157,19 @@ def can(radius_m: float, height_m: float, position_m: tuple[float, float, float]
     """An opaque cylinder on its foot."""
     path = np.array([[0, 0], [radius_m, 0], [radius_m, height_m], [0, height_m]])
     return Revolved(_pieces(path), np.array(position_m, dtype=float), material)
+
+
+def ring_handle(vessel: Vessel, turn_rad: float, rng: np.random.Generator) -> Revolved:
+    """A handle of glass: an upright ring that touches the wall of a vessel in half of its height, on the side of an angle."""
+    ring, thick = rng.uniform(0.018, 0.024), rng.uniform(0.004, 0.006)
+    z = 0.5 * vessel.outer[-1, 1]
+    way = np.array([np.cos(turn_rad), np.sin(turn_rad), 0.0])
+    # Its own axis is level, across the way to it; its inner side has no piece in the wall.
+    away = float(np.interp(z, vessel.outer[:, 1], vessel.outer[:, 0])) + ring + thick + _GAP_M
+    angle = np.linspace(-np.pi / 2, 1.5 * np.pi, 25)
+    path = np.column_stack([ring + thick * np.cos(angle), thick * np.sin(angle)])
+    axes = np.column_stack([way, [0.0, 0.0, 1.0], np.cross(way, [0.0, 0.0, 1.0])])
+    return Revolved(_pieces(path), vessel.position_m + away * way + [0.0, 0.0, z], CLEAR, axes)
 
 
 def carton(edges_m: np.ndarray, position_m: tuple[float, float], yaw_rad: float, material: int) -> Box:

@@ -1,6 +1,7 @@
 """Seeded depth sequences of a table with thin clear vessels, and of the same table with opaque copies.
 
-A scene has 48 views; smaller numbers are every second, fourth or sixth of them, so that all campaigns share the rendered images.
+A scene has 48 views, a close one 24, one of a walk around the table 24 to 60; smaller numbers are every second, fourth or sixth of
+them, so that all campaigns share the rendered images.
 Alternatively it is seen from a level ring, with any number of views.
 Even seeds are open, odd ones closed; the kind of a scene depends on seed // 2, so that both halves contain all kinds.
 """
@@ -13,21 +14,29 @@ from pathlib import Path
 
 import numpy as np
 
-from .ray_objects import BLACK, KINDS, METAL, PLAIN, Vessel, can, carton, random_vessel
+from .ray_objects import BLACK, KINDS, METAL, PLAIN, Vessel, can, carton, random_vessel, ring_handle
 from .ray_optics import CLEAR, Box, Revolved
 from .rays import DepthCamera, Imperfections, World, look, read
 
 __all__ = ["FAMILIES", "VIEWS", "GlassSequence", "Layout", "layout", "sequence"]
 
-#: Views of a scene.
-VIEWS = 48
+#: Views of a scene, and of a close one.
+VIEWS, _CLOSE_VIEWS = 48, 24
 #: Counts up when the caster or the camera's imperfections change, so that scenes in a cache are rendered again.
 _RENDERING = 1
 #: Kinds of scenes: two vessels; nearly in line; one before a wall; three; a person walks; a hand-held arc.
 _CLEAR = ("pair", "overlap", "wall", "three", "person", "hand")
 #: Kinds of opaque scenes: copies of the vessels; black; shiny; a person walks; before a wall; a hand-held arc.
 _OPAQUE = ("twin", "black", "metal", "person", "wall", "hand")
-FAMILIES = {"clear": _CLEAR, "filled": ("pair",), "opaque": _OPAQUE}
+#: Kinds of close scenes, 2 to 4 cm between walls: two in a row as seen from the middle of the views; side by side; in a row within a
+#: narrow arc, so that they overlap in most views; one before a box; single ones that are easily taken for two: a thin stem, a handle.
+_CLOSE = ("row", "side", "narrow", "box", "stem", "handle")
+#: Kinds of sequences of a hand, 24 to 60 views: three to six opaque objects; one clear vessel among them; a single can; nothing on the
+#: table.
+_WALK = ("objects", "glass", "can", "bare")
+#: Number of opaque objects, 2 by default.
+_BESIDE = {"wall": 0, "can": 0, "bare": 0, "glass": 4}
+FAMILIES = {"clear": _CLEAR, "filled": ("pair",), "opaque": _OPAQUE, "close": _CLOSE, "walk": _WALK}
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,11 +101,11 @@ def _towards(eye: np.ndarray, target: np.ndarray) -> np.ndarray:
     return pose
 
 
-def _path(kind: str, middle_rad: float, rng: np.random.Generator) -> np.ndarray:
+def _path(kind: str, count: int, middle_rad: float, rng: np.random.Generator) -> np.ndarray:
     """Poses of an arm on a part of a hemisphere, or of a hand on an arc."""
     u = rng.uniform
-    share = np.linspace(-0.5, 0.5, VIEWS)
-    if kind == "hand":
+    share = np.linspace(-0.5, 0.5, count)
+    if kind in ("hand", *_WALK):
         span, radius = np.radians(u(80, 170)), u(0.45, 0.65)
         wobble = 0.03 * np.sin(2 * np.pi * (u(1, 3) * share[:, None] + rng.random((1, 3))))
         rise = np.radians(u(28, 45)) + np.radians(10) * np.sin(
@@ -104,8 +113,9 @@ def _path(kind: str, middle_rad: float, rng: np.random.Generator) -> np.ndarray:
         )
     else:
         # Views from behind the wall or the path of a person would be occluded.
-        span, radius = np.radians(u(90, 140) if kind in ("wall", "person") else u(120, 300)), u(0.5, 0.7)
-        wobble = 0.01 * rng.standard_normal((VIEWS, 3))
+        spans = {"wall": (90, 140), "person": (90, 140), "narrow": (60, 90)}
+        span, radius = np.radians(u(*spans.get(kind, (120, 300)))), u(0.5, 0.7)
+        wobble = 0.01 * rng.standard_normal((count, 3))
         # Rows of an arm that goes up and down; no whole number of them, so that every subset has high and low views.
         rise = np.radians(
             (27 if kind == "person" else 35) + 16 * np.sin(2 * np.pi * (5.37 * share + rng.random()))
@@ -113,7 +123,7 @@ def _path(kind: str, middle_rad: float, rng: np.random.Generator) -> np.ndarray:
     turn = middle_rad + span * share
     eyes = radius * np.column_stack([np.cos(turn) * np.cos(rise), np.sin(turn) * np.cos(rise), np.sin(rise)])
     target = np.array([0, 0, 0.07])
-    aims = target + 0.015 * rng.standard_normal((VIEWS, 3))
+    aims = target + 0.015 * rng.standard_normal((count, 3))
     return np.array([_towards(eye + w + target, aim) for eye, w, aim in zip(eyes, wobble, aims, strict=True)])
 
 
@@ -148,6 +158,36 @@ def layout(family: str, seed: int, ring: int = 0) -> Layout:
         Box(np.array([0, 0, -0.015]), np.array([0.5, 0.5, 0.015]), rng.uniform(0, 1.5), PLAIN),
         Box(np.array([0, 0, -0.78]), np.array([4, 4, 0.03]), 0.0, PLAIN),
     ]
+    placed = {"close": _close, "walk": _among}.get(family)
+    vessels, near = placed(kind, view, rng) if placed else _apart(family, kind, view, rng)
+    places = [vessel.position_m[:2] for vessel in vessels]
+    boxes += [one for one in near if isinstance(one, Box)]
+    if kind == "wall":
+        depth = vessels[0].outer[:, 0].max() + 0.02 + 0.01
+        centre = np.append(places[0] - depth * view, 0.2)
+        boxes.append(Box(centre, np.array([0.01, 0.4, 0.2]), middle, PLAIN))
+    material = CLEAR
+    if family == "opaque":
+        material = {"black": BLACK, "metal": METAL}.get(kind, PLAIN)
+    beside = int(rng.integers(3, 7)) if kind == "objects" else _BESIDE.get(kind, 2)
+    objects, cartons = _beside(beside, places, rng)
+    if kind == "can":
+        objects = (can(rng.uniform(0.03, 0.05), rng.uniform(0.08, 0.15), (0.0, 0.0, 0.0), PLAIN),)
+    objects += tuple(one for one in near if isinstance(one, Revolved))
+    walker = None
+    if kind == "person":
+        across = np.array([-view[1], view[0]])
+        steps = np.linspace(-0.8, 0.8, VIEWS)[:, None]
+        walker = np.column_stack([-rng.uniform(0.65, 0.8) * view + steps * across, np.full(VIEWS, -0.75)])
+    count = {"close": _CLOSE_VIEWS, "walk": 24 + 12 * (seed // 8 % 4)}.get(family, VIEWS)
+    poses = _ring(ring, middle, rng) if ring else _path(kind, count, middle, rng)
+    return Layout(family, kind, seed, vessels, material, objects, (*boxes, *cartons), poses, walker)
+
+
+def _apart(
+    family: str, kind: str, view: np.ndarray, rng: np.random.Generator
+) -> tuple[tuple[Vessel, ...], list[Box | Revolved]]:
+    """Vessels 18 cm apart from each other, or nearly in line; nothing is close to them."""
     names = rng.permutation(KINDS)
     if kind == "wall":
         places = [rng.uniform(-0.03, 0.03, 2)]
@@ -164,21 +204,47 @@ def layout(family: str, seed: int, ring: int = 0) -> Layout:
         random_vessel(str(name), rng, tuple(place), filled=filled)
         for name, place in zip(names, places, strict=False)
     )
-    if kind == "wall":
-        depth = vessels[0].outer[:, 0].max() + 0.02 + 0.01
-        centre = np.append(places[0] - depth * view, 0.2)
-        boxes.append(Box(centre, np.array([0.01, 0.4, 0.2]), middle, PLAIN))
-    material = CLEAR
-    if family == "opaque":
-        material = {"black": BLACK, "metal": METAL}.get(kind, PLAIN)
-    objects, cartons = _beside(2 if kind != "wall" else 0, places, rng)
-    walker = None
-    if kind == "person":
-        across = np.array([-view[1], view[0]])
-        steps = np.linspace(-0.8, 0.8, VIEWS)[:, None]
-        walker = np.column_stack([-rng.uniform(0.65, 0.8) * view + steps * across, np.full(VIEWS, -0.75)])
-    poses = _ring(ring, middle, rng) if ring else _path(kind, middle, rng)
-    return Layout(family, kind, seed, vessels, material, objects, (*boxes, *cartons), poses, walker)
+    return vessels, []
+
+
+def _among(
+    kind: str, view: np.ndarray, rng: np.random.Generator
+) -> tuple[tuple[Vessel, ...], list[Box | Revolved]]:
+    """The clear vessel of a sequence of a hand, if it has one."""
+    name, place = str(rng.choice(["glass", "bottle", "jar", "wine glass"])), 0.05 * view
+    return ((random_vessel(name, rng, tuple(place)),) if kind == "glass" else ()), []
+
+
+def _close(
+    kind: str, view: np.ndarray, rng: np.random.Generator
+) -> tuple[tuple[Vessel, ...], list[Box | Revolved]]:
+    """One or two vessels, and what stands close to them."""
+    names = {"stem": ["wine glass"], "handle": ["jar"], "box": ["glass", "bottle", "jar", "wine glass"]}
+    first = random_vessel(str(rng.choice(names.get(kind, ["glass", "bottle", "jar"]))), rng, (0.0, 0.0))
+    start = rng.uniform(-0.03, 0.03, 2)
+    gap, turn = rng.uniform(0.02, 0.04), rng.uniform(-0.3, 0.3)
+    c, s = np.cos(turn), np.sin(turn)
+    away = -np.array([c * view[0] - s * view[1], s * view[0] + c * view[1]])
+    if kind == "side":
+        away = np.array([-away[1], away[0]])
+    near: list[Box | Revolved] = []
+    if kind in ("stem", "handle"):
+        first = replace(first, position_m=first.position_m + np.append(start, 0.0))
+        if kind == "handle":
+            near.append(ring_handle(first, rng.uniform(-np.pi, np.pi), rng))
+        return (first,), near
+    reach = first.outer[:, 0].max() + gap
+    if kind == "box":
+        first = replace(first, position_m=first.position_m + np.append(start, 0.0))
+        edges = rng.uniform([0.05, 0.08, 0.08], [0.08, 0.16, 0.2])
+        centre = start + (reach + 0.5 * edges[0]) * away
+        return (first,), [carton(edges, tuple(centre), float(np.arctan2(away[1], away[0])), PLAIN)]
+    second = random_vessel(str(rng.choice(["glass", "bottle", "jar"])), rng, (0.0, 0.0))
+    half = 0.5 * (reach + second.outer[:, 0].max()) * away
+    return tuple(
+        replace(vessel, position_m=vessel.position_m + np.append(place, 0.0))
+        for vessel, place in ((first, start - half), (second, start + half))
+    ), near
 
 
 def _beside(

@@ -13,10 +13,33 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from .outline_fit import OutlineView, UprightBody, body_bounds_m, body_evidence, fit_beside
+from .outline_fit import OutlineView, UprightBody, body_bounds_m, body_evidence, fit_beside, fit_bodies
 
 #: Number of points on each bounding circle of a hidden body; how often each body of a pair is fitted.
 _CORNERS, _TURNS = 24, 2
+
+
+def fit_part(
+    views: Sequence[OutlineView],
+    points_m: Float[np.ndarray, "n 3"],
+    evidence: Float[np.ndarray, "n"],
+    radius_m: float,
+    threshold: float,
+) -> list[UprightBody]:
+    """The likeliest one or two bodies of a part, strongest first; none if nothing has an outline.
+
+    Parameters
+    ----------
+    views, points_m, evidence
+        See :func:`fit_pair`.
+    radius_m
+        Minimum mean radius: a thinner body is a fragment of a rim, whose centre is elsewhere [m].
+    threshold
+        See :func:`disjoint_bodies`.
+    """
+    bodies = [*fit_bodies(views, points_m, evidence), *fit_pair(views, points_m, evidence)]
+    thick = [body for body in bodies if sum(body.radius_m) >= 2 * radius_m]
+    return disjoint_bodies(views, thick, threshold)
 
 
 def fit_pair(

@@ -3,7 +3,8 @@
 For a ray with reading r in context c (:mod:`.ray_readings`)
 
 - P(r | c, nothing transparent) is estimated from the sequence itself, so that no drop-out model of the camera is needed.
-  The estimate is repeated without the rays through detected parts until no further parts are found;
+  The estimate is repeated without the rays through detected parts until no further parts are found, and without those
+  through a place that is tested: a vessel seen in a few views raises the rates that it is compared with;
 - P(r | glass) is that of four kinds of glass: faint, thin, strong and filled (:func:`.ray_readings.reading_tables`).
 
 Readings of neighbouring pixels are correlated: all readings within a matching window count as one. R is the likelihood
@@ -40,8 +41,8 @@ from ...io.depth.depth_sequence import DepthFrame
 from ...io.depth.pixel_model import PixelModel, scores_of
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
-from .body_pairs import disjoint_bodies, fit_pair
-from .outline_fit import OutlineView, UprightBody, body_evidence, fit_bodies
+from .body_pairs import fit_part, without_body
+from .outline_fit import OutlineView, UprightBody, body_evidence
 from .outline_rings import with_rings
 from .ray_evidence import (
     HIDDEN,
@@ -60,8 +61,9 @@ from .ray_readings import (
     ray_image,
     reading_tables,
     surface_ratios,
+    window_ratios,
 )
-from .regions import TransparentRegion, region_of
+from .regions import TransparentRegion, body_voxels, region_of, shows_behind
 from .search_report import SearchReport, next_eye
 from .view_geometry import ray_stride, thinned, view_graph
 
@@ -134,18 +136,13 @@ class EvidenceDetector:
             return
         limit_m = np.stack([rays.limit_m for rays in self._images])
         self._rays = replace(self._rays, frames=frames, weights=weights, limit_m=limit_m)
-        whole, before = self.evidence, -1
-        while before < len(self._found):
-            first, before = before < 0, len(self._found)
-            self._sum(limit_m > 0, first=first)
-            whole = self.evidence if first else whole
-            strong = np.argwhere(self.evidence >= self.threshold)
-            if before and len(strong):
-                # Parts weaker than the accepted ones, as a bowl of which only the rim shows, contaminate the rates less.
-                there_m, voxel_m = self.grid.centres_m(strong), self.grid.voxel_m
-                passed = np.stack([self._rays.passed(k, there_m, voxel_m) for k in range(len(frames))])
-                self._sum((limit_m > 0) & ~passed)
-            self._take()
+        self._sum(limit_m > 0, first=True)
+        whole = self.evidence
+        while self._take() or self._take_held_out(limit_m):
+            # Parts weaker than the accepted ones, as a bowl of which only the rim shows, contaminate the rates less.
+            self._sum(limit_m > 0)
+            if (strong := self.evidence >= self.threshold).any():
+                self._sum((limit_m > 0) & ~self._passed(strong))
         self.evidence = whole
         if self._found:
             limit_m[:] = [image.limit_m for image in self._images]
@@ -156,8 +153,9 @@ class EvidenceDetector:
         self._outlines, told = [], self._rays
         codes = [rays.code[some] for rays, some in zip(self._images, counted, strict=True)]
         self._tables = reading_tables(codes)
-        pairs = zip(told.frames, self._images, strict=True)
-        ratios = np.stack([self.ratios(frame, rays, self._tables) for frame, rays in pairs])
+        sizes = [(self._matching_px(frame), self._window_px(frame)) for frame in told.frames]
+        pairs = zip(self._images, sizes, strict=True)
+        ratios = np.stack([window_ratios(rays, self._tables, *size) for rays, size in pairs])
         windows = [ratio[limit > 0][:: _STRIDE**2] for ratio, limit in zip(ratios, told.limit_m, strict=True)]
         self.look_alike = look_alike_fraction(np.concatenate(windows))
         self._rays = RayEvidence.of_ratios(told.frames, told.weights, told.limit_m, ratios, self.look_alike)
@@ -227,37 +225,38 @@ class EvidenceDetector:
         radius_px = frame.camera.focal_px * self.settings.radius_m / self._away_m(frame)
         return 2 * round(max(0.5 * (self._matching_px(frame) - 1), radius_px)) + 1
 
-    def ratios(
-        self, frame: DepthFrame, rays: RayImage, tables: Float32[np.ndarray, "kinds n"]
-    ) -> Float32[np.ndarray, "h w"]:
-        """Likelihood ratio of an object-sized window around every pixel (h, w).
+    def _passed(self, voxels: Bool[np.ndarray, "x y z"]) -> Bool[np.ndarray, "n h w"]:
+        """Masks of the rays of all views through some voxels."""
+        there_m, voxel_m = self.grid.centres_m(np.argwhere(voxels)), self.grid.voxel_m
+        return np.stack([self._rays.passed(k, there_m, voxel_m) for k in range(self.used)])
 
-        Parameters
-        ----------
-        frame
-            View.
-        rays
-            Readings of the view.
-        tables
-            Log-likelihood ratios of the readings, see :func:`~.ray_readings.reading_tables` [nat].
-        """
-        import cv2
-
-        matching, object_px = self._matching_px(frame), self._window_px(frame)
-        total = np.zeros(rays.reading.shape, np.float32)
-        for table in tables / np.float32(matching**2):
-            image, size = np.take(table, rays.code), (object_px, object_px)
-            window = cv2.boxFilter(image, -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
-            total += cv2.exp(np.clip(window, -30.0, 30.0)) / len(tables)
-        return total
-
-    def _take(self) -> None:
-        """Extract parts in order of falling evidence; each explains the evidence of the rays through it."""
+    def _take_held_out(self, limit_m: Float32[np.ndarray, "n h w"]) -> bool:
+        """Extract the first part that exceeds the threshold with the rates of the rays that do not pass it, most probable place first."""
         from scipy import ndimage
 
+        before = self._rays, self._tables, self.evidence, self.extent, self.look_alike, self._outlines
+        labels, number = ndimage.label(self.evidence > 0, np.ones((3, 3, 3)))
+        peaks = ndimage.maximum_position(self.evidence, labels, range(1, number + 1))
+        # A single view is not enough for a part.
+        one_view = math.log((1 - HIDDEN) / self.look_alike)
+        peaks = [peak for peak in peaks if self.evidence[peak] > one_view]
+        for peak in sorted(peaks, key=self.evidence.__getitem__, reverse=True):
+            self._sum((limit_m > 0) & ~self._passed(labels == labels[peak]))
+            if self._take(peak):
+                return True
+        self._rays, self._tables, self.evidence, self.extent, self.look_alike, self._outlines = before
+        return False
+
+    def _take(self, only: tuple[int, ...] | None = None) -> bool:
+        """Extract parts, or that at one voxel, in order of falling evidence; each explains the evidence of the rays through it."""
+        from scipy import ndimage
+
+        before = len(self._found)
         if self.evidence.max() < self._even:
-            return
+            return False
         labels, _ = ndimage.label(self.extent > 0, np.ones((3, 3, 3)))
+        if only:
+            labels = (labels == labels[only]).astype(labels.dtype) * (labels[only] > 0)
         boxes = ndimage.find_objects(labels)
         held, best = labels > 0, np.full(len(boxes), -np.inf)
         np.maximum.at(best, labels[held] - 1, self.evidence[held])
@@ -269,43 +268,53 @@ class EvidenceDetector:
             peak = evidence[left].max(initial=-np.inf)
             # The remaining evidence of a part: accepted parts may have reduced it.
             if peak >= best[number] - 1e-3:
-                part, body = self._part(left, evidence, box)
-                if body is not None:
-                    part = self._accept(part, body, box)
+                part, bodies = self._part(left, evidence, box)
+                # Without their own rates, dark objects look like glass: readings tell whether these hide what is behind.
+                if bodies and (only is None or shows_behind(self._rays.frames, bodies[0])):
+                    part = self._accept(part, bodies, box)
                 labels[box][part] = 0
                 peak = evidence[left & ~part].max(initial=-np.inf)
             best[number] = peak
         self._found = tuple(sorted(self._found, key=lambda region: -region.voxels))
+        return len(self._found) > before
 
     def _part(
         self, left: Bool[np.ndarray, "x y z"], evidence: Float32[np.ndarray, "x y z"], box: tuple[slice, ...]
-    ) -> tuple[Bool[np.ndarray, "x y z"], UprightBody | None]:
-        """The connected component around the strongest voxel of a part, and its strongest body."""
+    ) -> tuple[Bool[np.ndarray, "x y z"], list[UprightBody]]:
+        """The connected component around the strongest voxel of a part, its strongest body, and a second one beside it."""
         from scipy import ndimage
 
         labels, _ = ndimage.label(left, np.ones((3, 3, 3)))
         whole: Bool[np.ndarray, "x y z"] = labels == labels.flat[np.where(left, evidence, -np.inf).argmax()]
         told = float(evidence[whole].max())
-        for body in self._fit(whole, evidence, box):
+        bodies = self._fit(whole, evidence, box)
+        for body in bodies:
             seen = self._rays.scored(body.points_m(self.grid.voxel_m))
-            outlined = told if told >= self.threshold else self._bounded(body) + seen
+            outlined = told if told >= self.threshold else self._bounded(body, self._outlines) + seen
             if outlined >= self.threshold and self._beside(body) + seen >= self.threshold:
                 self._strongest = max(self._strongest, outlined)
-                return whole, body
-        return whole, None
+                beside = [other for other in bodies if other is not body and self._second(other, body)]
+                return whole, [body, *beside]
+        return whole, []
 
-    def _bounded(self, body: UprightBody) -> float:
+    def _second(self, body: UprightBody, first: UprightBody) -> bool:
+        """Whether a body has enough evidence by the readings of the rays that miss the first one."""
+        rest = without_body(self._outlines, first.shape_m)
+        return min(self._bounded(body, rest), self._beside(body, first)) >= self.threshold
+
+    def _bounded(self, body: UprightBody, views: Sequence[OutlineView]) -> float:
         """Evidence for a body, that of each view bounded as for a voxel: no single view is decisive [nat]."""
         weights, shown = self._rays.weights, self.look_alike
-        ratio = np.exp(np.minimum(body_evidence(self._outlines, body) / weights, 30.0))
+        ratio = np.exp(np.minimum(body_evidence(views, body) / weights, 30.0))
         return float(weights @ np.log(((1 - HIDDEN) * ratio + HIDDEN) / ((1 - shown) + shown * ratio)))
 
-    def _beside(self, body: UprightBody) -> float:
-        """Evidence for a body, given the readings at the surfaces behind it of rays that pass beside it [nat]."""
+    def _beside(self, body: UprightBody, first: UprightBody | None = None) -> float:
+        """Evidence for a body, given the readings at the surfaces behind it of rays that pass beside it; of rays that miss a first body [nat]."""
         rays, body_m, size_m = self._rays, body.points_m(self.grid.voxel_m), 2 * self.settings.radius_m
         through = np.stack([rays.passed(k, body_m, self.grid.voxel_m) for k in range(self.used)])
         added = surface_ratios(rays.frames, self._images, through, rays.limit_m > 0, self._tables, size_m)
-        return float(body_evidence(self._outline_views(added), body).sum())
+        views = self._outline_views(added)
+        return float(body_evidence(without_body(views, first.shape_m) if first else views, body).sum())
 
     @property
     def _min_voxels(self) -> float:
@@ -321,49 +330,41 @@ class EvidenceDetector:
         points_m = self.grid.centres_m(np.argwhere(part) + [s.start for s in box])
         # Windows may look like glass in all views for a common cause without an outline: an edge.
         self._outlines = self._outlines or self._outline_views()
-        told = self._outlines, points_m, evidence[part]
-        bodies = [*fit_bodies(*told), *fit_pair(*told)]
-        # A body thinner than the smallest object is a fragment of a rim, whose centre is elsewhere.
-        thick = [body for body in bodies if sum(body.radius_m) >= 2 * self.settings.radius_m]
-        return disjoint_bodies(self._outlines, thick, self.threshold)
+        return fit_part(self._outlines, points_m, evidence[part], self.settings.radius_m, self.threshold)
 
     def _accept(
-        self, part: Bool[np.ndarray, "x y z"], body: UprightBody, box: tuple[slice, ...]
+        self, part: Bool[np.ndarray, "x y z"], bodies: Sequence[UprightBody], box: tuple[slice, ...]
     ) -> Bool[np.ndarray, "x y z"]:
-        """Accept a part unless it intersects an accepted one; returns its voxels, without those that belong to another part."""
+        """Accept the bodies that intersect no accepted one; returns the voxels of the part, without those of another part."""
         from scipy import ndimage
 
-        if any(region.body is not None and body.meets(region.body) for region in self._found):
+        others = [region.body for region in self._found if region.body is not None]
+        bodies = [body for body in bodies if not any(map(body.meets, others))]
+        if not bodies:
             return part
-        grid = self.grid
-        cells = np.argwhere(part) + [s.start for s in box]
-        points_m, body_m = grid.centres_m(cells), body.points_m(grid.voxel_m)
+        grid, cells = self.grid, np.argwhere(part) + [s.start for s in box]
+        points_m = grid.centres_m(cells)
         # Windows are as wide as the smallest object, so a body appears larger by half a window.
-        own = body.contains(points_m, self.settings.radius_m)
-        self._explain(np.concatenate([points_m[own], body_m]))
+        own = np.array([body.contains(points_m, self.settings.radius_m) for body in bodies])
+        own[1:] &= ~own[0]
+        for body, inside in zip(bodies, own, strict=True):
+            self._rays.explain(np.concatenate([points_m[inside], body.points_m(grid.voxel_m)]), grid.voxel_m)
         rest = part.copy()
-        rest[part] = ~own
-        if own.any() and self._rays.sums(self.grid.part(box))[0][rest].max(initial=0.0) >= self.threshold:
-            # Evidence above the threshold from rays that miss the body belongs to another part.
-            part, cells, own = part & ~rest, cells[own], own[own]
+        rest[part] = ~own.any(axis=0)
+        if own.any() and self._rays.sums(grid.part(box))[0][rest].max(initial=0.0) >= self.threshold:
+            # Evidence above the threshold from rays that miss the bodies belongs to another part.
+            part = part & ~rest
         else:
-            self._explain(points_m[~own])
-        # Drop components that are mostly outside the body.
-        piece = ndimage.label(part, np.ones((3, 3, 3)))[0][part]
-        cells = cells[2 * np.bincount(piece, weights=own)[piece] > np.bincount(piece)[piece]]
-        if len(cells) < self._min_voxels:
-            cells = np.floor((body_m - grid.low_m) / grid.voxel_m).astype(int)
-            cells = cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)]
-        if len(cells):
-            chosen = tuple(cells.T)
-            self.inside[chosen] = True
-            self._found += (region_of(cells, self.score(cells), grid, body),)
+            self._rays.explain(points_m[~own.any(axis=0)], grid.voxel_m)
+            if len(bodies) == 1:  # Drop components that are mostly outside the body.
+                piece = ndimage.label(part, np.ones((3, 3, 3)))[0][part]
+                own = (2 * np.bincount(piece, weights=own[0])[piece] > np.bincount(piece)[piece])[None]
+        for body, inside in zip(bodies, own, strict=True):
+            chosen = cells[inside] if inside.sum() >= self._min_voxels else body_voxels(body, grid)
+            if len(chosen):
+                self.inside[tuple(chosen.T)] = True
+                self._found += (region_of(chosen, self.score(chosen), grid, body),)
         return part
-
-    def _explain(self, points_m: Float[np.ndarray, "n 3"]) -> None:
-        """Set the evidence of all rays through some points to zero."""
-        for k, limit_m in enumerate(self._rays.limit_m):
-            limit_m[self._rays.passed(k, points_m, self.grid.voxel_m)] = 0.0
 
     @property
     def _even(self) -> float:

@@ -167,6 +167,17 @@ class RayEvidence:
         reach = int(np.ceil(camera.focal_px * voxel_m / float(local[:, 2].min(initial=np.inf)))) + 1
         return cv2.dilate(found, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)) > 0
 
+    def explain(self, points_m: Float[np.ndarray, "n 3"], voxel_m: float) -> None:
+        """Remove the evidence of all rays that pass through voxels, see :meth:`passed`.
+
+        Parameters
+        ----------
+        points_m, voxel_m
+            See :meth:`passed`.
+        """
+        for k, limit_m in enumerate(self.limit_m):
+            limit_m[self.passed(k, points_m, voxel_m)] = 0.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScoreEvidence:

@@ -253,6 +253,30 @@ def reading_tables(codes: Sequence[UInt16[np.ndarray, "*n"]]) -> Float32[np.ndar
     return tables.reshape(len(KINDS), -1)
 
 
+def window_ratios(
+    rays: RayImage, tables: Float32[np.ndarray, "kinds n"], matching_px: float, object_px: int
+) -> Float32[np.ndarray, "h w"]:
+    """Likelihood ratio of an object-sized window around every pixel (h, w).
+
+    Parameters
+    ----------
+    rays
+        Readings of a view.
+    tables
+        Log-likelihood ratios of the readings, see :func:`reading_tables` [nat].
+    matching_px, object_px
+        Edges of the matching window, whose readings count as one, and of the window of the smallest object [px].
+    """
+    import cv2
+
+    total = np.zeros(rays.reading.shape, np.float32)
+    for table in tables / np.float32(matching_px**2):
+        image, size = np.take(table, rays.code), (object_px, object_px)
+        window = cv2.boxFilter(image, -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
+        total += cv2.exp(np.clip(window, -30.0, 30.0)) / len(tables)
+    return total
+
+
 def surface_ratios(
     frames: Sequence[DepthFrame],
     images: Sequence[RayImage],

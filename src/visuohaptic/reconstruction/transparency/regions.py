@@ -135,6 +135,60 @@ def region_of(
     )
 
 
+def body_voxels(body: UprightBody, grid: SpaceGrid) -> Int[np.ndarray, "n 3"]:
+    """Indices of the voxels inside a body (n, 3).
+
+    Parameters
+    ----------
+    body
+        The body.
+    grid
+        Position and size of the voxels.
+    """
+    cells = np.floor((body.points_m(grid.voxel_m) - grid.low_m) / grid.voxel_m).astype(int)
+    return cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)]
+
+
+def shows_behind(frames: Sequence[DepthFrame], body: UprightBody) -> bool:
+    """Whether more of the readings towards the upper half of a body lie behind it than in it.
+
+    What can be read through glass lies behind it, except for dirt and highlights; what can be read of an opaque object of
+    which readings are missing lies on it. The lower half is not used: below it, the surface on which it stands is in its outline.
+
+    Parameters
+    ----------
+    frames
+        Views of one camera.
+    body
+        The body.
+    """
+    import cv2
+
+    low_m, high_m = body.height_m
+    turn = np.linspace(0, 2 * np.pi, 24)
+    half = np.array([[0.5 * sum(body.radius_m), 0.5 * (low_m + high_m)], [body.radius_m[1], high_m]])
+    ring = [
+        body.axis_m[0] + np.outer(half[:, 0], np.cos(turn)),
+        body.axis_m[1] + np.outer(half[:, 0], np.sin(turn)),
+    ]
+    circles_m = np.stack([*ring, np.repeat(half[:, 1:], len(turn), axis=1)], axis=-1).reshape(-1, 3)
+    behind = inside = 0
+    for frame in frames:
+        local = frame.T_world_camera.inverse().apply(circles_m)
+        if local[:, 2].min() < 0.05:
+            continue
+        outline = np.zeros(frame.depth_m.shape, np.uint8)
+        pixels = cv2.convexHull(frame.camera.project(local).astype(np.float32))
+        cv2.fillConvexPoly(outline, np.rint(pixels).astype(np.int32), 1)
+        rows, columns = np.nonzero((outline > 0) & np.isfinite(frame.depth_m))
+        rays = frame.camera.rays(np.column_stack([columns, rows]).astype(np.float64))
+        depth_m = frame.depth_m[rows, columns].astype(np.float64)
+        held = body.contains(frame.T_world_camera.apply(rays * depth_m[:, None]))
+        inside += int(held.sum())
+        behind += int((~held & (depth_m > np.median(local[:, 2]))).sum())
+    return behind > inside
+
+
 def outer_voxels(inside: Bool[np.ndarray, "x y z"]) -> Int[np.ndarray, "n 3"]:
     """Indices of the outer voxels of transparent parts: the approximate shape as in Alt 2016, Fig. 5.6.
 
