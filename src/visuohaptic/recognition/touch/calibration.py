@@ -35,13 +35,15 @@ from .belief import (
     log_likelihood,
     sequential_likelihood,
 )
-from .exemplars import learn_exemplars, pooled_powers
+from .exemplars import learn_exemplars, pooled_powers, thinned
 from .haptic_model import APART, RANGE_WIDENING, HapticModel, fit_model
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
 #: Number of folds of the training objects, each of which is left out in turn; candidate temperatures.
 FOLDS = 3
 TEMPERATURES = np.geomspace(0.5, 6.0, 16)
+#: Objects of each class that are left out for the powers of Gaussians and kernels, which a few hundred determine to a tenth.
+JUDGED = 100
 #: Fraction of explorations that may be wrong at any confidence when the temperature is fitted (a mixture with chance): a few of
 #: them would dominate the loss.
 IGNORED_FRACTION = 0.02
@@ -170,18 +172,17 @@ def with_exemplars(
     if np.bincount(part, minlength=len(names)).min() < 2 or len(set(common)) < len(common):
         return model
     density = learn_exemplars([read[k] for k in rows], part)
-    turn = np.empty(len(rows), dtype=np.int64)
-    for k in range(len(names)):
-        turn[part == k] = np.arange(int(np.count_nonzero(part == k))) % FOLDS
-    gaussian = np.empty((len(rows), len(names)))
+    few = thinned(part, JUDGED)
+    judged = density if len(few) == len(rows) else learn_exemplars([read[rows[k]] for k in few], part[few])
+    asked = [squeezed[rows[k]] for k in few]
+    turn = np.concatenate([np.arange(count) % FOLDS for count in np.bincount(part[few])])
+    gaussian = np.empty((len(asked), len(names)))
     for fold in set(turn.tolist()):
-        left = {rows[k]: k for k in np.flatnonzero(turn == fold).tolist()}
-        others = [one for k, one in enumerate(squeezed) if k not in left]
-        without = learn(sorted(others, key=lambda one: names.index(one.label)))
-        for row, k in left.items():
-            asked = evidence(without, squeezed[row].readings)
-            gaussian[k] = class_likelihood(without, log_likelihood(without, *asked)[0])
-    powers = pooled_powers(gaussian, density.left_out(turn), part)
+        without = learn([one for one, its in zip(asked, turn, strict=True) if its != fold])
+        for k in np.flatnonzero(turn == fold).tolist():
+            seen = evidence(without, asked[k].readings)
+            gaussian[k] = class_likelihood(without, log_likelihood(without, *seen)[0])
+    powers = pooled_powers(gaussian, judged.left_out(turn), judged.part)
     return replace(model, exemplars=replace(density, powers=powers))
 
 

@@ -109,14 +109,28 @@ def learn_exemplars(read: Sequence[Read], part: Int[np.ndarray, "n"]) -> Exempla
     variance = np.stack([noise[k] for k, (_, _, noise) in zip(order, read, strict=True)])
     usual = variance.min(axis=0)
     variance = variance - usual
-    few = _thinned(part, MAX_DIFFERENCES / len(place) / 10)
+    few = _with_pairs(part, MAX_DIFFERENCES / len(place) / 10)
     residual = _residuals(value[few], variance[few], usual, part[few])
-    few = _thinned(part, MAX_DIFFERENCES / len(place))
+    few = _with_pairs(part, MAX_DIFFERENCES / len(place))
     value, variance = value @ residual.T, variance @ (residual**2).T
     first, second = _pairs(part[few])
     normals = _differences(value[few], variance[few], first, second)
     component, weight, _ = _learned(normals, first, COMPONENTS)
     return ExemplarDensity(place, part, value, usual, variance, residual, component, weight)
+
+
+def thinned(part: Int[np.ndarray, "n"], most: int) -> Int[np.ndarray, "m"]:
+    """Rows of at most this number of objects of each class, evenly among its rows, one class after the other.
+
+    Parameters
+    ----------
+    part
+        Class of each object, from 0.
+    most
+        Number of objects of a class.
+    """
+    own = [np.flatnonzero(part == k) for k in range(int(part.max()) + 1)]
+    return np.concatenate([one[np.linspace(0, len(one) - 1, min(len(one), most)).astype(int)] for one in own])
 
 
 def pooled_powers(
@@ -144,12 +158,9 @@ def pooled_powers(
     return float(a), float(b)
 
 
-def _thinned(part: Int[np.ndarray, "n"], pairs: float) -> Int[np.ndarray, "m"]:
+def _with_pairs(part: Int[np.ndarray, "n"], pairs: float) -> Int[np.ndarray, "m"]:
     """Objects of each class, evenly, with this number of pairs or fewer."""
-    classes = int(part.max()) + 1
-    most = max(2, int(np.sqrt(pairs / classes)))
-    own = [np.flatnonzero(part == k) for k in range(classes)]
-    return np.concatenate([one[np.linspace(0, len(one) - 1, min(len(one), most)).astype(int)] for one in own])
+    return thinned(part, max(2, int(np.sqrt(pairs / (part.max() + 1)))))
 
 
 def _pairs(part: Int[np.ndarray, "n"]) -> tuple[Int[np.ndarray, "p"], Int[np.ndarray, "p"]]:
