@@ -56,9 +56,9 @@ NEAR_M = 0.13
 SURFACE_M = 5e-4
 #: Probability that something transparent is not found. The search is set to as many false ones.
 MISSED = 0.02
-#: Relative amplitude of an ellipse from which a cross-section is not round: half-way between circles (below 0.01) and the
-#: most circular class that is none (0.2).
-ROUND = 0.1
+#: Relative amplitude of an ellipse up to which a cross-section is round: half-way between round containers as seen (0.003 to
+#: 0.009) and 200 variants of each class that is not round (0.11 to 0.3).
+MAX_ELLIPSE = 0.06
 #: Search radius for the bottle around its axis [m].
 REACH_M = 0.065
 
@@ -183,7 +183,7 @@ def _find_the_opaque(mission: Mission, found: Reconstruction, picture: Illustrat
         return failed("no view contradicts another: nothing transparent was found", picture)
     known.outline_m, known.bottle_at_m, known.outline_sigma_m = outline, foot, SURFACE_M
     known.belief = replace(known.belief, transparent=MISSED)
-    known.round = ellipse < ROUND
+    known.round = ellipse < MAX_ELLIPSE
     if not known.round:
         flat = dict.fromkeys(("elliptic", UNKNOWN), 0.5)
         known.belief = replace(known.belief, classes=flat)
