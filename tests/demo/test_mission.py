@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.reconstruction.test_outline import AXIS, cone
 
 from benchmarks import table_bottles
 from visuohaptic.core import Estimate, HapticTag, InputError, Reason
@@ -22,7 +23,9 @@ from visuohaptic.demo import (
     Mission,
     Visit,
     chapters,
+    complete_the_bottle,
     filled_container,
+    probe_chapters,
     recognise_the_bottle,
     run_chapters,
     run_mission,
@@ -35,9 +38,10 @@ from visuohaptic.demo import (
 from visuohaptic.demo.bottle import TAUGHT
 from visuohaptic.demo.judge import Claim
 from visuohaptic.demo.probe_chapters import default_outline
-from visuohaptic.demo.results import done, failed
+from visuohaptic.demo.results import Illustration, done, failed
 from visuohaptic.demo.served import place_bottle, robot_at_table
 from visuohaptic.recognition.touch import container_outline, wall_from_stiffness
+from visuohaptic.reconstruction import SurfaceMesh
 from visuohaptic.simulation import FaultKind
 from visuohaptic.simulation.mobile import cylinder
 from visuohaptic.simulation.tabletop import DeformableContainer
@@ -247,6 +251,28 @@ def test_contents_outside_of_the_model_are_not_claimed(tmp_path: Path, plain_han
     result = recognise_the_bottle(mission)
     assert not result.done
     assert result.correct is None
+
+
+def test_an_opaque_container_is_one_whose_whole_wall_is_seen(tmp_path: Path) -> None:
+    picture = Illustration(np.zeros((2, 2), np.uint8), "")
+    for ratio, low_m, expected in (
+        (1.0, 0.0, "a round opaque"),
+        (0.74, 0.0, "not a round"),
+        (1.0, 0.06, "nothing"),
+    ):
+        mission, whole = Mission(4, tmp_path, world=4).at(1), cone()
+        across = (whole.vertices_m[:, :2] - AXIS) * (1.0, ratio) + 0.03
+        mesh = SurfaceMesh(np.column_stack([across, whole.vertices_m[:, 2]]), whole.faces)
+        height_m = mesh.vertices_m[mesh.faces].mean(axis=1)[:, 2]
+        seen = mesh.submesh(np.flatnonzero((height_m < low_m) | (height_m > low_m + 0.024 * (low_m > 0))))
+        result = probe_chapters._find_the_opaque(mission, SimpleNamespace(surface=seen), picture)
+        assert expected in result.reason
+        assert result.done == (mission.known.belief.transparent < 0.5) == (expected != "nothing")
+        if result.done:
+            assert complete_the_bottle(mission).done == (expected == "a round opaque")
+            assert FetchRequest(class_name="cup").probability(mission.known.belief) == (
+                0.5 if ratio == 1.0 else 0.0
+            )
 
 
 def examined(missing: str = "") -> tuple[Chapter, ...]:

@@ -153,11 +153,12 @@ def run_mission(
         request = FetchRequest.parse(visit.bring, TAUGHT)
         if len(repeated) < len([one for one in CHAPTERS if one.robot_s]):
             raise InputError("mission", "found a request for containers without all chapters at the table")
-        chosen = tuple(one for one in chosen if not one.robot_s)
     required = {need for one in chosen for need in one.needs} - set(names)
     # Chapters that the given ones require come first.
     required |= {below for name in required for below in CHAPTER_REQUIREMENTS.get(name, ())}
     given = [one for one in CHAPTERS if one.name in required and one.name not in names]
+    if request is not None:
+        chosen = tuple(one for one in chosen if not one.robot_s)
     mission = Mission(
         seed,
         Path(folder),
@@ -207,7 +208,8 @@ def _fetch(mission: Mission, request: FetchRequest, chapters: Sequence[Chapter])
         )
         before_s, touches = place.robot_s, place.touches
         result = run_chapter(chapter, place)
-        spent_s[chapter.name].append(place.robot_s - before_s)
+        if place.robot_s > before_s:  # an opaque container is not probed
+            spent_s[chapter.name].append(place.robot_s - before_s)
         mission.record_cost(place.robot_s - before_s, place.touches - touches)
         probability = request.probability(place.known.belief)
         decided = max(probability, 1.0 - probability) >= DECIDED
