@@ -11,7 +11,7 @@ REPOSITORY ?=
 SEED ?= 1
 TESTS ?= tests
 
-.PHONY: demo test bench docs lint types layers check clean warmup wheel audit bounds shuffle
+.PHONY: demo test bench docs lint types layers check clean warmup wheel audit bounds shuffle oldest
 
 # The demo needs a part of what tests, lint and the documentation need, and of that few modules: Python compiles these
 # when they are imported, which is two fifths of the time of installing less.
@@ -56,6 +56,20 @@ bounds: $(VENV)/.installed-all ## Run tests with every index of every kernel che
 	NUMBA_BOUNDSCHECK=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist worksteal \
 		$(addprefix --ignore=,$(CODE_TESTS)) $(TESTS)
 
+# The lowest versions that the project file allows, in an environment of their own; constraints.txt pins the other end of
+# the ranges. These tests use every one of them, and compile few kernels.
+OLDEST := $(VENV)-oldest
+OLDEST_TESTS := tests/test_front_door.py tests/test_golden.py tests/core/test_camera.py tests/core/test_codec.py \
+	tests/core/test_geometry.py tests/database/test_sync_machine.py tests/deformation/test_shell.py \
+	tests/io/test_mcap.py tests/io/test_mesh.py tests/io/test_sqlite_bag.py tests/io/test_tables.py \
+	tests/navigation/test_edit_machine.py tests/navigation/test_map_machines.py tests/recognition/test_tree.py \
+	tests/report tests/ros/test_cdr.py tests/viewer
+oldest: ## Run a part of the tests with the lowest versions of all dependencies
+	test -x $(OLDEST)/bin/python || $(PYTHON) -m venv $(OLDEST)
+	$(OLDEST)/bin/python -m pip install -q uv
+	$(OLDEST)/bin/uv pip install -q --python $(OLDEST)/bin/python --resolution lowest-direct -e ".[all]" --group test
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(OLDEST)/bin/python -m pytest -m "not slow and not data" $(OLDEST_TESTS)
+
 audit: $(VENV)/.installed-all ## List all dependencies (CycloneDX) and their known vulnerabilities
 	-$(BIN)/python -m pip install -q pip-audit
 	$(BIN)/python -m benchmarks.audit --out dist/sbom.json
@@ -87,4 +101,4 @@ wheel: $(VENV)/.installed-all ## Build the wheels of a release in dist/: the lib
 check: lint types layers
 
 clean:
-	rm -rf $(VENV) site results .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) $(OLDEST) site results .mypy_cache .ruff_cache .pytest_cache .hypothesis

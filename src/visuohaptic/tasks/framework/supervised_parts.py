@@ -177,13 +177,13 @@ class _SupervisedBase(MobileBase):
         if speed_m_s == 0.0 and turn_rate_rad_s == 0.0:
             self._guard.release(self)
             return
+        if not math.isfinite(speed_m_s + turn_rate_rad_s):
+            self._device.drive(speed_m_s, turn_rate_rad_s)  # the device raises an error that states the cause
+            return
         limits = self._guard.limits
         part = max(
             1.0, abs(speed_m_s) / limits.max_speed_m_s, abs(turn_rate_rad_s) / limits.max_turn_rate_rad_s
         )
-        if not math.isfinite(part):
-            self._device.drive(speed_m_s, turn_rate_rad_s)  # the device raises an error that states the cause
-            return
         self._velocities = (speed_m_s / part, turn_rate_rad_s / part)
         self._guard.request(self)
 
