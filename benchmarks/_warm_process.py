@@ -45,6 +45,7 @@ class Server:
             "PYTHONPATH": os.pathsep.join(filter(None, paths)),
             "HYPOTHESIS_STORAGE_DIRECTORY": str(cache / "hypothesis"),
             "VISUOHAPTIC_CACHE_DIR": str(cache),
+            "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",  # those of other packages take a third of a short run
         }
         command = [sys.executable, "-P", str(Path(__file__).with_name("_warm.py"))]
         self._process = subprocess.Popen(

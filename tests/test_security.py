@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import sys
 import zipfile
@@ -16,10 +17,13 @@ import pytest
 
 from benchmarks import golden
 from visuohaptic.core import InputError, VisuohapticError
-from visuohaptic.core.files import load_yaml, read_image, read_npy, read_npz
+from visuohaptic.core.files import load_json, load_yaml, read_image, read_npy, read_npz
+from visuohaptic.deformation import load_thickness_map
 from visuohaptic.io import DepthEncoding, McapFile, OccupancyMap, VideoSource, read_depth, read_force_table
-from visuohaptic.io.depth import DepthSequence
+from visuohaptic.io.depth import DepthSequence, OnnxModel, read_poses
 from visuohaptic.io.meshes import load_mesh, read_ply
+from visuohaptic.sensing.beam import read_loads
+from visuohaptic.sensing.foam import read_strain_stress
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +33,8 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     golden.write(folder)
     return folder
 
+
+ROOT = Path(__file__).resolve().parents[1]
 
 READERS = {
     "yaml": load_yaml,
@@ -73,6 +79,33 @@ def test_yaml_of_more_than_16_MiB_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_bytes(bytes(17 << 20))
     with pytest.raises(InputError, match="is not UTF-8 text"):  # of a video, the size is not the problem
         load_yaml(tmp_path / "a.yaml")
+
+
+#: Readers of each row of the table of largest files, and the name of a file.
+LARGEST: dict[str, dict[str, Any]] = {
+    "YAML": {"a.yaml": load_yaml},
+    "JSON, trajectory": {"a.json": lambda path: load_json(path, "a plan", dict), "a.txt": read_poses},
+    "image, table of forces": {"a.png": read_image, "a.csv": read_force_table},
+    "PLY, network": {"a.ply": read_ply, "a.onnx": OnnxModel},
+    "other mesh": {"a.stl": load_mesh},
+    "press log of foam": {"a.csv": read_strain_stress},
+    "loads of a beam": {"a.csv": read_loads},
+    "thickness of a wall": {"a.csv": load_thickness_map},
+}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="files with holes")
+def test_files_larger_than_the_table_says_are_refused(tmp_path: Path) -> None:
+    text = (ROOT / "SECURITY.md").read_text(encoding="utf-8").partition("## Largest files")[2]
+    table = dict(re.findall(r"^\| ([^|]+) \| (\d+ [MG])iB \|$", text, re.MULTILINE))
+    assert table.keys() == LARGEST.keys()
+    for kind, said in table.items():
+        limit = int(said[:-2]) << {"M": 20, "G": 30}[said[-1]]
+        for name, read in LARGEST[kind].items():
+            with (tmp_path / name).open("wb") as file:
+                file.truncate(limit + 1)
+            with pytest.raises(InputError, match=f"has {limit + 1} bytes, expected at most {limit}$"):
+                read(tmp_path / name)
 
 
 # --- names that lead out of their folder ------------------------------------------------------------------------

@@ -49,10 +49,8 @@ def test_steps():
 
 
 @pytest.fixture
-def project(tmp_path, monkeypatch):
+def project(tmp_path):
     """A package with constants that a test notices in its process and in another one, and some that none does."""
-    # Loading the plugins of other packages takes most of the time of so small a run.
-    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
     files = {
         "src/tiny/__init__.py": "",
         "src/tiny/law.py": LAW,

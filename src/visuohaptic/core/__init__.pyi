@@ -20,7 +20,6 @@ from .errors import MissingExtraError as MissingExtraError
 from .errors import StaleFrameError as StaleFrameError
 from .errors import VisuohapticError as VisuohapticError
 from .errors import brief as brief
-from .files.arrays import MAX_ARRAY_BYTES as MAX_ARRAY_BYTES
 from .files.arrays import read_npy as read_npy
 from .files.arrays import read_npz as read_npz
 from .files.atomic import atomic_path as atomic_path
@@ -28,7 +27,6 @@ from .files.atomic import write_text as write_text
 from .files.image_header import MAX_PIXELS as MAX_PIXELS
 from .files.image_header import check_image_size as check_image_size
 from .files.image_header import image_size as image_size
-from .files.images import MAX_IMAGE_BYTES as MAX_IMAGE_BYTES
 from .files.images import ImageMode as ImageMode
 from .files.images import decode_image as decode_image
 from .files.images import read_image as read_image

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..core.cards import decode, encode
 from ..core.errors import InputError, needs
-from ..core.files import atomic_path, load_yaml_model, save_yaml
+from ..core.files import MAX_FILE_BYTES, atomic_path, load_yaml_model, save_yaml
 from ..core.objects import Geometry, VisuoHapticObject
 from .shards import file_sha256, pack, unpack
 
@@ -27,8 +27,6 @@ _log = logging.getLogger(__name__)
 
 _FORMAT = "visuohaptic object"
 _ARRAYS, _MESH = "arrays.parquet", "mesh.glb"
-#: Maximum size of the files next to a card [bytes].
-MAX_FILE_BYTES = 2 << 30
 
 
 def _card_model() -> type[BaseModel]:

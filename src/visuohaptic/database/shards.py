@@ -15,7 +15,7 @@ import numpy as np
 
 from ..core.codec import DTYPES, Arrays, dtype_name
 from ..core.errors import DatabaseError, InputError
-from ..core.files import MAX_ARRAY_BYTES, atomic_path
+from ..core.files import MAX_DATA_BYTES, atomic_path
 
 #: Objects in a row group: one per group took half of an import, and the larger groups are, the longer it takes to read one.
 _GROUP = 16
@@ -111,7 +111,7 @@ def unpack(file: Any, numbers: Sequence[int], where: object) -> list[Arrays]:
 
 
 def _array(where: object, name: str, dtype: str, shape: str, data: bytes) -> tuple[str, np.ndarray]:
-    if dtype not in DTYPES or len(data) > MAX_ARRAY_BYTES:
+    if dtype not in DTYPES or len(data) > MAX_DATA_BYTES:
         raise InputError(where, f"array {name!r} is of {dtype!r} with {len(data)} bytes")
     sides = [int(side) for side in shape.split("x")] if shape else []
     return name, np.frombuffer(data, np.dtype(dtype).newbyteorder("<")).reshape(sides)

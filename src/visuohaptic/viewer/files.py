@@ -20,7 +20,6 @@ from .surface_view import SurfaceView
 
 _MAP_PICTURES = {".png", ".pgm", ".bmp"}
 _MESHES = {".stl", ".obj", ".glb", ".dae"}
-_MAX_BYTES = 64 << 20
 
 
 def open_views(sources: Sequence[Path | str], task: GraspTask | None = None) -> list[View]:
@@ -85,7 +84,7 @@ def _map_view(path: Path) -> MapView:
 
 def _is_map(path: Path) -> bool:
     """Whether it is a map_server YAML file, which names an image; a container has sections."""
-    return any(line.startswith("image:") for line in read_text(path, _MAX_BYTES).splitlines())
+    return any(line.startswith("image:") for line in read_text(path).splitlines())
 
 
 def _json_view(path: Path) -> View:

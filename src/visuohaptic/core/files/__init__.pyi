@@ -1,4 +1,3 @@
-from .arrays import MAX_ARRAY_BYTES as MAX_ARRAY_BYTES
 from .arrays import read_npy as read_npy
 from .arrays import read_npz as read_npz
 from .atomic import atomic_path as atomic_path
@@ -11,7 +10,6 @@ from .csv_table import write_csv as write_csv
 from .image_header import MAX_PIXELS as MAX_PIXELS
 from .image_header import check_image_size as check_image_size
 from .image_header import image_size as image_size
-from .images import MAX_IMAGE_BYTES as MAX_IMAGE_BYTES
 from .images import ImageMode as ImageMode
 from .images import decode_image as decode_image
 from .images import encode_image as encode_image
@@ -26,6 +24,8 @@ from .part_file import csv_line as csv_line
 from .part_file import lock as lock
 from .part_file import whole_lines as whole_lines
 from .problems import field_problems as field_problems
+from .regular import MAX_DATA_BYTES as MAX_DATA_BYTES
+from .regular import MAX_FILE_BYTES as MAX_FILE_BYTES
 from .regular import MAX_TEXT_BYTES as MAX_TEXT_BYTES
 from .regular import check_name as check_name
 from .regular import file_size as file_size

@@ -12,10 +12,7 @@ from typing import IO
 import numpy as np
 
 from ..errors import InputError
-from .regular import file_size
-
-#: Total size of the arrays of one file [bytes]; larger only if the file itself is as large.
-MAX_ARRAY_BYTES = 1 << 30
+from .regular import MAX_DATA_BYTES, file_size
 
 
 def read_npz(
@@ -43,9 +40,9 @@ def read_npz(
     ------
     InputError
         The file is missing, not a regular file, or damaged, contains Python objects, would unpack to more than
-        ``MAX_ARRAY_BYTES``, or lacks one of ``names``.
+        ``MAX_DATA_BYTES``, or lacks one of ``names``.
     """
-    budget = max(MAX_ARRAY_BYTES, file_size(path))
+    budget = max(MAX_DATA_BYTES, file_size(path))
     try:
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()
@@ -57,7 +54,7 @@ def read_npz(
                 with archive.open(member) as stream:
                     budget -= _array_bytes(stream, member.file_size)
                 if budget < 0:
-                    raise ValueError(f"unpacks to more than {MAX_ARRAY_BYTES} bytes")
+                    raise ValueError(f"unpacks to more than {MAX_DATA_BYTES} bytes")
             arrays = {}
             for member in members:
                 with archive.open(member) as stream:

@@ -11,10 +11,7 @@ from typing import Any
 
 from ..errors import InputError
 from .atomic import atomic_path
-from .regular import read_text
-
-#: Larger tables are rejected: a force table of an hour at 1 kHz is about 500 MB.
-MAX_CSV_BYTES = 1024 * 1024 * 1024
+from .regular import MAX_DATA_BYTES, read_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +102,7 @@ def read_csv(
     path: Path | str,
     required: Sequence[str] = (),
     *,
-    max_bytes: int = MAX_CSV_BYTES,
+    max_bytes: int = MAX_DATA_BYTES,
     spreadsheet: bool = False,
     allow_empty: bool = False,
     error: type[InputError] = InputError,

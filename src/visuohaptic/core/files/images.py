@@ -19,8 +19,6 @@ from .atomic import atomic_path
 from .image_header import image_size, netpbm_words
 from .regular import read_bytes
 
-#: Larger files are not accepted as images [bytes].
-MAX_IMAGE_BYTES = 1 << 30
 #: Allowance for data other than pixels (comments, tables, profiles) [bytes].
 _EXTRA_BYTES = 1 << 24
 #: Values of twelve bits are below it.
@@ -48,7 +46,7 @@ def read_image(
     InputError
         The file is missing, not a regular file, of an unknown format, too large or damaged.
     """
-    data = read_bytes(path, MAX_IMAGE_BYTES)
+    data = read_bytes(path)
     return decode_image(data, path, mode, upright=upright, check_pixels=check_pixels)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import InputError
-from .regular import MAX_TEXT_BYTES, read_text
+from .regular import read_text
 
 T = TypeVar("T")
 
@@ -37,7 +37,7 @@ def load_json(
         The file does not exist, is too large, is not JSON, or lacks fields that ``parse`` expects.
     """
     try:
-        text = read_text(path, MAX_TEXT_BYTES)
+        text = read_text(path)
     except InputError as error:
         raise InputError(path, error.problem, remedy=error.remedy or remedy) from error
     try:

@@ -11,7 +11,9 @@ from pathlib import Path
 from ..errors import InputError
 
 #: Larger text files are rejected before they are parsed, where their kind has no limit of its own [bytes].
-MAX_TEXT_BYTES = 256 * 1024 * 1024
+MAX_TEXT_BYTES = 256 << 20
+#: The same of tables, images, arrays and their parts, and of files that are read at once without a limit of their own [bytes].
+MAX_DATA_BYTES, MAX_FILE_BYTES = 1 << 30, 2 << 30
 #: Maximum number of files of a folder that are considered.
 MAX_BESIDE = 1000
 
@@ -135,7 +137,9 @@ def similar_names(path: Path | str) -> str:
     return f"did you mean {path.parent / found[0]}?" if found else ""
 
 
-def read_bytes(path: Path | str, max_bytes: int, *, error: type[InputError] = InputError) -> bytes:
+def read_bytes(
+    path: Path | str, max_bytes: int = MAX_DATA_BYTES, *, error: type[InputError] = InputError
+) -> bytes:
     """Contents of a regular file of at most ``max_bytes``.
 
     Parameters
@@ -190,7 +194,9 @@ def read_head(path: Path | str, count: int) -> bytes:
         raise InputError(path, _unreadable(problem)) from problem
 
 
-def read_text(path: Path | str, max_bytes: int, *, error: type[InputError] = InputError) -> str:
+def read_text(
+    path: Path | str, max_bytes: int = MAX_TEXT_BYTES, *, error: type[InputError] = InputError
+) -> str:
     """Text of a UTF-8 file of at most ``max_bytes``, without byte order mark.
 
     Line endings become ``\\n``, as in files opened in text mode.

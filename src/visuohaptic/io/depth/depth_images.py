@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, UInt16
 
 from ...core.errors import InputError
-from ...core.files import MAX_IMAGE_BYTES, decode_image, image_size, read_bytes, write_image
+from ...core.files import decode_image, image_size, read_bytes, write_image
 from ...core.ranges import NON_NEGATIVE, POSITIVE, check_order, check_ranges, within
 from ._exr import decode_exr
 
@@ -57,7 +57,7 @@ def read_depth(
         of its depths are within the range of the encoding.
     """
     path = Path(path)
-    data = read_bytes(path, MAX_IMAGE_BYTES)
+    data = read_bytes(path)
     if data[:4] == b"v/1\x01":
         values = decode_exr(data, str(path))
         invalid = ~np.isfinite(values) | (values <= 0)

@@ -34,8 +34,6 @@ from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...core.files import (
-    MAX_IMAGE_BYTES,
-    MAX_TEXT_BYTES,
     checked_model,
     image_size,
     load_json,
@@ -212,7 +210,7 @@ def _beside(folder: Path, stem: str) -> Path | None:
 
 def _labelled_matrices(path: Path) -> dict[str, Float[np.ndarray, "rows columns"]]:
     """Matrices of a text file, each labelled by the comment line above it."""
-    lines = read_text(path, MAX_TEXT_BYTES).splitlines()
+    lines = read_text(path).splitlines()
     found: dict[str, list[list[float]]] = {}
     label = ""
     for number, line in enumerate(lines, start=1):
@@ -260,7 +258,7 @@ def _apc(source: Path) -> _Layout:
 
 
 def _camera_of(image: Path, intrinsic: Float[np.ndarray, "3 3"]) -> Camera:
-    width, height = image_size(read_bytes(image, MAX_IMAGE_BYTES), image)
+    width, height = image_size(read_bytes(image), image)
     return Camera(width, height, intrinsic, name="color")
 
 

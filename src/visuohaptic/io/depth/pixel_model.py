@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from ...core.errors import InputError
-from ...core.files import read_bytes, read_image
+from ...core.files import MAX_FILE_BYTES, read_bytes, read_image
 from ...core.ranges import check_choice
 from ..image_folder import natural
 from .depth_sequence import DepthFrame
@@ -26,8 +26,6 @@ PixelModel = Callable[[DepthFrame], Float32[np.ndarray, "rows columns"]]
 #: Output of a network: scores (one channel, or the last of several), depth in any unit, or disparity up to scale and offset.
 NetworkOutput = Literal["mask", "depth", "disparity"]
 
-#: Maximum size of a network [bytes].
-_MAX_BYTES = 1 << 31
 #: Mean and standard deviation of red, green and blue with which networks are trained (ImageNet).
 _MEAN, _SIGMA = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 #: Number of pixels from which scale and offset of a disparity are estimated.
@@ -70,7 +68,7 @@ class OnnxModel:
         import cv2
 
         check_choice("OnnxModel", ("mask", "depth", "disparity"), self.output, field="output")
-        data = np.frombuffer(read_bytes(Path(self.path), _MAX_BYTES), np.uint8)
+        data = np.frombuffer(read_bytes(Path(self.path), MAX_FILE_BYTES), np.uint8)
         try:
             self._net = cv2.dnn.readNetFromONNX(data)
         except cv2.error as error:

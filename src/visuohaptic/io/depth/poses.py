@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
-from ...core.files import MAX_TEXT_BYTES, read_head, read_text, write_text
+from ...core.files import read_head, read_text, write_text
 from ...core.ranges import SECONDS, check_numbers
 from ..ros.sqlite_bag import is_bag, open_bag
 
@@ -76,7 +76,7 @@ def read_poses(path: Path | str, topic: str | None = None) -> list[StampedPose]:
     path = Path(path)
     if is_bag(path) or read_head(path, 8) == b"\x89MCAP0\r\n":
         return _from_mcap(path, topic)
-    w_first = _W_FIRST.search(read_text(path, MAX_TEXT_BYTES)) is not None
+    w_first = _W_FIRST.search(read_text(path)) is not None
     found = list(_from_rows(path, number_rows(path), w_first=w_first))
     if not found:
         raise InputError(path, "has no poses, expected lines of t tx ty tz qx qy qz qw")
@@ -98,7 +98,7 @@ def number_rows(path: Path) -> Iterator[tuple[int, list[float]]]:
     InputError
         The file is missing, or contains other words.
     """
-    for number, line in enumerate(read_text(path, MAX_TEXT_BYTES).splitlines(), start=1):
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
         words = line.partition("#")[0].replace(",", " ").split()
         if not words:
             continue

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Int8, UInt, UInt8
 
 from ...core.errors import InputError
-from ...core.files import MAX_IMAGE_BYTES, check_image_size, decode_image, image_size, read_bytes
+from ...core.files import check_image_size, decode_image, image_size, read_bytes
 from ...core.ranges import check_numbers, within
 
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
@@ -46,7 +46,7 @@ def read_map_image(path: Path) -> MapImage:
     InputError
         The file is missing, of another format, too large or damaged.
     """
-    data = read_bytes(path, MAX_IMAGE_BYTES)
+    data = read_bytes(path)
     width, height = image_size(data, path)
     image = _read_netpbm(path, data) if data[:2] in _NETPBM else _read_other(path, data)
     if image.level.shape != (height, width):

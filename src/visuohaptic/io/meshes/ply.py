@@ -10,14 +10,13 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ...core.errors import InputError
-from ...core.files import atomic_path, read_bytes
+from ...core.files import MAX_FILE_BYTES, atomic_path, read_bytes
 
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
     "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
     "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }  # fmt: skip
-_MAX_FILE_BYTES = 1 << 31
 _POLYGONS = ("vertex_indices", "vertex_index")
 #: A polygon with more corners indicates damage.
 _MAX_CORNERS = 1000
@@ -56,7 +55,7 @@ def read_ply(path: Path | str) -> PlyMesh:
         The file is missing, damaged, or has vertices without finite x, y, z.
     """
     path = Path(path)
-    mesh = parse_ply(path, read_bytes(path, _MAX_FILE_BYTES))
+    mesh = parse_ply(path, read_bytes(path, MAX_FILE_BYTES))
     if not np.isfinite(mesh.vertices_m).all():
         raise InputError(path, "has a vertex that is not finite")
     return mesh

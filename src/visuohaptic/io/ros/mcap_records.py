@@ -17,16 +17,13 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 from ...core.errors import InputError, MissingExtraError, needs
-from ...core.files import read_head
+from ...core.files import MAX_DATA_BYTES, read_head
 
 _log = logging.getLogger(__name__)
 
 #: First bytes of a file.
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _FOOTER = 0x03, 0x04, 0x05, 0x06, 0x02
-
-#: Chunks that declare a larger uncompressed size are damaged [bytes].
-MAX_CHUNK_BYTES = 1 << 30
 
 
 class McapMessage(NamedTuple):
@@ -209,8 +206,8 @@ class McapFile:
         unpacked, checksum = struct.unpack_from("<QI", body, 16)
         compression, start = _text(body, 28)
         (length,) = struct.unpack_from("<Q", body, start)
-        if unpacked > MAX_CHUNK_BYTES:
-            raise ValueError(f"declares {unpacked} bytes, expected at most {MAX_CHUNK_BYTES}")
+        if unpacked > MAX_DATA_BYTES:
+            raise ValueError(f"declares {unpacked} bytes, expected at most {MAX_DATA_BYTES}")
         packed = body[start + 8 : start + 8 + length]
         whole = len(packed) == length
         if not whole and not self.damage.cut:

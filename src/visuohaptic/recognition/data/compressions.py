@@ -19,8 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
-from ...core.files import CsvRow, read_csv, read_text
-from ...core.files.csv_table import MAX_CSV_BYTES
+from ...core.files import MAX_DATA_BYTES, CsvRow, read_csv, read_text
 from .curve_file import SqueezedObject
 from .readings import CurveCoefficients, TouchReading, fit_curve
 
@@ -138,7 +137,7 @@ def _positive(row: CsvRow, name: str) -> float:
 
 def _forces(path: Path) -> Iterator[tuple[str, np.ndarray]]:
     """Print -> its forces; the header, whose names are numbers in some copies, is skipped."""
-    for number, line in enumerate(read_text(path, MAX_CSV_BYTES).splitlines()[1:], 2):
+    for number, line in enumerate(read_text(path, MAX_DATA_BYTES).splitlines()[1:], 2):
         name, *words = line.split(",")
         try:
             force = np.array(words, dtype=float)

@@ -12,12 +12,9 @@ from jaxtyping import Float, Int
 
 from ...core.camera.pose import Pose
 from ...core.errors import CalibrationError, InputError
-from ...core.files import CsvRow, read_csv
+from ...core.files import MAX_TEXT_BYTES, CsvRow, read_csv
 from ...core.measurement import Reason
 from .observation import TemplateMeasurement
-
-#: Larger files are rejected (bytes).
-MAX_BYTES = 256 * 1024 * 1024
 
 _AXES = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 _SHORT = {"fx": "fx_n", "fy": "fy_n", "fz": "fz_n", "tx": "mx_nm", "ty": "my_nm", "tz": "mz_nm",
@@ -68,7 +65,7 @@ def read_loads(path: Path | str, *, angles: Literal["deg", "rad"] | None = None)
     CalibrationError
         A column is missing or a row cannot be read; the message states the line.
     """
-    written, rows = read_csv(path, max_bytes=MAX_BYTES, spreadsheet=True, error=CalibrationError)
+    written, rows = read_csv(path, max_bytes=MAX_TEXT_BYTES, spreadsheet=True, error=CalibrationError)
     short = _SHORT | {"x": "x_m", "y": "y_m", "z": "z_m"}
     # Standard name -> name in the file.
     index = {short.get(name, name): name for name in written}
@@ -128,7 +125,7 @@ def read_template_poses(path: Path | str) -> Iterator[tuple[float, list[Template
     InputError
         Contains the line, the found and the expected value.
     """
-    _, rows = read_csv(path, POSE_COLUMNS, max_bytes=MAX_BYTES)
+    _, rows = read_csv(path, POSE_COLUMNS, max_bytes=MAX_TEXT_BYTES)
     now: float | None = None
     frame: list[TemplateMeasurement] = []
     for row in rows:

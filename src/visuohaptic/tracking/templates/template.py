@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from ...core.errors import InputError
-from ...core.files import MAX_IMAGE_BYTES, decode_image, read_bytes
+from ...core.files import decode_image, read_bytes
 from ...core.files.image_dpi import pixels_per_metre
 from ...core.ranges import POSITIVE, check_numbers
 from .alignment.esm_template import MIN_SIDE_PX, EsmTemplate
@@ -142,7 +142,7 @@ class Template:
             Not an image, no contrast, or neither a resolution in the file nor a given width.
         """
         path = Path(path)
-        data = read_bytes(path, MAX_IMAGE_BYTES)
+        data = read_bytes(path)
         image = decode_image(data, path, "grey", upright=True)
         if width_m is None:
             resolution = pixels_per_metre(data)
