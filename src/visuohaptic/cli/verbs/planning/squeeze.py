@@ -11,6 +11,7 @@ example: visuohaptic squeeze bottle --at 0.035 0 0.1 --force 10 --out curve.csv 
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 from typing import Any
@@ -83,7 +84,9 @@ def _report(args: Any, result: dict[str, Any], remarks: tuple[str, ...]) -> None
     args.report(
         f"{result['name']} at ({x:.0f}, {y:.0f}, {z:.0f}) mm: {result['stiffness_N_per_m']:.0f} N/m ± {share:.0f} % at rest"
     )
+    # Three digits of the largest deformation: that of glass is below a micrometre.
+    digits = max(2, 2 - math.floor(math.log10(1e3 * max(result["deformation_m"]))))
     for depth, force in zip(result["deformation_m"], result["force_N"], strict=True):
-        args.report(f"{1e3 * depth:6.2f} mm  {force:8.2f} N")
+        args.report(f"{1e3 * depth:{digits + 4}.{digits}f} mm  {force:8.2f} N")
     for line in (*remarks, *(f"note: {note}" for note in result["notes"])):
         args.report(line)
