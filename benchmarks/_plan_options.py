@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 from tests.worlds.floor_scenes import plank, random_rooms
-from tests.worlds.maps import World
+from tests.worlds.maps import Body, World
 
 from ._plan_child import Planner, described
 from ._plan_judge import Row, Rows, answer_of, quantile
@@ -64,11 +64,11 @@ def _open(world: World, tasks: list[Row]) -> float:
         if task["kind"] == "push":
             shifts[task["object"]] = shifts[task["object"]] + task["displacement_m"]
     kept = [body for body in world.bodies if not shifts[body.id].any()]
-    moved = [body.moved(shifts[body.id]) for body in world.bodies if shifts[body.id].any()]
+    moved = [body.moved(shifts[body.id].tolist()) for body in world.bodies if shifts[body.id].any()]
     return round(_reached_m2(world, [*kept, *moved]) / max(_reached_m2(world, kept), 1e-9), 4)
 
 
-def _reached_m2(world: World, bodies: list[Row]) -> float:
+def _reached_m2(world: World, bodies: list[Body]) -> float:
     shapes = [world.solid, *(body.polygon for body in bodies)]
     free = shapely.box(0, 0, *world.size_m) - shapely.union_all(shapes).buffer(PERSON_M)
     goal = shapely.Point(world.goal_m)
