@@ -14,7 +14,8 @@ from jaxtyping import Float
 
 from visuohaptic.core import InputError
 from visuohaptic.core.geometry import polygon_centroid, polygon_second_moments
-from visuohaptic.navigation.pushing import PushModel, PushTrace, check_path
+from visuohaptic.core.ranges import finite_array
+from visuohaptic.navigation.pushing import PushModel, PushTrace
 from visuohaptic.navigation.pushing.quasi_static import RELEASE_M, remaining_m
 
 __all__ = ["CONTACT_RANGE_M", "simulate_impulses"]
@@ -38,7 +39,7 @@ def simulate_impulses(
     from benchmarks.peers._impulse_kernels import impulse_push
 
     start = np.asarray(object_m, dtype=np.float64)
-    path = check_path("simulate_impulses", path_m)
+    path = finite_array("simulate_impulses", path_m, None, 3, field="path_m", least=2)
     if start.shape != (3,) or not np.isfinite(start).all() or not min(radius_m, contact_range_m) > 0:
         raise InputError("simulate_impulses", f"found object {start}, radius {radius_m} m; expected > 0")
     trace, contact = np.zeros((len(path), 3)), np.full((len(path), 2), np.nan)

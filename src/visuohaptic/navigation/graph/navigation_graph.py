@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, Int32
 from ...core.ranges import NON_NEGATIVE, check_numbers
 from ..grid.cost_grid import GridLayers
 from .tracing._lines import Lines, components_of, measures, skeleton_lines, without_stubs
-from .tracing.skeletonize import skeleton_marks
+from .tracing.skeletonize import skeleton
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +92,7 @@ def build_graph(
     (True, 2)
     """
     check_numbers("build_graph", NON_NEGATIVE, stub_length_m=stub_length_m, spacing_m=spacing_m)
-    lines = without_stubs(layers, skeleton_lines(layers, skeleton_marks(layers)), stub_length_m)
+    lines = without_stubs(layers, skeleton_lines(layers, skeleton(layers)), stub_length_m)
     if spacing_m:
         lines = _spaced(layers, lines, spacing_m)
     measured = measures(layers, lines)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int, Int32
+from jaxtyping import Float32, Int32
 
 from ..grid.cost_grid import GridLayers
 from ._sweep_kernels import UNREACHED, sweep
@@ -29,7 +29,7 @@ class Regions:
         Computed on every access: store the result.
         """
         number = np.full(self.seed.size + 1, -1, np.int32)  # the last one for seed -1
-        number[self._node_seeds()] = np.arange(self.graph.nodes)
+        number[self.seed[tuple(self.graph.node_cells.T)]] = np.arange(self.graph.nodes)
         return number[self.seed]
 
     @property
@@ -41,9 +41,6 @@ class Regions:
         seconds = self.potential * np.float32(self.unit_s)
         seconds[self.seed < 0] = np.inf
         return seconds
-
-    def _node_seeds(self) -> Int[np.ndarray, "n"]:
-        return self.graph.node_cells[:, 0].astype(np.int64) * self.seed.shape[1] + self.graph.node_cells[:, 1]
 
 
 def assign_regions(layers: GridLayers, graph: NavigationGraph) -> Regions:
@@ -73,12 +70,10 @@ def assign_regions(layers: GridLayers, graph: NavigationGraph) -> Regions:
     >>> bool((regions.seed[layers.reachable] >= 0).all())  # every reachable cell has its node
     True
     """
-
-    columns = layers.shape[1]
     potential = np.full(layers.shape, UNREACHED, np.int32)
     seed = np.full(layers.shape, -1, np.int32)
-    cells = (graph.node_cells[:, 0].astype(np.int64) * columns + graph.node_cells[:, 1]).astype(np.int32)
-    potential.ravel()[cells] = 0
-    seed.ravel()[cells] = cells
+    rows, columns = graph.node_cells.T
+    potential[rows, columns] = 0
+    seed[rows, columns] = rows * layers.shape[1] + columns
     sweep(layers.step, potential, seed)
     return Regions(potential, seed, layers.unit_s, layers, graph)

@@ -10,6 +10,5 @@ from .push_monitor import PushEstimate as PushEstimate
 from .push_monitor import PushMonitor as PushMonitor
 from .quasi_static import PushTrace as PushTrace
 from .quasi_static import arc_path as arc_path
-from .quasi_static import check_path as check_path
 from .quasi_static import line_path as line_path
 from .quasi_static import simulate_push as simulate_push

@@ -213,7 +213,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
     the contact follow from the same equation. The rim is stiff, not rigid
     (``SOFT_M``), so that any number of contacts may carry the force.
 
-    Returns (steps with contact, last step with contact, unsolved steps).
+    Returns (last step with contact, or -1; unsolved steps).
     """
     n = support.shape[0]
     x, y, yaw = start[0], start[1], start[2]
@@ -225,7 +225,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
     for i in range(outline.shape[0]):
         reach = max(reach, np.hypot(outline[i, 0], outline[i, 1]))
     reach += round_m + radius
-    touched, last, unsolved = 0, -1, 0
+    last, unsolved = -1, 0
     fx, fy = 0.0, 0.0
     moving = False
     for j in range(path.shape[0]):
@@ -333,8 +333,8 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
         trace[j, CONTACT_X] = trace[j, CONTACT_Y] = np.nan
         trace[j, GAP] = gap
         if moving:
-            touched, last = touched + 1, j
+            last = j
             trace[j, CONTACT_X] = cx + radius * contacts[best, 0]
             trace[j, CONTACT_Y] = cy + radius * contacts[best, 1]
             trace[j, GAP] = -SOFT_M * pull
-    return touched, last, unsolved
+    return last, unsolved

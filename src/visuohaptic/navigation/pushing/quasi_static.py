@@ -80,10 +80,10 @@ def simulate_push(
         If the platform overlaps the object at the start.
     """
     start = finite_array("simulate_push", object_m, 3, field="object_m")
-    path = check_path("simulate_push", path_m)
+    path = finite_array("simulate_push", path_m, None, 3, field="path_m", least=2)
     check_numbers("simulate_push", POSITIVE, radius_m=radius_m)
     trace = np.zeros((len(path), 8))
-    _, last, unsolved = push_object(
+    last, unsolved = push_object(
         model.outline_m,
         model.round_m,
         model.support_m,
@@ -181,21 +181,3 @@ def arc_path(
     return np.column_stack(
         [start[0] + reach * np.cos(direction), start[1] + reach * np.sin(direction), heading]
     )
-
-
-def check_path(where: str, path_m: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
-    """The validated path as a contiguous array of float64.
-
-    Parameters
-    ----------
-    where
-        Name of the caller, for error messages.
-    path_m
-        Poses: x, y [m], heading [rad].
-
-    Raises
-    ------
-    InputError
-        Fewer than two poses, another shape, or values that are not finite.
-    """
-    return finite_array(where, path_m, None, 3, field="path_m", least=2)

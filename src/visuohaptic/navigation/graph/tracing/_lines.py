@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int32, UInt8
+from jaxtyping import Bool, Float, Float32, Int, Int32
 
 from ...grid.cost_grid import GridLayers
 from ._line_kernels import find_chains, gather_junctions
@@ -26,23 +26,23 @@ class Lines:
     path: Int[np.ndarray, "p"]  #: cells of all lines, including both nodes
 
 
-def skeleton_lines(layers: GridLayers, mark: UInt8[np.ndarray, "rows columns"]) -> Lines:
+def skeleton_lines(layers: GridLayers, kept: Bool[np.ndarray, "rows columns"]) -> Lines:
     """Lines between all junctions and ends of the skeleton; rings have one node.
 
     Parameters
     ----------
     layers
         Costmap: clearance and cost of each cell.
-    mark
-        1 on the skeleton, as filled by :func:`~._skeleton_kernels.refine`.
+    kept
+        Cells of the skeleton, from :func:`~visuohaptic.navigation.graph.tracing.skeletonize.skeleton`.
     """
-    padded, wide = np.pad(mark, 1).ravel().view(np.bool_), mark.shape[1] + 2
+    padded, wide = np.pad(kept, 1).ravel(), kept.shape[1] + 2
     found = np.flatnonzero(padded).astype(np.int32)
     near = found[:, None] + (ROW_STEP * np.int32(wide) + COLUMN_STEP)
     links = ADJACENT[np.packbits(padded[near], axis=1, bitorder="little")]
     linked = np.unpackbits(links, axis=1, bitorder="little").view(np.bool_)
     places = np.column_stack(np.divmod(found, wide)) - 1
-    cells = places[:, 0] * mark.shape[1] + places[:, 1]
+    cells = places[:, 0] * kept.shape[1] + places[:, 1]
     clearance_m = layers.distance_m.ravel()[cells]
     start = _starts(linked.sum(axis=1))
     target = np.searchsorted(found, near[linked])

@@ -3,25 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, UInt8
+from jaxtyping import Bool
 
 from ...grid.cost_grid import GridLayers
 from ._skeleton_kernels import refine, survey
-
-
-def skeleton_marks(layers: GridLayers) -> UInt8[np.ndarray, "rows columns"]:
-    """1 on the skeleton of the reachable cells, 0 elsewhere; see :func:`skeleton`.
-
-    Parameters
-    ----------
-    layers
-        Costmap: clearance and cost of each cell.
-    """
-
-    mark = np.zeros(layers.shape, np.uint8)
-    survey(layers.distance_m, layers.step, mark)
-    refine(layers.distance_m, layers.step, mark, np.flatnonzero(mark.view(np.bool_)))
-    return mark
 
 
 def skeleton(layers: GridLayers) -> Bool[np.ndarray, "rows columns"]:
@@ -36,4 +21,7 @@ def skeleton(layers: GridLayers) -> Bool[np.ndarray, "rows columns"]:
     layers
         Costmap: clearance and cost of each cell.
     """
-    return skeleton_marks(layers).view(np.bool_)
+    mark = np.zeros(layers.shape, np.uint8)
+    survey(layers.distance_m, layers.step, mark)
+    refine(layers.distance_m, layers.step, mark, np.flatnonzero(mark.view(np.bool_)))
+    return mark.view(np.bool_)
