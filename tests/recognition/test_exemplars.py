@@ -53,6 +53,13 @@ def test_classes_of_several_clusters_are_told_apart_by_their_objects() -> None:
     assert before[1] < log - 0.2
 
 
+def test_objects_that_are_no_more_than_their_readings_have_no_kernels() -> None:
+    """Two readings: two objects of a class are on a line, three are not."""
+    for count in (2, 3):
+        model = HapticClassifier().fit(clusters(np.random.default_rng(8), count)).model()
+        assert (model.exemplars is None) == (count == 2)
+
+
 def test_the_objects_of_the_classes_do_not_decide_whether_an_object_is_of_any_of_them() -> None:
     rng = np.random.default_rng(3)
     model = HapticClassifier().fit(clusters(rng, 6)).model()

@@ -152,7 +152,9 @@ def with_exemplars(
 ) -> HapticModel:
     """The same model with a density around its objects, see :mod:`.exemplars`.
 
-    It is unchanged unless two objects of each class were read at the same places, those of most objects, once at each.
+    It is unchanged unless more objects of each class than there are places were read at the same places, those of most objects,
+    once at each. Fewer objects lie in a plane of these readings, and do not show how the class varies across it: no kernel that is
+    learned by leaving them out knows an exploration that differs in that direction.
 
     Parameters
     ----------
@@ -169,7 +171,7 @@ def with_exemplars(
     common = Counter(places).most_common(1)[0][0]
     rows = [k for k, one in enumerate(places) if one == common]
     part = np.array([names.index(squeezed[k].label) for k in rows])
-    if np.bincount(part, minlength=len(names)).min() < 2 or len(set(common)) < len(common):
+    if np.bincount(part, minlength=len(names)).min() <= len(common) or len(set(common)) < len(common):
         return model
     density = learn_exemplars([read[k] for k in rows], part)
     few = thinned(part, JUDGED)
