@@ -10,6 +10,7 @@ import pytest
 
 from visuohaptic.core import DeviceError, InputError
 from visuohaptic.ros import Received, RosNode, RosOptions
+from visuohaptic.ros.transports import CycloneNode
 from visuohaptic.ros.wire import NO_HASH, Attachment, EntityKind, Qos, message_type
 from visuohaptic.ros.wire.graph import to_dds
 
@@ -156,3 +157,21 @@ def test_a_zenoh_file(tmp_path: Path) -> None:
     path.write_text("{mode: 3")
     with pytest.raises(InputError, match=r"session\.json5: is not a zenoh configuration"):
         RosNode("filed", RosOptions(zenoh_config=path))
+
+
+def test_no_node_is_unprotected_where_protection_is_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    monkeypatch.delenv("CYCLONEDDS_URI", raising=False)
+    for node, remedy in ((RosNode, "zenoh_config"), (CycloneNode, "CYCLONEDDS_URI")):
+        with pytest.raises(
+            InputError, match=f"ROS_SECURITY_ENABLE: found true, .*{remedy}.* or the transport rclpy"
+        ):
+            node("bare", RosOptions(connect=(), listen=()))
+    path = tmp_path / "session.json5"
+    path.write_text('{mode: "peer", scouting: {multicast: {enabled: false}}, listen: {endpoints: []}}')
+    with RosNode("filed", RosOptions(zenoh_config=path)) as filed:
+        assert [e.node for e in filed.graph(0.2)] == ["filed"]
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "false")
+    RosNode("bare", RosOptions(connect=(), listen=())).close()

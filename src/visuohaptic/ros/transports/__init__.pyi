@@ -6,6 +6,7 @@ from .rclpy_node import RclpyProcess as RclpyProcess
 from .rclpy_node import RclpyTopics as RclpyTopics
 from .rclpy_node import interface as interface
 from .session import RosOptions as RosOptions
+from .session import check_security as check_security
 from .session import environment_domain as environment_domain
 from .session import open_session as open_session
 from .session import shown_error as shown_error

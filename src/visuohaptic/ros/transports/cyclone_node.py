@@ -7,6 +7,7 @@ data of an endpoint, and ``ros_discovery_info`` contains the node of each endpoi
 from __future__ import annotations
 
 import keyword
+import os
 import threading
 from collections import Counter
 from collections.abc import Callable
@@ -17,7 +18,7 @@ from ..wire.attachment import Attachment
 from ..wire.cdr import decode, encode
 from ..wire.graph import LATCHED, Entity, EntityKind, Qos, from_dds
 from ..wire.message_types import Field, MessageType, Shape, parse_definition
-from .session import RosOptions, shown_error
+from .session import RosOptions, check_security, shown_error
 from .topic_node import Outlet, RosSubscription, TopicNode
 
 #: Maximum number of nodes and endpoints read from the graph.
@@ -89,12 +90,16 @@ class CycloneNode(TopicNode):
     ------
     MissingExtraError
         The package cyclonedds is not installed.
+    InputError
+        ``ROS_SECURITY_ENABLE`` is set, and ``CYCLONEDDS_URI``, by which Cyclone DDS is protected, is not.
     DeviceError
         The domain cannot be joined.
     """
 
     def __init__(self, name: str = "visuohaptic", options: RosOptions | None = None) -> None:
         super().__init__(name, options)
+        protected = bool(os.environ.get("CYCLONEDDS_URI"))
+        check_security("cyclonedds", protected, "name a configuration with <Security> in CYCLONEDDS_URI")
         with needs("cyclonedds", "dds", "DDS without ROS"):
             from cyclonedds.builtin import (
                 BuiltinDataReader,

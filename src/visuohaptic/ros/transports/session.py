@@ -50,6 +50,30 @@ def environment_domain() -> int:
     return int(text)
 
 
+def check_security(transport: str, configured: bool, remedy: str) -> None:
+    """Refuse to open an unprotected node where ``ROS_SECURITY_ENABLE`` asks for protection.
+
+    The keys of ROS (``ROS_SECURITY_KEYSTORE``) are used by ROS itself alone, that is, by the transport ``rclpy``.
+
+    Parameters
+    ----------
+    transport
+        Name of the transport, for messages.
+    configured
+        Whether it has a configuration of its own, which decides then.
+    remedy
+        Where its own protection is configured.
+
+    Raises
+    ------
+    InputError
+        Protection is asked for, and nothing configures it.
+    """
+    if os.environ.get("ROS_SECURITY_ENABLE", "") == "true" and not configured:
+        found = f"found true, but {transport} does not use the keys of ROS, and would be unprotected"
+        raise InputError("ROS_SECURITY_ENABLE", found, remedy=f"{remedy}, or the transport rclpy")
+
+
 def shown_error(error: Exception) -> str:
     """zenoh's error text without the source location.
 
@@ -74,7 +98,8 @@ def open_session(options: RosOptions) -> Any:
     MissingExtraError
         zenoh is not installed.
     InputError
-        The options, or the file that they name, are not a valid configuration.
+        The options, or the file that they name, are not a valid configuration, or leave a node unprotected
+        where ``ROS_SECURITY_ENABLE`` is set.
     DeviceError
         No router responds.
     """
@@ -96,6 +121,9 @@ def open_session(options: RosOptions) -> Any:
 
 
 def _config(options: RosOptions, zenoh: Any) -> Any:
+    check_security(
+        "zenoh", options.zenoh_config is not None, "name a zenoh_config with TLS and access control"
+    )
     if options.zenoh_config is not None:
         if not options.zenoh_config.is_file():
             raise InputError(options.zenoh_config, "does not exist")
