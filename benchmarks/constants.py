@@ -18,10 +18,10 @@ One constant at a time is multiplied by 0.8 and by 1.25 when its module is impor
 the value), and the tests that execute the module run, fastest first, until one fails. They are determined by
 running every test file once and recording which functions of the package each test calls, also in processes that it
 starts; a module is executed if one of its functions, or of a module that imports it (also through packages, compiled
-modules and modules without functions), is called. Tests that fail without any change are excluded, and files without
-any other tests are listed. Compiled functions are kept in a separate cache, which starts as a copy of the user's: only
-functions that depend on the constant are recompiled. Each test run is a fork of a process that has imported the
-libraries and those modules that do not need the changed one; the tests must pass there without a change.
+modules and modules without functions), is called, or by a test that calls nothing if its file imports the module. Tests
+that fail without any change are excluded. Compiled functions have a cache of their own, which starts as a copy of the
+user's: only those that depend on the constant are recompiled. Each test run is a fork of a process that has imported
+the libraries and those modules that do not need the changed one; the tests must pass there without a change.
 
 - *noticed*: a test fails, or the test run crashes;
 - *crashed*: the module cannot be imported with the value;
@@ -217,12 +217,12 @@ class Project:
     def executing(self, name: str, known: dict[str, dict[str, Any]], most: int | None) -> list[str]:
         """Tests that pass and execute a module, fastest first, up to a number or a quarter of the time."""
         users = _closure({name}, self._importers, lambda other: other == name or other in self._passed_on)
-        found = {
-            node: test["seconds"]
-            for row in known.values()
-            for node, test in row["tests"].items()
-            if users & {*row["called"], *test["called"]}
-        }
+        found = {}
+        for file, row in known.items():
+            reads = name in self._test_imports[file]  # its tests may compare the constants themselves
+            for node, test in row["tests"].items():
+                if users & {*row["called"], *test["called"]} or (reads and not test["called"]):
+                    found[node] = test["seconds"]
         tests = sorted(found, key=found.__getitem__)[:most]
         until = list(itertools.accumulate(found[test] for test in tests))
         return tests[: 1 + bisect.bisect(until, 0.25 * self.seconds)]
@@ -358,8 +358,8 @@ def main(arguments: list[str] | None = None) -> None:
         drawn = set(random.Random(args.seed).sample(titles, min(args.sample, len(titles))))
         changes = [change for change in changes if change.title in drawn]
     if args.list:
-        print(*(f"{change.title} (line {change.line})" for change in changes if change.up), sep="\n")
-        print(f"{len(changes) // 2} constants")
+        listed = [f"{change.title} (line {change.line})" for change in changes if change.up]
+        print(*listed, f"{len(listed)} constants", sep="\n")
         return
     about = {"campaign": "constants", "seconds": args.seconds}
     known = _explored(project, args, about, sorted({change.module for change in changes}))

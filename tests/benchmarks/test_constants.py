@@ -30,6 +30,7 @@ TESTS = """
 import subprocess
 import sys
 
+from tiny.labels import EDGE
 from tiny.limits import MAX_STEPS
 from tiny.law import patience_s, weight_N
 
@@ -40,6 +41,10 @@ def test_weight():
 
 def test_patience():
     assert patience_s() > 0
+
+
+def test_edge():
+    assert EDGE == 4
 
 
 def test_steps():
@@ -54,6 +59,7 @@ def project(tmp_path):
     files = {
         "src/tiny/__init__.py": "",
         "src/tiny/law.py": LAW,
+        "src/tiny/labels.py": "EDGE = 4\n\n\ndef edge():\n    return EDGE\n",
         "src/tiny/limits.py": "MAX_STEPS = 3\n",
         "src/tiny/steps.py": "from .limits import MAX_STEPS\n\n\ndef steps():\n    return 2 * MAX_STEPS\n",
         "src/tiny/alone.py": "SIZE = 7\n\n\ndef size():\n    return SIZE\n",
@@ -70,7 +76,7 @@ def project(tmp_path):
 def test_noticed_and_unnoticed_constants_are_told_apart(project, tmp_path, capsys):
     report = tmp_path / "report" / "rows.jsonl"
     options = ["--root", str(project), "--report", str(report), "--seconds", "100"]
-    constants.main([*options, "--only", "GRAVITY|PATIENCE|STEPS|SIZE|TABLE"])
+    constants.main([*options, "--only", "GRAVITY|PATIENCE|STEPS|SIZE|TABLE|EDGE"])
     rows = [json.loads(line)["row"] for line in report.read_text().splitlines()[1:]]
     results = {(row["title"].partition(":")[2], row["factor"]): row["result"] for row in rows}
     assert results.pop(("TABLE", "x1.25")) == "crashed"
@@ -80,6 +86,7 @@ def test_noticed_and_unnoticed_constants_are_told_apart(project, tmp_path, capsy
         for name, result in {
             "GRAVITY_m_per_s2": "noticed",  # also as a default argument
             "PATIENCE_S": "unnoticed",
+            "EDGE": "noticed",  # by a test that calls nothing
             "MAX_STEPS": "noticed",  # imported by name, in a process that the test starts
             "SIZE": "unnoticed",  # its only test fails without any change
         }.items()
