@@ -51,9 +51,9 @@ HEIGHT_SIGMA_M = 0.003
 ROD_M, ROD_RADIUS_M = 0.15, 0.0025
 #: Nothing else stands within this distance of the middle of the table [m].
 NEAR_M = 0.13
-#: Expected error of the radius of an outline that is seen from all sides [m]: .4 to .5 mm rms of five opaque containers of open
-#: tables. Beside edges and grooves it is 1 mm, so that the outline is no evidence of the class.
-SURFACE_M = 5e-4
+#: Expected error of the radius of an outline that is seen from all sides: .4 to .5 mm rms of five opaque containers of open tables.
+#: As evidence of the class, the outline has the error beside edges and grooves, 1 mm [m].
+SURFACE_M, EDGE_M = 5e-4, 1e-3
 #: Probability that something transparent is not found. The search is set to as many false ones.
 MISSED = 0.02
 #: Relative amplitude of an ellipse up to which a cross-section is round: half-way between round containers as seen (0.003 to
@@ -182,6 +182,10 @@ def _find_the_opaque(mission: Mission, found: Reconstruction, picture: Illustrat
     if not len(outline) or np.diff(outline[:, 1]).max() > 2.5 * SLICE_M:
         return failed("no view contradicts another: nothing transparent was found", picture)
     known.outline_m, known.bottle_at_m, known.outline_sigma_m = outline, foot, SURFACE_M
+    # Half of the error is common to all heights.
+    known.outline_errors = (
+        EDGE_M**2 * (0.5 * np.eye(len(outline)) + 0.5) / np.outer(outline[:, 0], outline[:, 0])
+    )
     known.belief = replace(known.belief, transparent=MISSED)
     known.round = ellipse < MAX_ELLIPSE
     if not known.round:
