@@ -101,8 +101,14 @@ def travel(
     >>> done.arrived, round(done.length_m, 1), done.pushes
     (True, 0.8, 0)
     """
+    _check_robot(base, senses, "travel")
     task = TravelTask(problem, settings, plan, without_passage_sensors=passages is None)
     return drive_task(task, base, senses, wait, passages=passages)
+
+
+def _check_robot(base: MobileBase, senses: TravelSenses, task: str) -> None:
+    require_members(base, MobileBase, task)
+    require_members(senses, TravelSenses, task, "TravelSenses object")
 
 
 def drive_task(
@@ -127,8 +133,7 @@ def drive_task(
     InputError
         ``base`` or ``senses`` lacks a member of its protocol.
     """
-    require_members(base, MobileBase, task.task)
-    require_members(senses, TravelSenses, task.task, "TravelSenses object")
+    _check_robot(base, senses, task.task)
     command, waited_for = TravelCommand(), ""
 
     def observations() -> Iterator[TravelObservation]:
