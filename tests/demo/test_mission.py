@@ -275,6 +275,15 @@ def test_an_opaque_container_is_one_whose_whole_wall_is_seen(tmp_path: Path) -> 
             )
 
 
+def test_what_is_read_of_one_container_is_not_known_of_another(tmp_path: Path) -> None:
+    # The squeezes of the first one, kept in a list, were evidence of the class of the second.
+    mission = Mission(4, tmp_path, world=4)
+    first, second = mission.at(0), mission.at(1)
+    first.known.readings.append(object())  # type: ignore[arg-type]
+    assert not second.known.readings
+    assert not mission.known.readings
+
+
 def examined(missing: str = "") -> tuple[Chapter, ...]:
     """Chapters that read the truth, but for one property that stays unknown."""
 

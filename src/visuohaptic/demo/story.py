@@ -175,6 +175,7 @@ class Mission:
         """
         one = copy(self)
         one.place, one.known = place, copy(self.known)
+        one.known.readings = []
         one.bottle = one.kitchen = one.hand = one.known_bottle = None
         one.touches, one.robot_s = 0, 0.0
         return one
