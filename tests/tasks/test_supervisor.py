@@ -334,6 +334,21 @@ def test_a_force_that_rose_stops_it_while_nobody_reads():
     assert "N before it stands" in guard.holds[0].reason
 
 
+def test_nan_is_refused_at_once_and_never_sent_later():
+    arm, device, moves = right.Arm(), right.Fingers(0.06), []
+    device.move = lambda *command: moves.append(command)
+    with Supervisor(clock=lambda: arm.t_s) as guard:
+        watched, fingers = guard.arm(arm), guard.gripper(device)
+        target = watched.pose()[1]
+        with pytest.raises(DeviceError, match="move_linear: found speed_m_s nan"):
+            watched.move_linear(target, math.nan)
+        for opening_m, speed_m_s, what in ((math.nan, 0.01, "opening_m"), (0.02, math.nan, "speed_m_s")):
+            with pytest.raises(DeviceError, match=f"move: found {what} nan"):
+                fingers.move(opening_m, speed_m_s)
+        guard.check()
+    assert not moves
+
+
 def test_an_arm_keeps_its_reach_its_box_its_speed_and_its_force():
     arm = right.Arm()
     limits = SafetyLimits(max_tip_speed_m_s=0.1, min_tip_m=(0.0, -1.0, 0.02), max_force_N=5.0)

@@ -238,6 +238,13 @@ def _apart_m(first: Pose, second: Pose) -> float:
     return float(np.linalg.norm(first.translation_m - second.translation_m))
 
 
+def _check_numbers(call: str, **values: float) -> None:
+    """Refuse nan at once: held back, it would reach the device with a later reading."""
+    for what, value in values.items():
+        if math.isnan(value):
+            raise DeviceError(f"{call}: found {what} nan, expected a number; the previous command holds")
+
+
 def _leap(name: str, step_m: float, passed_s: float, max_speed_m_s: float, guard: SupervisorCore) -> str:
     """Describe a change of state that no motion within the limits can make; empty if plausible."""
     limits = guard.limits
@@ -260,6 +267,7 @@ class _SupervisedArm(ProbeArm):
 
     def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
         """Move the tip in a straight line, within the limits."""
+        _check_numbers("move_linear", speed_m_s=speed_m_s)
         limits, tip = self._guard.limits, T_base_tip.translation_m
         near, far = (float(value) for value in self._device.reach_m())
         inside = np.all(tip >= limits.min_tip_m) and np.all(tip <= limits.max_tip_m)
@@ -346,6 +354,7 @@ class _SupervisedGripper(Gripper):
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
         """Move to an opening, within the limits."""
+        _check_numbers("move", opening_m=opening_m, speed_m_s=speed_m_s)
         self._frozen &= opening_m == self._target_m
         self._target_m = opening_m
         self._speed_m_s = min(speed_m_s, self._guard.limits.max_finger_speed_m_s)
