@@ -90,3 +90,9 @@ def test_areas_are_lines_of_the_objects_file() -> None:
         areas_from_data({"objects": [{**entry, "cost_s": None}]})
     with pytest.raises(InputError, match="twice"):
         replace(_problem(avoid), areas=(avoid, avoid))
+
+
+@pytest.mark.parametrize("cost_s", [-3.0, np.nan, np.inf])
+def test_costs_are_finite_and_not_negative(cost_s) -> None:
+    with pytest.raises(InputError, match=r"PushCosts: on_route_s: found .*, expected at least 0"):
+        PushCosts(on_route_s=cost_s)

@@ -19,6 +19,7 @@ from typing import Protocol
 
 from ...core.errors import InputError
 from ...core.objects import Estimate, HapticTag
+from ...core.ranges import NON_NEGATIVE, check_ranges
 from .robot_model import RobotModel
 
 #: A push is aborted once its object has rotated by this angle [rad].
@@ -41,9 +42,11 @@ class PushCosts:
     risk_s: float = 0.0  #: added seconds per -log(1 - p): weight of reliability
     max_push_m: float = 2.0  #: r_mani of Eq. (4.3)
     price_ends: bool = True  #: whether push lengths account for final poses that may block later drives
-    on_route_s: float = (
-        0.0  #: cost of an object that ends where the robot drives along the navigation graph, as in doorways
-    )
+    #: cost of an object that ends where the robot drives along the navigation graph, as in doorways
+    on_route_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_ranges(self, NON_NEGATIVE)
 
 
 @dataclass(frozen=True, slots=True)

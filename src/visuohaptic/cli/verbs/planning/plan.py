@@ -63,6 +63,7 @@ def add_arguments(add: Any) -> None:
         0.0,
         "cost of an object that ends on a route of the graph, as in a doorway [s]",
         metavar="S",
+        low=0.0,
     )
     add("--plot", Path, "plot to write (PNG)")
     add("--compare", bool, "also plan with other objectives: most reliable, no pushing, most information")
