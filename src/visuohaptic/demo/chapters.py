@@ -203,8 +203,8 @@ def _fetch(mission: Mission, request: FetchRequest, chapters: Sequence[Chapter])
         place, chapter = places[k], left[k].pop(0)
         mission.log("")
         mission.log(
-            f"place {k + 1}, requested with a probability of {request.probability(place.known.belief):.2f}, 1 in "
-            f"{1.0 / deliveries_per_s(chains[k]):.0f} s: {chapter.title}"
+            f"place {k + 1}, requested with a probability of {request.probability(place.known.belief):.2f}, "
+            f"{1.0 / deliveries_per_s(chains[k]):.0f} s per expected delivery: {chapter.title}"
         )
         before_s, touches = place.robot_s, place.touches
         result = run_chapter(chapter, place)

@@ -96,7 +96,7 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
     tagged = sum(item.tag is not None for item in objects)
     parts = (*claims, *measures, *_pictures(found, *found.objects))
     if not tagged:
-        why = ", ".join(f"{one.name} {one.exploration.outcome.value}" for one in found.objects)
+        why = ", ".join(f"{one.name} {one.exploration.ending.why}" for one in found.objects)
         return failed(f"nothing could be tagged: {why}", *parts)
     rest = "" if tagged == len(objects) else f"; {len(objects) - tagged} stay unknown"
     before = f", {len(objects) - len(order)} known from before" if len(objects) > len(order) else ""
@@ -183,7 +183,8 @@ def _take(mission: Mission, one: DemoObject, seen: FloorOutline) -> MovableObjec
     if ready and mission.memory is not None:
         others = set(mission.remembered.values())
         mission.remembered[one.name] = mission.memory.store_floor_object(outline, felt, others)
-    mission.log(f"  {one.name}: {_felt_text(felt) if ready else one.exploration.outcome.value}")
+    ending = one.exploration.ending
+    mission.log(f"  {one.name}: {_felt_text(felt) if ready else f'{ending.outcome}: {ending.why}'}")
     return MovableObject(one.name, outline.corners_m, felt if ready else None)
 
 

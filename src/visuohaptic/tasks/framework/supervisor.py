@@ -10,7 +10,8 @@ The supervisor is independent of the tasks. It wraps the parts of a robot and it
   opposed to the motion at the limit; of a part that stood there, to the motion by which most of the force rose. A motion
   that raises the force further, because it came from elsewhere, is no retreat.
 - A reading is *fresh* if its own time is newer than before and its content is not a frozen copy. While a part
-  moves, its own state and every sensor in use must be fresh; otherwise the part is held, and resumes when they are.
+  moves, its own state and every sensor in use must be fresh; otherwise the part is held, and resumes when they are. A force
+  that cannot be read since a contact does not hold the retreat from it: pressed foam may be unreadable until then.
 - Fingers may always open and every part may always stop, whatever is read, so that nothing stays clamped.
 - A clock that jumps, or a hold that lasts too long, is permanent: every later reading or command raises
   :class:`~visuohaptic.core.errors.DeviceError`, which ends a task with its text as the reason.
@@ -36,8 +37,11 @@ RequestT = TypeVar("RequestT")
 Point = tuple[float, float, float]
 #: Rate of the checks by the supervisor's own thread [Hz].
 CHECK_RATE_HZ = 50.0
-#: Fraction of the force limit by which a permitted motion may raise a force beyond it, so that noise does not refuse a retreat.
+#: Fraction of the force limit by which a permitted motion may raise a force beyond it, so that noise does not refuse a retreat;
+#: a smaller force may be noise, and is no contact to retreat from without a reading.
 EXCESS = 0.1
+#: Name of the stream of forces in messages.
+FORCE = "the force"
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +101,7 @@ class SupervisorCore(Closing):
         self._streams: dict[str, Stream] = {}
         self._motions: dict[str, PartMotion] = {}
         self._force = (-math.inf, -math.inf)  #: time of the newest reading [s], and its force [N]
-        self._rate_N_s, self._felt_s = 0.0, math.nan
+        self._rate_N_s, self._felt_s, self._unread = 0.0, math.nan, False
         self._overload, self._over_N = (
             "",
             math.inf,
@@ -240,7 +244,7 @@ class SupervisorCore(Closing):
             Whether it is a copy of the last one although the value should have changed.
         """
         with self._lock:
-            last_s, last_N = self._force
+            (last_s, last_N), self._unread = self._force, math.isnan(force_N)
             if not math.isnan(force_N) and t_s > last_s:
                 rose_N = force_N - last_N if math.isfinite(last_s + last_N) else 0.0
                 self._rate_N_s = max(rose_N / (t_s - last_s), 0.0)
@@ -250,7 +254,7 @@ class SupervisorCore(Closing):
                     motion.feel(max(last_N, 0.0), force_N, brakes)
                 # Predict until the next reading, expected after the same interval as this one.
                 self._check_force(t_s - last_s if self._rate_N_s else 0.0)
-        self.note("the force", math.nan if math.isnan(force_N) else t_s, frozen=frozen)
+        self.note(FORCE, math.nan if math.isnan(force_N) else t_s, frozen=frozen)
 
     def _check_force(self, passed_s: float) -> None:
         """Stop parts that press if the force is at the limit, or predicted after ``passed_s`` plus half the braking time."""
@@ -282,10 +286,14 @@ class SupervisorCore(Closing):
             return ""
         max_age_s = self.limits.max_age_s
         presses = self._presses(motion)
-        frees = self._overload and presses is not None and motion.part.retreats(presses)
+        frees = presses is not None and motion.part.retreats(presses)
+        # Foam that is pressed until its image cannot be read is read again after a retreat only.
+        blind = frees and self._unread and self._force[1] >= EXCESS * self.limits.max_force_N
         for stream in self._streams.values():
             own, in_use = stream.name == motion.part.name, stream.read_s >= motion.since_s - max_age_s
-            if not own and (frees or not in_use or stream.name in self._motions):
+            if not own and (not in_use or stream.name in self._motions):
+                continue
+            if not own and frees and (self._overload or (blind and stream.name == FORCE)):
                 continue
             # A stream that was not read yet may be read soon; one that was read and is not fresh has failed.
             from_s = (
