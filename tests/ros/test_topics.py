@@ -106,10 +106,10 @@ def test_a_slow_reader_gets_the_latest_messages(robot: RosNode, ours: RosNode) -
     texts.publish({"data": "first"})
     reader = echo(ours, "/texts", 60.0)
     assert next(reader) == {"data": "first"}
-    for number in range(100, 300):
-        texts.publish({"data": str(number)})
     arrived: list[str] = []
     ours.subscribe("/texts", STRING, lambda received: arrived.append(received.message.data))
+    for number in range(100, 300):
+        texts.publish({"data": str(number)})
     assert until(lambda: "300" in arrived or texts.publish(last), 60.0)
     found = [message["data"] for message in islice(reader, 50)]
     assert found == sorted(found)

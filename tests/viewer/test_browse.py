@@ -295,8 +295,11 @@ def test_a_plan_without_a_map_and_a_map_without_an_object_are_drawn():
 
 def wait_until_drawn(page: BrowsePage) -> None:
     """Wait until the scene has something in its middle: meshes arrive after the panel, each frame is requested by one call."""
-    (client,) = page._server.get_clients().values()
     deadline_s = time.monotonic() + PATIENCE_S
+    while not (clients := page._server.get_clients()):
+        assert time.monotonic() < deadline_s, "no browser"
+        time.sleep(0.01)
+    (client,) = clients.values()
     while not client.get_render(30, 40, transport_format="png", timeout=PATIENCE_S)[15, 20, 3]:
         assert time.monotonic() < deadline_s, "the middle of the scene stays empty"
 

@@ -134,7 +134,7 @@ class VideoSource(RecordedSource):
         for packet in container.demux(stream):
             try:
                 frames = packet.decode()
-            except av.error.InvalidDataError as error:
+            except ValueError as error:  # also av.error.InvalidDataError; a spoilt header may name no codec
                 _log.warning("packet at stamp %s skipped (%s)", packet.pts, error)
                 continue
             yield from frames

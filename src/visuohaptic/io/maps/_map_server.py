@@ -149,7 +149,7 @@ def save(
         # Grey levels of map_saver.
         pixels = np.select([cells == OCCUPIED, cells == FREE], [0, 254], 205).astype(np.uint8)
     else:
-        pixels = np.where(cells == UNKNOWN, 255, cells).astype(np.uint8)
+        pixels = np.where(cells == UNKNOWN, np.uint8(255), cells.astype(np.uint8))
     rows, columns = cells.shape
     image = path.with_suffix(".pgm")
     with atomic_path(image) as temporary, temporary.open("wb") as stream:
