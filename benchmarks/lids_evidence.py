@@ -56,6 +56,8 @@ FILLINGS = {"empty": (0.0, 0.0), "liquid": (1000.0, 1.0), "grain": (870.0, 0.6)}
 #: Force that the foam of a finger reads near the rim, and anywhere [N]; standard deviation of a mass [kg].
 RIM_N, READ_N, MASS_KG = 42.0, 54.0, 0.002
 MODULUS_Pa, DENSITY, AIR_Pa, GRAVITY = 2.5e9, 1380.0, 101325.0, 9.81
+#: Range of the modulus, by its mean; heights at which volumes are summed, by the container's.
+STIFFER, FRACTIONS = (0.75, 1.3), np.linspace(0.0, 1.0, 400)
 
 
 class Container:
@@ -90,20 +92,18 @@ class Container:
         self.closed = bool(rng.random() < 0.5)
         filling = str(rng.choice(list(FILLINGS), p=(0.35, 0.5, 0.15)))
         self.fill = float(rng.uniform(0.02, 1.0)) if filling != "empty" else 0.0
-        self.kg_per_m3, solid = FILLINGS[filling]
+        self.kg_per_m3, self.solid = FILLINGS[filling]
         self.length = float(rng.uniform(0.9, 1.1))  # of the displaced volume, in diameters
-        z, r = self._at(np.linspace(0.0, 1.0, 400))
+        z, r = self._at(FRACTIONS)
         self.below_m3 = np.append(0.0, np.cumsum(np.pi * (0.5 * (r[1:] + r[:-1])) ** 2 * np.diff(z)))
-        self.air_m3 = max(1.0 - solid * self.fill, 0.01) * self.below_m3[-1]
-        self.head_m = (
-            float(np.interp(self.fill * self.below_m3[-1], self.below_m3, z)) if solid == 1.0 else 0.0
-        )
         thick = np.where(z > NECK * z[-1], max(NECK_M, self.wall_m), self.wall_m)
         area = 2.0 * np.pi * np.trapezoid(r * thick * np.hypot(np.gradient(r, z), 1.0), z)
         self.mass_kg = DENSITY * area + self.closed * CAP_KG + self.kg_per_m3 * self.fill * self.below_m3[-1]
-        self._description = self._described(one, MODULUS_Pa * float(rng.uniform(0.75, 1.3)))
+        self.wall_kg = DENSITY * area
+        self.stiffer = float(rng.uniform(*STIFFER))
+        self._description = self._described(one, MODULUS_Pa * self.stiffer)
         self._bent: dict[float, np.ndarray] = {}
-        self.stiffness = self._wall() if walls == "linear" else None
+        self.stiffness = self.wall_of(self.closed) if walls == "linear" else None
 
     def _at(self, fraction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Heights and radii at fractions of the height [m]."""
@@ -117,9 +117,11 @@ class Container:
             "top": {"kind": "closed", "wall": NECK_M} if self.closed else {"kind": "open"},
         })  # fmt: skip
 
-    def _wall(self) -> tuple[np.ndarray, np.ndarray]:
-        """Heights [m], and the stiffness of one side [N/m] there, of a mesh of triangles."""
-        thing = mesh_container(self._description, around=AROUND, levels=RINGS)
+    def wall_of(self, closed: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Heights [m], and the stiffness of one side [N/m] there, of a mesh of triangles with a cap or a free mouth."""
+        top = {"kind": "closed", "wall": NECK_M} if closed else {"kind": "open"}
+        described = {**self._description.model_dump(exclude_none=True), "top": top}
+        thing = mesh_container(ContainerDescription.model_validate(described), around=AROUND, levels=RINGS)
         tips = _tips(thing, (np.arange(RINGS) + 0.5) / RINGS * self.outline_m[-1, 1])
         approach = dual_tip_compliance(thing.model(), opposing_points(thing.mesh, tips))
         return thing.mesh.vertices_m[tips, 2], 2.0 / approach
@@ -141,15 +143,24 @@ class Container:
 
     def force_N(self, height_m: float, depth_m: np.ndarray) -> np.ndarray:
         """Force of one finger: wall, liquid behind it, and enclosed air."""
+        state = (self.closed, self.kg_per_m3, self.solid, self.fill)
+        # Two fingers: 2 F dd = p dV.
+        return self._wall_N(height_m, depth_m) + self.contents_N(state, height_m, depth_m)
+
+    def contents_N(
+        self, state: tuple[bool, float, float, float], height_m: float, depth_m: np.ndarray
+    ) -> np.ndarray:
+        """Force on one finger of liquid and enclosed air, of a lid, a density, its fraction that is no air, and a fill level."""
+        closed, kg_per_m3, solid, fill = state
         radius = float(np.interp(height_m, self.outline_m[:, 1], self.outline_m[:, 0]))
         lost = 2.0 * self.length * radius * _lost_area(radius, depth_m)
-        pressure = self.kg_per_m3 * GRAVITY * max(self.head_m - height_m, 0.0)
-        if self.closed:
+        head_m = float(np.interp(fill * self.below_m3[-1], self.below_m3, self._at(FRACTIONS)[0]))
+        pressure = (solid == 1.0) * kg_per_m3 * GRAVITY * max(head_m - height_m, 0.0)
+        if closed:
             # Fingers do not reach the last thousandth of the air.
-            left = np.maximum(1.0 - lost / self.air_m3, 1e-3)
-            pressure = pressure + AIR_Pa * (1.0 / left - 1.0)
-        # Two fingers: 2 F dd = p dV.
-        return self._wall_N(height_m, depth_m) + 0.5 * pressure * np.gradient(lost, depth_m)
+            air_m3 = max(1.0 - solid * fill, 0.01) * self.below_m3[-1]
+            pressure = pressure + AIR_Pa * (1.0 / np.maximum(1.0 - lost / air_m3, 1e-3) - 1.0)
+        return 0.5 * pressure * np.gradient(lost, depth_m)
 
 
 def _tips(thing: ShellObject, heights_m: np.ndarray) -> np.ndarray:
@@ -170,9 +181,10 @@ def _lost_area(radius_m: float, depth_m: np.ndarray) -> np.ndarray:
     return np.pi * (radius_m**2 - short * long)
 
 
-def _squeezed(
+def squeezed(
     one: Container, z: float, levels_N: Sequence[float], limit_N: float, rng: np.random.Generator
 ) -> SqueezeSamples:
+    """Readings of a squeeze at a height, up to a force."""
     depth = np.linspace(0.0, MAX_DEFORMATION_M, 300)
     force = one.force_N(z, depth)
     depth, force = depth[np.isfinite(force)], force[np.isfinite(force)]
@@ -201,7 +213,7 @@ def answer(kind: str, seed: int, walls: str = "linear") -> dict[str, Any]:
     one, rng = Container(kind, seed, walls), np.random.default_rng([seed, 61])
     outline_m, sigma_m = seen_outline(one.outline_m, rng)
     gentle = [
-        _squeezed(one, float(part * outline_m[-1, 1]), (0.3, 0.6, 1.0, 1.5), READ_N, rng)
+        squeezed(one, float(part * outline_m[-1, 1]), (0.3, 0.6, 1.0, 1.5), READ_N, rng)
         for part in rng.uniform(0.15, 0.75, 3)
     ]
     slopes = [
@@ -214,7 +226,7 @@ def answer(kind: str, seed: int, walls: str = "linear") -> dict[str, Any]:
     heights, felt, found = model.heights_m(), [], model.posterior([], mass)
     for z in (heights + heights)[:MAX_SQUEEZES]:
         limit_N = RIM_N if z > 0.7 * outline_m[-1, 1] else READ_N + 1.0
-        curve = _squeezed(one, z, FORCES_N, limit_N, rng)
+        curve = squeezed(one, z, FORCES_N, limit_N, rng)
         if len(curve.force_N) < MIN_LEVELS:
             continue
         felt.append(curve)

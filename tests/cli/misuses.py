@@ -126,6 +126,9 @@ MISUSES = {
         ZERO, ("strip.length_m", "found 'long', expected a number"),
         edit("sensor.yaml", lambda d: d["strip"].update(length_m="long")),
     ),
+    "recorded demo of a house": Misuse(
+        "demo --quick --world 4", ("--quick: found with --world", "recorded mission"), first=()
+    ),
     "verb misspelt": Misuse("sens foam", ("did you mean 'sense foam'?",), first=()),
     "flag misspelt": Misuse(PUSH + " --zero-frame 3", ("did you mean --zero-frames?",), first=()),
     "file misspelt": Misuse("sense foam --config senor.yaml --source push.mp4", ("did you mean sensor.yaml?",), first=()),

@@ -284,8 +284,8 @@ def test_what_is_read_of_one_container_is_not_known_of_another(tmp_path: Path) -
     assert not mission.known.readings
 
 
-def examined(missing: str = "") -> tuple[Chapter, ...]:
-    """Chapters that read the truth, but for one property that stays unknown."""
+def examined(missing: str = "", at: tuple[int, ...] = (0, 1, 2)) -> tuple[Chapter, ...]:
+    """Chapters that read the truth, but for one property that stays unknown at some places."""
 
     def look(place: Mission) -> ChapterResult:
         place.record_cost(5.0)
@@ -300,7 +300,8 @@ def examined(missing: str = "") -> tuple[Chapter, ...]:
             "filled": float(bottle.fill > 0),
             "classes": {bottle.name: 1.0},
         }
-        parts.pop(missing, None)
+        if place.place in at:
+            parts.pop(missing, None)
         place.known.belief = replace(place.known.belief, **parts)
         return done("squeezed")
 
@@ -347,6 +348,15 @@ def test_what_stays_unknown_is_left_and_told(tmp_path: Path) -> None:
     assert last.reason.count("is left: requested with a probability of 0.50") == 3
     with pytest.raises(InputError, match="without all chapters at the table"):
         run_mission(tmp_path, part="bottle", visit=Visit(4, bring="every cup"))
+
+
+@pytest.mark.parametrize(("request_", "at"), [("a bottle", (0,)), ("a cup", ())])
+def test_one_that_is_asked_for_has_to_be_brought(tmp_path: Path, request_: str, at: tuple[int, ...]) -> None:
+    """One that was left does not matter if another one is lifted; that none is requested does."""
+    mission, request = Mission(4, tmp_path, world=4), FetchRequest.parse(request_, TAUGHT)
+    *results, last = chapters._fetch(mission, request, examined("classes", at))
+    lifted = any(one.name.startswith("grasp") for one in results)
+    assert last.done == lifted == (request_ == "a bottle") == ("is left" in last.reason)
 
 
 def test_the_beam_reads_known_loads(tmp_path: Path) -> None:

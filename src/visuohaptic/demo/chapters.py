@@ -177,7 +177,8 @@ def run_mission(
 
             kitchen = f"house-{visit.world}" if visit.world else "office"
             mission.memory = stack.enter_context(PlaceMemory(visit.memory, kitchen))
-        story = run_chapters(mission, chosen, given)
+        # At least two containers stand on the table.
+        story = run_chapters(mission, chosen, given, later=() if request is None else 2 * repeated)
         if request is None or not story.complete:
             return story
         start_s = time.monotonic()
@@ -229,7 +230,8 @@ def _fetch(mission: Mission, request: FetchRequest, chapters: Sequence[Chapter])
             replace(result, name=f"{chapter.name} {k + 1}", title=f"Place {k + 1}: {chapter.title}")
         )
     reason = ", ".join(f"container {k + 1} {end}" for k, end in sorted(ends.items()))
-    outcome = done if set(ends.values()) <= {LIFTED, NOT_REQUESTED} else failed
+    brought = set(ends.values()) <= {LIFTED, NOT_REQUESTED} if request.every else LIFTED in ends.values()
+    outcome = done if brought else failed
     return [*results, replace(outcome(reason), name="bring", title="The request")]
 
 

@@ -238,7 +238,12 @@ class Story:
         return f"ended in chapter {failed.name}: {failed.reason}"
 
 
-def run_chapters(mission: Mission, chapters: Sequence[Chapter], given: Sequence[Chapter] = ()) -> Story:
+def run_chapters(
+    mission: Mission,
+    chapters: Sequence[Chapter],
+    given: Sequence[Chapter] = (),
+    later: Sequence[Chapter] = (),
+) -> Story:
     """Run chapters in order; one whose requirements are not met is skipped with the reason.
 
     Parameters
@@ -249,6 +254,8 @@ def run_chapters(mission: Mission, chapters: Sequence[Chapter], given: Sequence[
         Chapters in their order.
     given
         Omitted chapters: their results are filled in from the simulated world.
+    later
+        Chapters that will follow, for the estimate of the remaining time.
 
     Raises
     ------
@@ -267,7 +274,7 @@ def run_chapters(mission: Mission, chapters: Sequence[Chapter], given: Sequence[
     found = {one.name for one in given}
     for number, chapter in enumerate(chapters, 1):
         mission.log("")
-        left_s = _left_s(chapters, number - 1, time.monotonic() - start_s)
+        left_s = _left_s((*chapters, *later), number - 1, time.monotonic() - start_s)
         mission.log(f"{number}/{len(chapters)}  {chapter.title}   (about {left_s:.0f} s left)")
         missing = next((name for name in chapter.needs if name not in found), None)
         if missing is not None:

@@ -93,10 +93,10 @@ def run(args: Any) -> dict[str, Any]:
 
     from .view import wait
 
-    if args.quick and (args.part or args.map):
-        raise InputError(
-            "--quick", f"found with {args.part or args.map}", remedy="it replays the whole mission"
-        )
+    chosen = {"--world": args.world, "--visit": args.visit, "--memory": args.memory, "--apart": args.apart}
+    other = next((name for name, value in chosen.items() if value), args.part or args.map)
+    if args.quick and other:
+        raise InputError("--quick", f"found with {other}", remedy="it replays the whole recorded mission")
     if args.bring and (args.quick or args.part or args.map):
         raise InputError(
             "--bring", "found with --quick, --map or a part", remedy="it needs the whole mission"
