@@ -95,12 +95,18 @@ class Trial:
 
     def zero_frames(self) -> list[Frame]:
         """Ten frames of the untouched strip, before time zero."""
-        rng, scene = np.random.default_rng([self.seed, 1]), rest_scene(self.geometry)
+        rng, scene, light = (
+            np.random.default_rng([self.seed, 1]),
+            rest_scene(self.geometry),
+            self.effects.light,
+        )
         renderer = SceneRenderer(self.rig.camera, self.rig.T_camera_foam, self.look, self.effects)
-        return [
-            Frame(renderer.render(scene, rng=rng, t_s=(i - 10) * FRAME_S), (i - 10) * FRAME_S, i - 10)
-            for i in range(10)
-        ]
+        times_s = [i * FRAME_S for i in range(-10, 0)]
+        if light is None:  # as rendered one by one, in a third of the time
+            images = renderer.repeated(scene, 10, rng=rng)
+        else:
+            images = (renderer.render(scene, rng=rng, t_s=t_s) for t_s in times_s)
+        return [Frame(image, t_s, i) for i, (image, t_s) in enumerate(zip(images, times_s, strict=True), -10)]
 
     def deliveries(self) -> Iterator[Delivery]:
         """All frames in the order in which they reach the sensor."""

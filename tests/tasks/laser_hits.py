@@ -22,15 +22,17 @@ def scans(outline_m: np.ndarray, rng: np.random.Generator, step_rad: float = 0.0
     a, b = outline_m, np.roll(outline_m, -1, axis=0)
     hits = []
     for view in VIEWS_M:
-        for angle in np.arange(-0.6, 1.2, step_rad) + rng.uniform(-0.5, 0.5) * step_rad - 0.3:
-            beam = np.array([math.cos(angle), math.sin(angle)])
-            with np.errstate(divide="ignore", invalid="ignore"):
-                reach = cross(a - view, b - a) / cross(beam, b - a)
-                along = cross(a - view, beam) / cross(beam, b - a)
-            reach = reach[(along >= 0.0) & (along <= 1.0) & (reach > 0.0)]
-            if len(reach):
-                hits.append(view + (reach.min() + RANGE_M * rng.standard_normal()) * beam)
-    return np.array(hits)
+        angles = np.arange(-0.6, 1.2, step_rad) + rng.uniform(-0.5, 0.5) * step_rad - 0.3
+        beams = np.array([(math.cos(angle), math.sin(angle)) for angle in angles])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            turned = cross(beams[:, None], b - a)
+            reach = cross(a - view, b - a) / turned
+            along = cross(a - view, beams[:, None]) / turned
+        nearest = np.where((along >= 0.0) & (along <= 1.0) & (reach > 0.0), reach, np.inf).min(axis=1)
+        seen = np.isfinite(nearest)
+        read = nearest[seen] + RANGE_M * rng.standard_normal(np.count_nonzero(seen))
+        hits.append(view + read[:, None] * beams[seen])
+    return np.concatenate(hits)
 
 
 def box(width_m: float, depth_m: float, yaw_rad: float) -> np.ndarray:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -87,6 +88,29 @@ class World:
         floor_in_shadow: bool = True,
     ) -> np.ndarray:
         """One grey image, (ROWS, COLUMNS) uint8: ``delta`` [m] by s, ``body`` True inside of it."""
+        free = delta is None and body is None
+        if free and shadow is None:
+            small = self._at_rest
+        else:
+            layers = self._bare_strip if free else self._layers(delta, body)
+            light = 1.0 if shadow is None else shadow(self._x, self._s)
+            small = self._seen(*layers, light, light if floor_in_shadow else 1.0)
+        small = small + self.noise * self.rng.standard_normal(small.shape)
+        return np.clip(np.rint(small), 0, 255).astype(np.uint8)
+
+    @cached_property
+    def _bare_strip(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self._layers(None, None)
+
+    @cached_property
+    def _at_rest(self) -> np.ndarray:
+        """What is seen without shadows and bodies, without noise."""
+        return self._seen(*self._bare_strip, 1.0, 1.0)
+
+    def _layers(
+        self, delta: Callable[[np.ndarray], np.ndarray] | None, body: Field | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Part of each sub-sample that is foam, its grey, and that of the rest."""
         x, s = self._x, self._s
         pressed = np.zeros(s.shape[1]) if delta is None else delta(s[0])
         front = self.width_m - pressed[None]
@@ -94,19 +118,30 @@ class World:
         bare = (
             np.clip((front - x) / (PX_M / SUB[0]) + 0.5, 0.0, 1.0) * (x >= 0) * (np.abs(s) <= 0.5 * LENGTH_M)
         )
-        row, column = (np.indices(x.shape) // np.array(SUB)[:, None, None]).astype(np.intp)
         depth = np.clip(x / np.maximum(front, 1e-6), 0.0, 1.0) * (len(self._texture) - 1)
-        grey = self.floor + self._ground[row, column]
+        grey = _repeated(self.floor + self._ground)
         if body is not None:
-            inside = body(x, s)
-            grey = np.where(inside, self.body + self._skin[row, column], grey)
+            grey = np.where(body(x, s), _repeated(self.body + self._skin), grey)
         grey = np.where(x < 0, BASE_GREY, grey)
-        foam = self.foam + self._texture[np.rint(depth).astype(np.intp), column]
-        light = 1.0 if shadow is None else shadow(x, s)
-        grey = bare * foam * light + (1.0 - bare) * grey * (light if floor_in_shadow else 1.0)
-        small = grey.reshape(ROWS, SUB[0], COLUMNS, SUB[1]).mean(axis=(1, 3))
-        small = gaussian_filter(small, self.blur_px) + self.noise * self.rng.standard_normal(small.shape)
-        return np.clip(np.rint(small), 0, 255).astype(np.uint8)
+        column = np.arange(x.shape[1]) // SUB[1]
+        return bare, self.foam + self._texture[np.rint(depth).astype(np.intp), column], grey
+
+    def _seen(
+        self,
+        bare: np.ndarray,
+        foam: np.ndarray,
+        rest: np.ndarray,
+        light: np.ndarray | float,
+        floor_light: np.ndarray | float,
+    ) -> np.ndarray:
+        """Mean over the sub-samples of each pixel, blurred by the lens."""
+        grey = bare * foam * light + (1.0 - bare) * rest * floor_light
+        return gaussian_filter(grey.reshape(ROWS, SUB[0], COLUMNS, SUB[1]).mean(axis=(1, 3)), self.blur_px)
+
+
+def _repeated(pixels: np.ndarray) -> np.ndarray:
+    """Each pixel for all of its sub-samples."""
+    return np.repeat(np.repeat(pixels, SUB[0], axis=0), SUB[1], axis=1)
 
 
 def edge_shadow(x_m: float, s_m: float, angle_rad: float, dark: float, penumbra_px: float = 0.0) -> Field:
