@@ -110,7 +110,7 @@ def save_folder(scene: GlassSequence, folder: Path) -> None:
 def detect(scene: GlassSequence, **options: Any) -> dict[str, Any]:
     """Detections in a scene compared with the truth; ``options`` are those of ``reconstruct``."""
     started = time.process_time()
-    found = reconstruct(frames_of(scene), noise=sensor_noise(SENSOR), **options)
+    found = reconstruct(frames_of(scene), **{"noise": sensor_noise(SENSOR), **options})
     centroids = np.array([region.centroid_m for region in found.regions]).reshape(-1, 3)
     # If a part has an outline, its axis is the position.
     for centroid, region in zip(centroids, found.regions, strict=True):

@@ -44,6 +44,7 @@ CAMPAIGNS = (
     "foam_faults",
     "foam_tags",
     "foam_tension",
+    "foreign_glass",
     "gcs_compressions",
     "glass_evidence",
     "grasp",
