@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.planning import alternatives, exploration_tour, make_plan
 from visuohaptic.navigation.planning.footprint import _footprint_kernels as kernels
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem, RobotModel, robot_from_data
-from visuohaptic.tasks.mobile.travel import TravelTask
+from visuohaptic.tasks.mobile.travel import FloorExploration
 
 ROBOT = RobotModel.of_footprint(OUTLINE_M)
 
@@ -107,10 +108,15 @@ def test_a_footprint_is_read_as_nav2_writes_it() -> None:
             robot_from_data(data)
     with pytest.raises(InputError, match="inscribed circle"):
         replace(robot, radius_m=0.3)
+    larger = robot.grown(0.05)
+    assert (larger.radius_m, larger.front_m, larger.v_max_m_s) == pytest.approx((0.3, 0.5, 0.5))
+    assert larger.reach_m == pytest.approx(np.hypot(0.5, 0.3))
+    assert larger.flat_front
+    assert RobotModel(0.2).grown(0.05) == RobotModel(0.25)
 
 
 def test_what_is_planned_for_discs_refuses_a_footprint() -> None:
     problem = _problem(_rooms(0.7))
-    for call in (alternatives, TravelTask, lambda problem: exploration_tour(problem, 60.0)):
+    for call in (alternatives, *(partial(of, budget_s=60.0) for of in (exploration_tour, FloorExploration))):
         with pytest.raises(InputError, match="for a disc only"):
             call(problem)

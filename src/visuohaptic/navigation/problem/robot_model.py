@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -81,6 +81,22 @@ class RobotModel(SpeedLimits):
                 "footprint", "found none around (0, 0)", remedy="the robot turns about its origin"
             )
         return cls(radius_m, footprint_m=tuple((float(x), float(y)) for x, y in ring), **others)
+
+    def grown(self, margin_m: float) -> RobotModel:
+        """The robot with a margin: a larger radius, or the edges of the footprint moved outwards.
+
+        Parameters
+        ----------
+        margin_m
+            Margin on every side [m].
+        """
+        if not self.footprint_m:
+            return replace(self, radius_m=self.radius_m + margin_m)
+        import shapely
+
+        ring = shapely.Polygon(self.footprint_m).buffer(margin_m, join_style="mitre").exterior
+        shape = RobotModel.of_footprint(shapely.get_coordinates(ring)[:-1])
+        return replace(self, radius_m=shape.radius_m, footprint_m=shape.footprint_m)
 
     def check_disc(self, what: str) -> None:
         """Refuse a footprint.

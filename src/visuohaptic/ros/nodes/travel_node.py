@@ -121,7 +121,7 @@ class TravelNode(MapNode):
             max_age_s=parameters.max_age_s,
         )
         self._senses = _Senses(node, self._base, parameters, tuple(each.id for each in self._objects))
-        self._senses.radius_m = self._robot.radius_m
+        self._senses.radius_m = self._robot.front_m
         self._known = node.advertise("objects", "std_msgs/msg/String", LATCHED)
         self._driving = threading.Lock()
         self._cancel = threading.Event()

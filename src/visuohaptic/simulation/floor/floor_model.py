@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -59,12 +60,19 @@ class FloorObject:
 
 @dataclass(frozen=True, slots=True)
 class FloorRobot:
-    """A round robot on two wheels."""
+    """A robot on two wheels: round, or with a convex outline."""
 
-    radius_m: float = 0.17
+    radius_m: float = 0.17  #: half the distance between its wheels
     force_max_N: float = 20.0  #: of the drive; it stalls above this force
     acceleration_m_s2: float = 0.5
     turn_acceleration_rad_s2: float = 2.0
+    #: corners x, y in its frame, counter-clockwise, x forwards [m]; empty: a disc
+    footprint_m: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def reach_m(self) -> float:
+        """Radius of the circle about its centre that contains it [m]."""
+        return max((math.hypot(x, y) for x, y in self.footprint_m), default=self.radius_m)
 
 
 def floor_mjcf(
@@ -104,9 +112,24 @@ def floor_mjcf(
     <body pos="{x} {y} 0" euler="0 0 {yaw}">{walls}</body>
     <body name="robot"><inertial pos="0 0 0" mass="1e5" diaginertia="1e4 1e4 1e4"/>
       <joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/><joint type="hinge" axis="0 0 1"/>
-      <geom name="rim" type="sphere" size="{robot.radius_m}" pos="0 0 {height}" contype="2" conaffinity="2"
-        friction="0 0 0"/></body>
+      {_rim(robot)}</body>
     {bodies}</worldbody></mujoco>"""
+
+
+def _rim(robot: FloorRobot) -> str:
+    """A sphere, or a thin upright board inside each edge of the outline."""
+    touches = 'contype="2" conaffinity="2" friction="0 0 0"'
+    if not robot.footprint_m:
+        return f'<geom type="sphere" size="{robot.radius_m}" pos="0 0 {PUSH_HEIGHT_M}" {touches}/>'
+    boards = []
+    for (ax, ay), (bx, by) in pairwise((*robot.footprint_m, robot.footprint_m[0])):
+        yaw, half = math.atan2(by - ay, bx - ax), 0.5 * math.hypot(bx - ax, by - ay)
+        x, y = 0.5 * (ax + bx) - EDGE_M * math.sin(yaw), 0.5 * (ay + by) + EDGE_M * math.cos(yaw)
+        boards.append(
+            f'<geom type="box" pos="{x} {y} {PUSH_HEIGHT_M}" euler="0 0 {yaw}" '
+            f'size="{half} {EDGE_M} {0.75 * PUSH_HEIGHT_M}" {touches}/>'
+        )
+    return "".join(boards)
 
 
 def _object_mjcf(obj: FloorObject) -> str:

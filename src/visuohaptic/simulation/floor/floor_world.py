@@ -1,4 +1,4 @@
-"""A floor with the walls of a map, sliding objects, and a round robot that drives among them.
+"""A floor with the walls of a map, sliding objects, and a robot that drives among them.
 
 MuJoCo moves the objects, independently of the planners. The robot follows
 its wheel commands until the reaction exceeds the force of its drive: then it
@@ -73,7 +73,7 @@ class FloorWorld:
         self._data: Any = mujoco.MjData(self._model)
         self._pose = np.array(start_m, dtype=np.float64)
         self._data.qpos[:3] = self._pose
-        self._rim = int(self._model.geom("rim").id)
+        self._rim = np.flatnonzero(self._model.geom_bodyid == self._model.body("robot").id)
         names = [self._model.body(int(b)).name for b in self._model.geom_bodyid]
         self._owner = [name.removeprefix("object:") if name.startswith("object:") else "" for name in names]
         self._centres = [polygon_centroid(obj.footprint_m) for obj in self.objects]
@@ -83,7 +83,7 @@ class FloorWorld:
         ]
         self.base = FloorBase(self)
         self.speed_m_s = self.turn_rate_rad_s = 0.0
-        self._back_N = 0.0
+        self._back = np.zeros(2)  # force against the heading, moment against a turn to the left [N, N m]
         self.touch: FloorTouch | None = None
         #: simulated time in which the rim touched a wall (s), and physics steps that were computed
         self.wall_s, self.steps = 0.0, 0
@@ -138,7 +138,7 @@ class FloorWorld:
         step_s = float(self._model.opt.timestep)
         for _ in range(max(1, round(duration_s / step_s))):
             if self._gap() > NEAR_M:
-                self.touch, self._back_N = None, 0.0
+                self.touch, self._back = None, np.zeros(2)
                 self._coast(step_s)
             else:
                 self._physics(step_s)
@@ -151,7 +151,7 @@ class FloorWorld:
         raise InputError("FloorWorld", f"found no object '{id}', expected one of: {names}")
 
     def _gap(self) -> float:
-        """Distance from the rim to the nearest wall or object, or a lower bound."""
+        """Distance from the circle around the robot to the nearest wall or object, or a lower bound."""
         x, y = float(self._pose[0]), float(self._pose[1])
         gap = math.inf
         for index, reach in enumerate(self._reach):
@@ -159,7 +159,7 @@ class FloorWorld:
             du = self._centres[index][0] + float(self._data.qpos[at]) - x
             dv = self._centres[index][1] + float(self._data.qpos[at + 1]) - y
             gap = min(gap, math.hypot(du, dv) - reach)
-        if gap - self.robot.radius_m > NEAR_M and len(self._boxes):
+        if gap - self.robot.reach_m > NEAR_M and len(self._boxes):
             ox, oy, yaw = self._map.origin
             c, s = math.cos(yaw), math.sin(yaw)
             u, v = c * (x - ox) + s * (y - oy), c * (y - oy) - s * (x - ox)
@@ -167,7 +167,7 @@ class FloorWorld:
             wide = np.maximum(np.maximum(b[:, 0] - u, u - b[:, 2]), 0.0)
             high = np.maximum(np.maximum(b[:, 1] - v, v - b[:, 3]), 0.0)
             gap = min(gap, math.sqrt(float((wide * wide + high * high).min())))
-        return gap - self.robot.radius_m
+        return gap - self.robot.reach_m
 
     def _ramp(self, step_s: float) -> None:
         base, robot = self.base, self.robot
@@ -205,23 +205,26 @@ class FloorWorld:
 
     def _feel(self, step_s: float) -> None:
         data, force = self._data, np.zeros(6)
-        total, moment, back = 0.0, np.zeros(2), 0.0
+        total, moment, back = 0.0, np.zeros(2), np.zeros(2)
         heading = np.array([math.cos(self._pose[2]), math.sin(self._pose[2])])
         touched: set[str] = set()
         geoms = data.contact.geom
-        for c in np.flatnonzero((geoms == self._rim).any(axis=1)):
+        for c in np.flatnonzero(np.isin(geoms, self._rim).any(axis=1)):
             contact = data.contact[c]
             one, other = geoms[c]
             self._mujoco.mj_contactForce(self._model, data, c, force)
             if force[0] < 1e-3:
                 continue
-            owner = self._owner[other if one == self._rim else one]
+            first = one in self._rim
+            owner = self._owner[other if first else one]
             touched.add(owner)
             total += force[0]
             moment += force[0] * contact.pos[:2]
-            # From the contact frame's axes: the force on the robot is opposite to the rim's outward normal.
-            outward = np.asarray(contact.pos[:2]) - self._pose[:2]
-            back += force[0] * float(outward @ heading) / max(float(np.hypot(*outward)), 1e-9)
+            # The contact frame's first axis points from the first to the second: the force on the robot is opposite to it.
+            outward = np.asarray(contact.frame[:2]) * (1.0 if first else -1.0)
+            outward = outward / max(float(np.hypot(*outward)), 1e-9)
+            lever = np.asarray(contact.pos[:2]) - self._pose[:2]
+            back += force[0] * np.array([outward @ heading, lever[0] * outward[1] - lever[1] * outward[0]])
         if "" in touched:
             self.wall_s += step_s
         point = moment / total if total > 0 else moment
@@ -231,12 +234,16 @@ class FloorWorld:
             else None
         )
         # Sustained force counts, not the impact of the first contact.
-        self._back_N += (back - self._back_N) * min(1.0, step_s / STALL_S)
-        if self._back_N * math.copysign(1.0, self.speed_m_s) > self.robot.force_max_N:
-            # The wheels slip: it stops, and the overshoot is taken back.
+        self._back += (back - self._back) * min(1.0, step_s / STALL_S)
+        # The wheels slip: it stops, and the overshoot is taken back.
+        if self._back[0] * math.copysign(1.0, self.speed_m_s) > self.robot.force_max_N:
             self._pose[:2] -= self.speed_m_s * step_s * heading
-            self._data.qpos[:3] = self._pose
             self.speed_m_s = 0.0
+        moment_max_Nm = self.robot.force_max_N * self.robot.radius_m
+        if self._back[1] * math.copysign(1.0, self.turn_rate_rad_s) > moment_max_Nm:
+            self._pose[2] -= self.turn_rate_rad_s * step_s
+            self.turn_rate_rad_s = 0.0
+        self._data.qpos[:3] = self._pose
 
 
 class FloorBase(CommandedBase):

@@ -82,6 +82,8 @@ class PushSettings(Ranged):
     #: tolerances of the object at the end of a push, position [m] and rotation, as assumed by a plan
     end_m: float = field(default=0.01, metadata=POSITIVE)
     end_rad: float = field(default=0.026, metadata=POSITIVE)
+    #: whether the platform steers by the object's pose; a flat front keeps to the line, and holds a face that it presses on
+    steered: bool = True
     steer_max_rad: float = 0.35
     heading_gain_per_s: float = 3.0
     turn_limit_rad: float = TURN_LIMIT_RAD  #: maximum rotation of the object
@@ -244,7 +246,7 @@ class SteeredPush:
             speed = s.approach_m_s if s.speed_m_s < s.approach_m_s else s.speed_m_s
         else:
             speed = s.speed_m_s * self._guard.speed_fraction
-            if self._seen is not None:
+            if self._seen is not None and s.steered:
                 return speed, max(-0.6, min(0.6, speed * self._turn_per_m(pose_m, heading, contact_m)))
             beside = float((pose_m[:2] - self._stand) @ self._left)
             target = max(-0.3, min(0.3, -4.0 * beside))

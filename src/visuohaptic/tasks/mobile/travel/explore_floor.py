@@ -38,7 +38,7 @@ class FloorExploration(TravelTask):
     Raises
     ------
     InputError
-        The budget is not positive and finite.
+        The budget is not positive and finite, or the robot has a footprint.
     """
 
     task = "explore floor"
@@ -53,6 +53,7 @@ class FloorExploration(TravelTask):
         to_goal: bool = False,
         without_passage_sensors: bool = False,
     ) -> None:
+        problem.robot.check_disc("tours are driven")
         check_numbers("FloorExploration", POSITIVE, budget_s=budget_s)
         self.budget_s, self.costs, self.to_goal = budget_s, costs, to_goal
         self.tours: list[Tour] = []  #: all that were planned, in order

@@ -103,8 +103,9 @@ class TravelMemory:
         return replace(
             self._problem,
             map=map_with_footprints(grid, [item.footprint_m for item in objects]),
-            robot=replace(robot, radius_m=robot.radius_m + margin_m, push_margin_m=push_margin_m),
+            robot=replace(robot.grown(margin_m), push_margin_m=push_margin_m),
             start_m=np.asarray(pose_m)[:2],
+            start_yaw_rad=float(pose_m[2]) if robot.footprint_m else None,
             objects=objects,
         )
 

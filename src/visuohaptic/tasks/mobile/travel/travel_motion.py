@@ -138,13 +138,15 @@ class TravelMotion:
         yield TravelCommand(look=(id,))
         return self.place_m(id)
 
-    def go(self, speed_m_s: float, turn_rate_rad_s: float) -> Motion[bool]:
+    def go(self, speed_m_s: float, turn_rate_rad_s: float, *, leaving: bool = False) -> Motion[bool]:
         """Drive for one period, as far as the force limit permits.
 
         Parameters
         ----------
         speed_m_s, turn_rate_rad_s
             Velocity of the platform [m/s, rad/s].
+        leaving
+            Whether the motion is the reverse of the one that led to a contact.
 
         Returns
         -------
@@ -156,7 +158,8 @@ class TravelMotion:
         TravelInterrupted
             No valid force for too long.
         """
-        state = self._guard.update(self.seen.force_N, pressing=self._pressing(speed_m_s, turn_rate_rad_s))
+        pressing = not leaving and self._pressing(speed_m_s, turn_rate_rad_s)
+        state = self._guard.update(self.seen.force_N, pressing=pressing)
         if state is GuardState.UNREAD:
             raise force_unread()
         if state is GuardState.GO:
@@ -165,13 +168,15 @@ class TravelMotion:
             yield TravelCommand()
         return state is not GuardState.TOO_HEAVY
 
-    def turn_to(self, heading_rad: float) -> Motion[None]:
+    def turn_to(self, heading_rad: float, *, leaving: bool = False) -> Motion[None]:
         """Turn on the spot.
 
         Parameters
         ----------
         heading_rad
             Heading in the map [rad].
+        leaving
+            As :meth:`go`.
         """
         self.new_guard()
         start_s = self.now_s()
@@ -180,7 +185,7 @@ class TravelMotion:
             rate = math.copysign(max(min(1.0, 3.0 * abs(error)), 0.05), error)
             if abs(error) < 0.02:
                 break
-            if not (yield from self.go(0.0, rate)):
+            if not (yield from self.go(0.0, rate, leaving=leaving)):
                 break
         yield from self.halt()
 

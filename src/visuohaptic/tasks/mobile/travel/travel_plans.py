@@ -70,7 +70,7 @@ class TravelPlans:
         pose_m
             Pose of the robot: x, y [m], heading [rad].
         """
-        if self.turns >= self.settings.turns:
+        if self.turns >= self.settings.turns or self.memory.problem(pose_m).robot.footprint_m:
             return None
         for margin_m in self.settings.turn_margins_m:
             if not self._trusted(margin_m):

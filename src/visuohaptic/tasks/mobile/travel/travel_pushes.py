@@ -60,6 +60,7 @@ class TravelPushes:
         self.margin_m = 0.0  #: margin beside the robot of the present plan
         self.behind_m = 0.0  #: known free distance straight behind the robot after the last push
         self._at_wall = False  #: whether the last push ended at a wall
+        self._gone_m = 0.0  #: length of the last push
 
     def push(self, task: Task) -> Motion[bool]:
         """Push an object as planned.
@@ -79,6 +80,10 @@ class TravelPushes:
         length_m = float(np.hypot(*task.displacement_m))
         push = yield from self._through_centre(task, length_m, task.turn_rad)
         self.count += 1
+        if self._robot.footprint_m:  # the plan has room to turn there
+            ahead = np.array([math.cos(_direction(task)), math.sin(_direction(task))])
+            back_m = float((self._motion.pose_m()[:2] - task.path_m[-1]) @ ahead)
+            self.behind_m = min(max(self.behind_m, back_m), self._gone_m + 0.02)
         known = self._memory.item(task.object).tag is not None
         seen = yield from self._look(task.object)
         as_planned = (
@@ -277,10 +282,12 @@ class TravelPushes:
         yield from motion.turn_to(direction)
         offset, lever = self._memory.friction(id)
         speed = min(robot.v_push_m_s, robot.v_max_m_s)
+        planned = robot.grown(self.margin_m)
         limits = PushSettings(
-            radius_m=robot.radius_m,
+            radius_m=robot.front_m,
+            steered=not robot.footprint_m,
             speed_m_s=speed,
-            search_m=0.15 + 2 * self.margin_m,
+            search_m=0.12 + planned.stand_off_m + 2 * self.margin_m,
             max_force_N=robot.push_force_max_N,
             timeout_s=min(30.0 + 3.0 * length_m / speed, motion.remaining_s()),
             aside_m=aside_m,
@@ -308,11 +315,14 @@ class TravelPushes:
         yield from motion.halt()
         gone_m = float(np.hypot(*(motion.pose_m()[:2] - start[:2])))
         self.driven_m += gone_m
+        self._gone_m = gone_m
         held = push.end in (PushEnd.STALLED, PushEnd.TOO_HEAVY)
         self._at_wall = held and point is not None and not self._memory.near(point)
-        if self._at_wall and point is not None:
+        turns_there = self._at_wall and not robot.footprint_m
+        if turns_there and point is not None:
             yield from motion.leave(point, settings.leave_m)
-        self.behind_m = 0.0 if self._at_wall else min(settings.back_off_m, gone_m + 0.02)
+        room_m = settings.back_off_m + robot.reach_m - robot.front_m
+        self.behind_m = 0.0 if turns_there else min(room_m, gone_m + 0.02)
         return push
 
 

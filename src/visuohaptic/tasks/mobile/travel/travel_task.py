@@ -67,7 +67,6 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         *,
         without_passage_sensors: bool = False,
     ) -> None:
-        problem.robot.check_disc("`travel` drives and pushes")
         self.settings = settings or TravelSettings()
         s = TravelState
         after = (s.PLAN, *_WORKING)
@@ -191,14 +190,18 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         task, robot, settings, motion = self._tasks[0], self.robot, self.settings, self.motion
         radius_m = robot.radius_m + self.pushes.margin_m
         limits = FollowLimits(radius_m, robot.v_max_m_s, min(robot.v_min_m_s, robot.v_max_m_s))
+        if robot.footprint_m:  # planned to turn on the spot at every corner
+            limits = replace(limits, corner_rad=0.0)
         follower = PathFollower(np.array(task.path_m), limits, clearance=self._clearance)
         last, start_s = motion.pose_m(), motion.now_s()
         moved_s, bumped_s = start_s, math.nan
+        before_rad = float(last[2])  # heading before a turn on the spot
         motion.new_guard()
         while True:
             pose, now_s, force_N = motion.pose_m(), motion.now_s(), motion.seen.force_N
             x, y, heading = (float(value) for value in pose)
             speed, turn = follower.command(BaseState(now_s, x, y, heading, 0.0, 0.0))
+            before_rad = heading if speed else before_rad
             if follower.done:
                 self._driven_m += task.length_m
                 self._tasks.pop(0)
@@ -218,10 +221,10 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
             elif not (yield from motion.go(speed, turn)):
                 event = "overloaded"
             if event:
-                return (yield from self._bumped(event, force_N))
+                return (yield from self._bumped(event, force_N, None if speed else before_rad))
 
-    def _bumped(self, event: str, force_N: float) -> Motion[TravelState]:
-        """Process an unexpected contact: add it to the map, retreat, plan again."""
+    def _bumped(self, event: str, force_N: float, before_rad: float | None) -> Motion[TravelState]:
+        """Process an unexpected contact, of a turn on the spot if the heading before it is given: retreat, plan again."""
         point = self.motion.point_m()
         yield from self._look_around()
         new = point is not None and self.memory.touched(point)
@@ -233,6 +236,11 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         else:
             self.plans.bumped(self.pushes.margin_m)
         self._behind_m, self._as_planned = self.settings.back_off_m, False
+        if self.robot.footprint_m:
+            if before_rad is None:
+                return TravelState.BACK_OFF
+            yield from self.motion.turn_to(before_rad, leaving=True)
+            return TravelState.PLAN
         if point is not None and not self.memory.near(point):
             yield from self.motion.leave(point, self.settings.leave_m)
             return TravelState.PLAN
