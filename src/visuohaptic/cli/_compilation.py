@@ -10,8 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ..core.errors import InputError
-from ..core.map_tasks import available_cores
+from ..core import InputError, available_cores
 
 #: One line for each kernel that Python calls, ``module:function (types of the arguments)``; the kernels that
 #: these call follow. Written by ``python -m benchmarks.kernel_signatures``.

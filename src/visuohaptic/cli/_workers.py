@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..core.errors import InputError
-from ..core.map_tasks import available_cores
+from ..core import InputError, available_cores
 
 #: More processes than any one machine has cores [1].
 MAX_WORKERS = 1024

@@ -20,10 +20,7 @@ import numpy as np
 from jaxtyping import Float
 from sqlalchemy import Connection, func, select
 
-from ..core import cards
-from ..core.errors import DatabaseError, InputError, brief
-from ..core.objects import VisuoHapticObject
-from ..core.resources import Closing
+from ..core import Closing, DatabaseError, InputError, VisuoHapticObject, brief, cards
 from . import schema
 from .array_store import ArrayStore
 from .connection import Connections, connect

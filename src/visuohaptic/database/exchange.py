@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from ..core.cards import decode, encode
+from ..core import Geometry, VisuoHapticObject, decode, encode
 from ..core.errors import InputError, needs
 from ..core.files import MAX_FILE_BYTES, atomic_path, load_yaml_model, save_yaml
-from ..core.objects import Geometry, VisuoHapticObject
 from .shards import file_sha256, pack, unpack
 
 if TYPE_CHECKING:

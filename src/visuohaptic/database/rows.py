@@ -11,9 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from sqlalchemy import Connection, and_, bindparam, func, select
 
-from ..core import cards
-from ..core.errors import InputError
-from ..core.objects import Provenance, VisuoHapticObject
+from ..core import InputError, Provenance, VisuoHapticObject, cards
 from .merge import merge_objects
 from .schema import counter, feature, object_, shard
 

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from ..core.camera.model import Camera
-from ..core.errors import InputError
+from ..core import Camera, InputError
 from ..core.files import ImageMode, read_csv, read_image
 from .source import RecordedSource
 

@@ -17,10 +17,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..core.camera.pose import Pose
-from ..core.errors import InputError
+from ..core import InputError, Pose, compose_2d
 from ..core.files import CsvRow, read_csv, write_csv
-from ..core.geometry import compose_2d
 from ..core.laser_scan import MAX_BEAMS, LaserScan
 from ..core.ranges import SECONDS, check_numbers
 from .ros.sqlite_bag import is_bag, open_bag

@@ -9,11 +9,8 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from ..core.camera.frame import Frame
-from ..core.camera.model import Camera
-from ..core.errors import InputError
+from ..core import Camera, Closing, Frame, InputError
 from ..core.ranges import SECONDS, check_numbers
-from ..core.resources import Closing
 
 _log = logging.getLogger(__name__)
 

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..core.errors import InputError
-from ..core.measurement import ErrorBudget, Event, ForceProfile
+from ..core import ErrorBudget, Event, ForceProfile, InputError
 from .style import COLOURS, CYCLE, new_figure, styled
 
 if TYPE_CHECKING:

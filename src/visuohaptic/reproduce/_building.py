@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..io.maps.occupancy_map import OccupancyMap
-from ..navigation.graph.navigation_graph import build_graph
-from ..navigation.graph.regions import Regions, assign_regions
+from ..navigation.graph import Regions, assign_regions, build_graph
 from ..navigation.grid.cost_grid import SpeedLimits, grid_layers
 from ..navigation.problem.planning_problem import MovableObject
 from ..rigs.virtual_office import BIN, ROBOT, STOOL, box, rooms, with_objects

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..deformation.nonlinear.contents import Contents
-from ..deformation.shapes.container import load_container
+from ..deformation import Contents, load_container
 from ..recognition.data.readings import CurveCoefficients, fit_curve
 from ..recognition.touch.state import StateCurve, simulate_state_curves
 from .worlds.virtual_containers import NOISE_N, NOISE_m, RATE_Hz, SPEED_m_per_s

@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..core.errors import VisuohapticError
-from ..deformation.maps.features import linear_features
-from ..deformation.shapes.container import class_names
-from ..deformation.shapes.mesher import mesh_container
-from ..deformation.shapes.variants import draw_variant
+from ..deformation import class_names, draw_variant, linear_features, mesh_container
 from ..recognition.data.data_set import FeatureSet, load_feature_set, save_feature_set
 from .output import Output
 from .worlds.virtual_containers import GROUPS, description

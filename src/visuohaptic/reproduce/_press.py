@@ -5,11 +5,9 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from ..sensing.foam.material.calibration import FoamCalibration, calibrate_foam
-from ..sensing.foam.material.records import read_strain_stress
+from ..sensing.foam import FoamCalibration, calibrate_foam, read_strain_stress
 from ..sensing.foam.material.stress_curve import CurveKind
-from ..simulation.foam.press_rig import calibration_press
-from ..simulation.foam.strip_geometry import FoamStripGeometry
+from ..simulation.foam import FoamStripGeometry, calibration_press
 from ..simulation.foam.strip_law import REFERENCE_FOAM, SOFT_FOAM, StripLaw, write_calibration_csv
 from .output import Output
 

@@ -15,8 +15,7 @@ from types import ModuleType
 from typing import Any
 
 from .._version import __version__
-from ..core.errors import InputError, VisuohapticError
-from ..core.files import write_text
+from ..core import InputError, VisuohapticError, write_text
 from .output import Output
 
 #: Figures and tables of each chapter, in the dissertation's order.

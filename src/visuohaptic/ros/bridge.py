@@ -7,10 +7,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
 
-from ..core.errors import InputError
-from ..core.resources import Closing
-from ..sensing.readers.load import load_reader
-from ..sensing.readers.sensor_reader import SensorReader
+from ..core import Closing, InputError
+from ..sensing import SensorReader, load_reader
 from .bridge_config import BridgeConfig, SensorSection, sensor_kind
 from .channel import SensorChannel, SensorReport
 from .transports.open_node import open_node

@@ -7,8 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from ..core.errors import InputError, brief
-from ..core.files import load_yaml, load_yaml_model
+from ..core import InputError, brief, load_yaml, load_yaml_model
 from ..sensing.config_fields import Positive
 from .transports.open_node import Transport
 from .transports.session import ROUTER, RosOptions

@@ -9,9 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..core.camera.frame import Frame
-from ..core.errors import DeviceError, StaleFrameError
-from ..core.robots import BaseState
+from ..core import BaseState, DeviceError, Frame, StaleFrameError
 from ..sensing.readers.sensor_reader import SensorReader
 from .bridge_config import SensorSection
 from .frames import TopicFrames

@@ -13,12 +13,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
-from ..core.camera.frame import Frame
-from ..core.camera.model import Camera
-from ..core.camera.pose import Pose
+from ..core import Camera, Closing, Frame, ImageMode, Pose, decode_image
 from ..core.errors import DeviceError, InputError, StaleFrameError
-from ..core.files import ImageMode, decode_image
-from ..core.resources import Closing
 from ..io.ros.ros_image import camera_from_message, decode_raw
 from .transports.topic_node import Received, TopicNode
 from .wire.graph import Qos

@@ -6,11 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
-from ..core.camera.frame import Frame
-from ..core.camera.model import Camera
-from ..core.errors import InputError
-from ..core.files import load_yaml
-from ..core.measurement import Reason
+from ..core import Camera, Frame, InputError, Reason, load_yaml
 
 _KINDS = ("foam", "beam", "scene")
 

@@ -15,12 +15,7 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Int8
 
-from ..core.camera.frame import Frame
-from ..core.camera.model import Camera
-from ..core.errors import InputError
-from ..core.ranges import POSITIVE, Ranged, at_least, within
-from ..core.resources import Closing
-from ..core.robots import FrameSource
+from ..core import POSITIVE, Camera, Closing, Frame, FrameSource, InputError, Ranged, at_least, within
 
 
 class FaultKind(StrEnum):

@@ -11,11 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..io.maps.occupancy_map import OccupancyMap
-from .floor.floor_model import FloorObject
-from .floor.floor_senses import FloorSenses
-from .floor.floor_world import FloorWorld
-from .tabletop.deformable import DeformableContainer
-from .tabletop.kitchen import KitchenTable
+from .floor import FloorObject, FloorSenses, FloorWorld
+from .tabletop import DeformableContainer, KitchenTable
 
 
 def floor(

@@ -7,8 +7,7 @@ import threading
 from collections.abc import Sequence
 from typing import Any
 
-from ..core.errors import InputError, VisuohapticError
-from ..core.ranges import check_choice
+from ..core import InputError, VisuohapticError, check_choice
 from .access_control import reported
 from .server import Page, markdown_text
 from .stage import Stage, View

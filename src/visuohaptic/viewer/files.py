@@ -8,9 +8,7 @@ from typing import Any
 
 from ..core.errors import InputError
 from ..core.files import load_json, read_text
-from ..deformation.maps.map_file import load_map
-from ..deformation.shapes.container import class_names
-from ..deformation.shapes.load_shell import load_object
+from ..deformation import class_names, load_map, load_object
 from ..grasping.grasp_task import GraspTask
 from .map_view import MapView
 from .object_view import ObjectView

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from ..core.errors import InputError
+from ..core import InputError, finite_array
 from ..core.geometry import polygon_area
-from ..core.ranges import finite_array
 
 #: Colours of the foam at rest and under full pressure (red, green, blue).
 REST_RGB = np.array([226.0, 188.0, 92.0])

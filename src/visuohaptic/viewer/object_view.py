@@ -9,18 +9,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..core.errors import VisuohapticError
-from ..core.objects import StiffnessMap
-from ..deformation.maps.confidence_band import object_map
+from ..core import StiffnessMap, VisuohapticError
+from ..deformation import Contents, ShellObject, object_map
 from ..deformation.maps.map_file import colours
-from ..deformation.nonlinear.contents import Contents
-from ..deformation.shapes.mesher import ShellObject
-from ..grasping.confirm import confirm_grasp
-from ..grasping.grasp_task import GraspTask
-from ..grasping.match import predicted_shape
+from ..grasping import GraspTask, confirm_grasp, grasp_scores, predicted_shape
 from ..grasping.planner import GraspPlan, plan_grasps, plan_map
 from ..grasping.plots import score_colours
-from ..grasping.score import grasp_scores
 from .access_control import reported
 from .server import markdown_text
 from .stage import Stage, hit_face

@@ -10,10 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int8, UInt8
 
-from ..core.camera.pose import Pose
-from ..core.errors import InputError
-from ..core.measurement import ForceProfile
-from ..core.objects import HapticTag
+from ..core import ForceProfile, HapticTag, InputError, Pose
 from .map_layer import draw_map
 from .meshes import columns, pressure_colours, prism
 from .server import Page, markdown_text

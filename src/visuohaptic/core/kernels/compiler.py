@@ -200,58 +200,45 @@ def call_template(typed: Callable[..., Any], args: tuple[Type, ...], kws: dict[s
 
 
 @Listener.register
-class _RestingCollector:
-    """Pauses the garbage collector during compilation, when it would traverse millions of compiler objects."""
+class _Compilation:
+    """Pauses the garbage collector during compilation, when it would traverse millions of compiler objects.
 
-    def __init__(self) -> None:
-        self._depth, self._collecting = 0, False
-
-    def notify(self, event: Any) -> None:
-        """Handle the start, end or failure of a compilation, which may be nested."""
-        if event.is_start and self._depth == 0:
-            self._collecting = gc.isenabled()
-            gc.disable()
-        self._depth += 1 if event.is_start else -1
-        if self._depth == 0 and self._collecting:
-            gc.enable()
-
-
-@Listener.register
-class _CompileNotice:
-    """Measures compilation time, and logs once per process that the first run compiles.
-
-    A process that finds its kernels in the cache compiles and logs nothing.
+    It also measures the time, and logs once per process that the first run compiles. A process that finds its
+    kernels in the cache compiles and logs nothing.
     """
 
     #: A delay of more than one second interrupts a person's flow of thought (Miller 1968); twice that is logged.
     WAIT_S = 2.0
 
     def __init__(self) -> None:
-        self._depth, self._since_s, self.total_s = 0, (0.0, 0.0), (0.0, 0.0)
+        self._depth, self._collecting = 0, False
+        self._since_s, self.total_s = (0.0, 0.0), (0.0, 0.0)
 
     def notify(self, event: Any) -> None:
-        """Add up the time of the outermost compilations."""
+        """Handle the start, end or failure of a compilation, which may be nested: the time is that of the outermost."""
         if event.is_start and self._depth == 0:
-            self._since_s = time.thread_time(), time.monotonic()
+            self._since_s, self._collecting = (time.thread_time(), time.monotonic()), gc.isenabled()
+            gc.disable()
         self._depth += 1 if event.is_start else -1
-        if self._depth == 0:
-            before_s = self.total_s[1]
-            ends_s = time.thread_time(), time.monotonic()
-            cpu_s, wall_s = (
-                t + end - since for t, end, since in zip(self.total_s, ends_s, self._since_s, strict=True)
+        if self._depth != 0:
+            return
+        if self._collecting:
+            gc.enable()
+        before_s, ends_s = self.total_s, (time.thread_time(), time.monotonic())
+        cpu_s, wall_s = (
+            t + end - since for t, end, since in zip(before_s, ends_s, self._since_s, strict=True)
+        )
+        self.total_s = cpu_s, wall_s
+        if before_s[1] < self.WAIT_S <= wall_s:
+            _log.info(
+                "compiling kernels, only once on this machine; `visuohaptic warmup` compiles all of them"
             )
-            self.total_s = cpu_s, wall_s
-            if before_s < self.WAIT_S <= wall_s:
-                _log.info(
-                    "compiling kernels, only once on this machine; `visuohaptic warmup` compiles all of them"
-                )
 
 
-register("numba:compile", _RestingCollector())  # numba compiles in one thread at a time
-_notice = _CompileNotice()
-register("numba:compile", _notice)
+_compilation = _Compilation()
+register("numba:compile", _compilation)  # numba compiles in one thread at a time
 
 
 def compiled_s() -> tuple[float, float]:
     """Time that this process has spent on the compilation of kernels: of the processor, and on the clock [s]."""
-    return _notice.total_s
+    return _compilation.total_s

@@ -7,11 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
-from ..ros.mcap_records import McapFile, McapMessage
-from ..ros.ros_image import camera_from_message, image_stamp_ns
+from ...core import Camera, InputError, Pose
+from ..ros import McapFile, McapMessage, camera_from_message, image_stamp_ns
 from .depth_sequence import NO_POSES
 from .poses import POSE_TYPES, read_poses, stamped_message
 from .transforms import FrameMotion, TransformTree, frame_name

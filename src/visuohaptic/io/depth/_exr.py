@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from ...core.errors import InputError
-from ...core.files import check_image_size
+from ...core import InputError, check_image_size
 
 _MAGIC = b"v/1\x01"
 #: Flags of the version field that mark tiled, deep and multi-part files.

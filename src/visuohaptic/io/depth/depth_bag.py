@@ -11,17 +11,14 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from ...core.camera.model import Camera
-from ...core.errors import InputError
-from ...core.files import decode_image, read_head
-from ..ros.mcap_records import McapFile, McapMessage
+from ...core import Camera, InputError, decode_image, read_head
+from ..ros import McapFile, McapMessage, is_bag, open_bag
 from ..ros.ros_image import (
     decode_compressed_depth,
     decode_depth,
     decode_raw,
     image_stamp_ns,
 )
-from ..ros.sqlite_bag import is_bag, open_bag
 from ._bag_survey import COMPRESSED, IMAGE, BagSurvey, PoseAt, TopicImages
 from .depth_import import ImportedSequence
 from .depth_sequence import DepthFrame

@@ -30,9 +30,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
+from ...core import Camera, InputError, Pose
 from ...core.files import (
     checked_model,
     image_size,

@@ -15,11 +15,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
+from ...core import Camera, Closing, Frame, Pose
 from ...core.errors import DeviceError, InputError, needs
-from ...core.resources import Closing
 from .depth_sequence import DepthFrame
 
 

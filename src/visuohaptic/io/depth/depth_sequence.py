@@ -26,10 +26,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
-from ...core.files import load_yaml_model, read_image
+from ...core import Camera, InputError, Pose, load_yaml_model, read_image
 from ..image_folder import natural, seconds_in
 from ._conventions import check_conventions, compared
 from .depth_images import DEPTH_SUFFIXES, DepthEncoding, read_depth

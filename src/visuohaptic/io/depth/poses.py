@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
-from ...core.files import read_head, read_text, write_text
+from ...core import InputError, Pose, read_head, read_text, write_text
 from ...core.ranges import SECONDS, check_numbers
 from ..ros.sqlite_bag import is_bag, open_bag
 
@@ -228,8 +226,6 @@ def interpolate_pose(
     problem
         Why there is no pose; otherwise empty.
     """
-    from scipy.spatial.transform import Rotation, Slerp
-
     times = np.array([stamped.t_s if stamped.pose else np.nan for stamped in poses])
     usable = np.flatnonzero(np.isfinite(times))
     if not len(usable):
@@ -243,10 +239,7 @@ def interpolate_pose(
     first, second = poses[usable[after - 1]], poses[usable[after]]
     assert first.pose is not None
     assert second.pose is not None
-    fraction = (t_s - first.t_s) / (second.t_s - first.t_s)
-    turn = Slerp([0.0, 1.0], Rotation.from_matrix([first.pose.rotation, second.pose.rotation]))(fraction)
-    place = (1 - fraction) * first.pose.translation_m + fraction * second.pose.translation_m
-    return Pose(turn.as_matrix(), place), ""
+    return first.pose.interpolated(second.pose, (t_s - first.t_s) / (second.t_s - first.t_s)), ""
 
 
 def write_poses(path: Path | str, poses: Iterable[tuple[float, Pose]]) -> None:

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
-from ...core.camera.model import Camera
-from ...core.errors import DeviceError
+from ...core import Camera, DeviceError
 from .camera_backend import CameraBackend, CameraSettings, FoundCamera, time_s
 
 _log = logging.getLogger(__name__)

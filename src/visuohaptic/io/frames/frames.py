@@ -6,10 +6,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-from ...core.camera.model import Camera
-from ...core.errors import InputError
+from ...core import Camera, FrameSource, InputError
 from ...core.files import check_name, read_head
-from ...core.robots import FrameSource
 from ..image_folder import ImageFolderSource
 from ..ros.sqlite_bag import is_bag
 from .live import camera_of, open_camera

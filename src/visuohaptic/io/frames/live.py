@@ -11,10 +11,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from jaxtyping import UInt8
 
-from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
-from ...core.errors import DeviceError, StaleFrameError
-from ...core.resources import Closing
+from ...core import Camera, Closing, DeviceError, Frame, StaleFrameError
 from .camera_backend import CameraBackend, CameraSettings, FoundCamera, time_s
 
 _log = logging.getLogger(__name__)

@@ -10,12 +10,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int, UInt8
 
-from ...core.camera.model import Camera
-from ...core.errors import InputError
-from ...core.files import ImageMode, decode_image
-from ..ros.mcap_records import McapDamage, McapMessage
-from ..ros.ros_image import camera_from_message, decode_raw, image_stamp_ns
-from ..ros.sqlite_bag import open_bag
+from ...core import Camera, ImageMode, InputError, decode_image
+from ..ros import McapDamage, McapMessage, camera_from_message, decode_raw, image_stamp_ns, open_bag
 from ..source import RecordedSource
 
 _log = logging.getLogger(__name__)

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int, UInt8
 
-from ...core.camera.model import Camera
+from ...core import MAX_PIXELS, Camera, check_image_size
 from ...core.errors import InputError, needs
-from ...core.files import MAX_PIXELS, check_image_size
 from ..source import RecordedSource
 
 _log = logging.getLogger(__name__)

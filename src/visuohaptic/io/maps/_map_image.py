@@ -12,9 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Int8, UInt, UInt8
 
-from ...core.errors import InputError
-from ...core.files import check_image_size, decode_image, image_size, read_bytes
-from ...core.ranges import check_numbers, within
+from ...core import InputError, check_image_size, check_numbers, decode_image, image_size, read_bytes, within
 
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 

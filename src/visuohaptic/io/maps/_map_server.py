@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Int8
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
 
-from ...core.errors import InputError
-from ...core.files import atomic_path, load_yaml_model, save_yaml
+from ...core import InputError, atomic_path, load_yaml_model, save_yaml
 from ._map_image import FREE, OCCUPIED, UNKNOWN, cells_from_image, read_map_image
 
 _log = logging.getLogger(__name__)

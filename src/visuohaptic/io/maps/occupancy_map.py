@@ -9,10 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
 
-from ...core.errors import InputError
-from ...core.files import MAX_PIXELS
-from ...core.geometry import rotation_2d
-from ...core.ranges import POSITIVE, check_numbers
+from ...core import MAX_PIXELS, POSITIVE, InputError, check_numbers, rotation_2d
 from ._map_image import FREE, OCCUPIED, UNKNOWN, cells_from_image, read_map_image
 
 __all__ = ["FREE", "OCCUPIED", "UNKNOWN", "OccupancyMap"]

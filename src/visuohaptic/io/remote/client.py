@@ -13,12 +13,7 @@ from multiprocessing import AuthenticationError
 from multiprocessing.connection import Client
 from typing import Any, cast
 
-from ...core import errors
-from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
-from ...core.errors import DeviceError, InputError
-from ...core.measurement import Wrench
-from ...core.resources import Closing
+from ...core import Camera, Closing, DeviceError, Frame, InputError, Wrench, errors
 from ...core.robots import ROBOT_CONTRACT, Gripper, MapPose, MobileBase, ProbeArm
 from . import server
 from .wire import MAX_MESSAGE_BYTES, PROTOCOLS, RemoteDepth, RemoteTouch, pack, unpack

@@ -11,8 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from multiprocessing.connection import Connection, Listener
 from typing import Any
 
-from ...core.errors import InputError, VisuohapticError
-from ...core.robots import ROBOT_CONTRACT
+from ...core import ROBOT_CONTRACT, InputError, VisuohapticError
 from .wire import MAX_MESSAGE_BYTES, PROTOCOLS, RemoteTouch, pack, unpack
 
 _log = logging.getLogger(__name__)

@@ -13,13 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
+from ...core import BaseState, Camera, DeviceError, Frame, GripperState, InputError, MapPose, Pose, Wrench
 from ...core.codec import DTYPES, encode_record, from_dict
-from ...core.errors import DeviceError, InputError
-from ...core.measurement import Wrench
-from ...core.robots import BaseState, GripperState, MapPose
 
 #: Larger messages are rejected before memory is allocated: about ten 4K images.
 MAX_MESSAGE_BYTES = 256 * 1024 * 1024

@@ -9,10 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from ...core.camera.model import Camera
-from ...core.errors import InputError
+from ...core import Camera, InputError, check_choice
 from ...core.files import check_image_size, decode_image, upper_bytes
-from ...core.ranges import check_choice
 from .mcap_records import McapMessage
 
 #: Topics of rectified images, as image_proc names them.

@@ -13,11 +13,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
+from ...core import Camera, Contact, ForceProfile, InputError, Pose, Wrench
 from ...core.files import encode_image
-from ...core.measurement import Contact, ForceProfile, Wrench
 
 Message = dict[str, Any]
 

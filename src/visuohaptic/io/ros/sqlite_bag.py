@@ -10,8 +10,7 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
-from ...core.errors import InputError
-from ...core.files import read_head, save_yaml
+from ...core import InputError, read_head, save_yaml
 from ...core.files.plain_json import dumps
 from ._ros_definitions import definition
 from .mcap_records import McapDamage, McapFile, McapMessage, RecordedChannel, RecordedSchema

@@ -10,11 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
-from ...core.measurement import Event, ForceProfile, Wrench
+from ...core import Camera, Event, ForceProfile, Frame, InputError, Pose, Wrench
 from ..ros import ros_messages as ros
 
 if TYPE_CHECKING:

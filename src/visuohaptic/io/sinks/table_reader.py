@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...core.errors import InputError
+from ...core import InputError, Reason, Wrench
 from ...core.files import CsvRow, check_columns, file_size, read_csv
-from ...core.measurement import Reason, Wrench
 from ...core.ranges import SECONDS, check_numbers
 from .tables import FORCE_COLUMNS, PROFILE_COLUMNS, WRENCH_COLUMNS, arrow
 

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from ...core import Closing, ErrorBudget, ForceProfile, Wrench
 from ...core.errors import InputError, needs
 from ...core.files import PartFile, atomic_path, csv_line
-from ...core.measurement import ErrorBudget, ForceProfile, Wrench
-from ...core.resources import Closing
 
 _BUDGET = tuple(part.name for part in fields(ErrorBudget))
 FORCE_COLUMNS = ("t_s", "valid", "reason", "force_N", "force_sigma_N", "contacts", *_BUDGET)

@@ -14,18 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from ...core.camera.frame import Frame
-from ...core.objects import PrimitiveKind
+from ...core import Frame, PrimitiveKind
 from ...report.annotation import FrameNotes, annotated_frame, primitive_outline
 from ...rigs.virtual_sensor import VirtualSensor
 from ...sensing.foam.sensor import FoamSensor
 from ...simulation.foam.rig import SensorRig
-from ...simulation.mobile.obstacles import SimulatedObstacle, box, cylinder, wall
-from ...simulation.mobile.push_world import FoamPushWorld
-from ...simulation.mobile.sensor_camera import SimulatedSensorCamera
+from ...simulation.mobile import FoamPushWorld, SimulatedObstacle, SimulatedSensorCamera, box, cylinder, wall
 from ...simulation.rendering.renderer import SceneRenderer
-from ...tasks.mobile.explore import ExploreStep, explore_obstacle
-from ...tasks.mobile.explore_records import ExploreSettings
+from ...tasks import ExploreSettings, ExploreStep, explore_obstacle
 from ..output import Columns, Output
 
 #: Distance of the foam's undeformed front from the platform's centre [m], and the initial gap.

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.geometry import rotation_2d
-from ...core.objects import PrimitiveKind
+from ...core import PrimitiveKind, rotation_2d
 from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_touch_map import RoomTrial, map_virtual_room
 from ..output import Output

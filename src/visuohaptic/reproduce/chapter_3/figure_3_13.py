@@ -14,10 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...core.errors import CalibrationError
-from ...deformation.maps.grasp_curves import GraspCurve, PinchPlane, side_vertex
-from ...deformation.nonlinear.contents import Contents
-from ...deformation.shapes.container import load_container
-from ...deformation.shapes.mesher import mesh_container
+from ...deformation import Contents, GraspCurve, PinchPlane, load_container, mesh_container, side_vertex
 from ...report.style import COLOURS, draw_axes
 from ...rigs import squeeze_rig as squeezing
 from ...rigs.virtual_gripper import GripperSensor

@@ -12,9 +12,8 @@ import numpy as np
 
 from ...core.errors import CalibrationError
 from ...report.style import draw_axes
-from ...sensing.foam.material.calibration import calibrate_foam
+from ...sensing.foam import StrainStress, calibrate_foam
 from ...sensing.foam.material.material_plots import draw_strain_stress
-from ...sensing.foam.material.records import StrainStress
 from .._press import FOAMS, pressed
 from ..output import Output
 

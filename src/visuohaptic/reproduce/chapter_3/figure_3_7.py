@@ -12,12 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from ...core.camera.frame import Frame
-from ...core.measurement import ForceProfile
+from ...core import ForceProfile, Frame
 from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_sensor import VirtualSensor
-from ...simulation.foam.press_rig import PressShape, press, press_path
-from ...simulation.foam.rig import SensorRig
+from ...simulation.foam import PressShape, SensorRig, press, press_path
 from ..output import Columns, Output
 
 NAMES = {

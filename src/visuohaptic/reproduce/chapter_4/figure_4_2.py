@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.collections import LineCollection
 
-from ...navigation.planning.joint_builder import extend_graph
-from ...navigation.planning.joint_graph import JointGraph
+from ...navigation.planning import JointGraph, extend_graph
 from ...navigation.problem.node_types import ManipulationNode
 from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT

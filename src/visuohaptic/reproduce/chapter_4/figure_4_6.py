@@ -13,12 +13,8 @@ import numpy as np
 from matplotlib.collections import LineCollection
 
 from ...navigation.grid.footprints import find_footprints
-from ...navigation.planning.joint_builder import extend_graph
-from ...navigation.planning.joint_graph import JointGraph
-from ...navigation.planning.policies import alternatives, make_plan
-from ...navigation.problem.node_types import ManipulationNode
-from ...navigation.problem.path_plan import Plan
-from ...navigation.problem.push_costs import PushCosts
+from ...navigation.planning import JointGraph, alternatives, extend_graph, make_plan
+from ...navigation.problem import ManipulationNode, Plan, PushCosts
 from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT, office
 from .._building import draw_map, outline, regions_of

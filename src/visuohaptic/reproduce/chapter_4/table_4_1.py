@@ -21,15 +21,11 @@ from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_sensor import VirtualSensor
 from ...sensing.foam.sensor import FoamSensor
 from ...sensing.scene.scene_tracker import SceneTracker
-from ...simulation.foam.rig import SensorRig
-from ...simulation.foam.strip_law import SOFT_FOAM, StripLaw
+from ...simulation.foam import SOFT_FOAM, SensorRig, StripLaw
+from ...simulation.mobile import FoamPushWorld, PlatformConfig, SimulatedSensorCamera
 from ...simulation.mobile.obstacles import SimulatedObstacle, box, cylinder, door
-from ...simulation.mobile.platform import PlatformConfig
-from ...simulation.mobile.push_world import FoamPushWorld
-from ...simulation.mobile.sensor_camera import SimulatedSensorCamera
 from ...simulation.rendering.renderer import SceneRenderer
-from ...tasks.mobile.explore import ExploreStep, explore_obstacle
-from ...tasks.mobile.explore_records import ExploreSettings
+from ...tasks import ExploreSettings, ExploreStep, explore_obstacle
 from ..output import Columns, Output
 
 FRONT_m, GAP_m = 0.19, 0.012

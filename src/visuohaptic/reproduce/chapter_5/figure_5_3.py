@@ -14,8 +14,7 @@ from ...io.depth.depth_sequence import DepthFrame
 from ...reconstruction.fusion.depth_noise import SENSOR_NOISE
 from ...reconstruction.transparency.view_geometry import ideal_depth
 from ...report.style import draw_axes
-from ...simulation.tabletop.depth_camera import DepthCamera
-from ...simulation.tabletop.glass_scenes import glass_scene
+from ...simulation.tabletop import DepthCamera, glass_scene
 from ..output import Output
 from ..worlds.published_detector import background_model, error_image
 

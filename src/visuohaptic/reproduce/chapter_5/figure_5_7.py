@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...reconstruction.completion.surface_completion import Completion
-from ...reconstruction.completion.touch import Touch
+from ...reconstruction.completion import Completion, Touch
 from ...reconstruction.mesh import SurfaceMesh
 from ...simulation.tabletop.bottles import Bottle, random_bottle
 from .._solid import figure_3d, frame_3d, shaded

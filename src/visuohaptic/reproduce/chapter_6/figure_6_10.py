@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...deformation.maps.features import linear_features
-from ...deformation.shapes.load_shell import load_object
+from ...deformation import linear_features, load_object
 from ...report.style import COLOURS, draw_axes
 from .._curves import curves_of, read_curve
 from ..output import Columns, Output

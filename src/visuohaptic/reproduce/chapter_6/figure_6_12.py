@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...deformation.shapes.load_shell import load_object
-from ...grasping.confirm import confirm_grasp
-from ...grasping.grasp_task import GraspTask
+from ...grasping import GraspTask, confirm_grasp
 from ...grasping.planner import GraspPlan, plan_grasps
 from ...report.style import COLOURS, draw_axes
 from ..output import Columns, Output

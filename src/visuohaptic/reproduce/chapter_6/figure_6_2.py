@@ -11,10 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ...deformation.maps.confidence_band import object_map
-from ...deformation.maps.grasp_curves import PinchPlane, side_vertex
+from ...deformation import PinchPlane, load_object, object_map, side_vertex
 from ...deformation.maps.map_file import colours
-from ...deformation.shapes.load_shell import load_object
 from ...grasping.confirm import confirm_grasp
 from .._solid import figure_3d, frame_3d, shaded
 from ..output import Columns, Output

@@ -9,9 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...deformation.shapes.load_shell import load_object
-from ...grasping.grasp_task import GraspTask
+from ...grasping import GraspTask, plot_plan
 from ...grasping.planner import plan_grasps
-from ...grasping.plots import plot_plan
 from ..output import Columns, Output
 
 #: Object -> force [N].

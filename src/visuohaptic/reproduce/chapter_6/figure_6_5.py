@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...deformation.maps.confidence_band import object_map
-from ...deformation.shapes.load_shell import load_object
+from ...deformation import load_object, object_map
 from .._solid import figure_3d, frame_3d
 from ..output import Columns, Output
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from itertools import product
 
-from ...recognition.data.places import SIDES
-from ...recognition.trees.tree import train_tree
+from ...recognition import SIDES, train_tree
 from ...recognition.trees.tree_nodes import feature_name, scaled_features
 from ...recognition.trees.tree_plots import plot_tree
 from .._features import DISTINCT, grouped, training_features

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...recognition.trees.tree import train_tree
-from ...recognition.trees.tree_nodes import feature_name
+from ...recognition import feature_name, train_tree
 from ...report.style import COLOURS, draw_axes
 from .._features import CONFUSABLE, FIVE, training_features
 from ..output import Columns, Output

@@ -11,11 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...recognition.touch.bayes import explore
-from ...recognition.touch.calibration import calibrate
-from ...recognition.touch.haptic_model import fit_model
-from ...recognition.trees.tree import train_tree
-from ...recognition.trees.tree_nodes import walk
+from ...recognition import calibrate, explore, fit_model, train_tree, walk
 from ...report.style import draw_axes
 from .._features import grouped, training_features
 from ..output import Output

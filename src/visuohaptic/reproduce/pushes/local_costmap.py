@@ -8,9 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from ...core.errors import InputError
-from ...core.geometry import compose_2d
-from ...core.ranges import finite_array
+from ...core import InputError, compose_2d, finite_array
 from ...io.maps.occupancy_map import FREE, OccupancyMap
 from ...navigation.grid.cost_grid import OBSTACLE_FROM, window_distance
 

@@ -14,12 +14,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float32
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
+from ...core import Camera, InputError, Pose
 from ...io.depth.depth_sequence import DepthFrame
-from ...reconstruction.fusion.depth_noise import SENSOR_NOISE, DepthNoise
-from ...reconstruction.fusion.volume import SpaceGrid
+from ...reconstruction.fusion import SENSOR_NOISE, DepthNoise, SpaceGrid
 from ...reconstruction.transparency._view_kernels import warp_views
 from ...reconstruction.transparency.regions import TransparentRegion, find_regions
 from ...reconstruction.transparency.view_geometry import back_motions, ideal_depth, intrinsics, motions

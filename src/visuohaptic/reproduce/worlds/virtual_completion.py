@@ -14,9 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...reconstruction.completion.hole_region import HoleRegion
-from ...reconstruction.completion.surface_completion import Completion
-from ...reconstruction.completion.touch import CompletionSettings, Touch
+from ...reconstruction.completion import Completion, CompletionSettings, HoleRegion, Touch
 from ...reconstruction.mesh import SurfaceMesh
 from ...simulation.tabletop.bottles import Bottle
 

@@ -12,13 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from ...core.errors import InputError
-from ...core.files import parse_yaml
+from ...core import InputError, parse_yaml
 from ...core.geometry import so3_exp, vertex_normals
-from ...deformation.shapes.container import ContainerDescription, load_container
+from ...deformation import ContainerDescription, IsotropicMaterial, draw_variant, load_container
 from ...deformation.shapes.mesher import STIFF_CAP_M, mesh_container
-from ...deformation.shapes.variants import draw_variant
-from ...deformation.shells.shell_material import IsotropicMaterial
 from ...recognition.data.places import HEIGHTS
 from .mitc4 import mitc4_factor, mitc4_stiffness
 

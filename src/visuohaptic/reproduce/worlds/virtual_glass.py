@@ -7,13 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...io.depth.depth_sequence import DepthFrame
-from ...reconstruction.fusion.depth_noise import SENSOR_NOISE
-from ...reconstruction.fusion.volume import SpaceGrid
-from ...reconstruction.transparency.evidence import EvidenceDetector
-from ...reconstruction.transparency.pose_refinement import refine_poses
-from ...reconstruction.transparency.regions import TransparentRegion
-from ...simulation.tabletop.depth_camera import DepthCamera
-from ...simulation.tabletop.glass_scenes import GlassScene
+from ...reconstruction.fusion import SENSOR_NOISE, SpaceGrid
+from ...reconstruction.transparency import EvidenceDetector, TransparentRegion, refine_poses
+from ...simulation.tabletop import DepthCamera, GlassScene
 from .published_detector import PublishedDetector
 
 #: (1 m)^3, restricted to the space above the table.

@@ -9,10 +9,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from ...core.camera.pose import Pose
-from ...core.errors import DeviceError, InputError
+from ...core import Closing, DeviceError, InputError, Pose
 from ...core.files.plain_json import dumps
-from ...core.resources import Closing
 from ...io.ros import ros_messages as messages
 from ..transports.topic_node import Execute, RosPublisher, TopicNode
 from ..wire.graph import Qos

@@ -12,8 +12,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from pathlib import Path
 
-from ...core.errors import DeviceError, InputError, brief
-from ...core.files import read_text
+from ...core import DeviceError, InputError, brief, read_text
 
 _MAX_BYTES = 1_000_000
 _VARIABLE = re.compile(r"\$\(var ([\w-]+)\)")

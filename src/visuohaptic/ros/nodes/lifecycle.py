@@ -6,10 +6,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from ...core.errors import InputError
-from ...core.resources import Closing
-from ..transports.rclpy_node import RclpyProcess, RclpyTopics
-from ..transports.session import RosOptions
+from ...core import Closing, InputError
+from ..transports import RclpyProcess, RclpyTopics, RosOptions
 from .component import Component
 from .parameters import Parameter, declared
 from .running import Running

@@ -13,20 +13,15 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from ...core.codec import to_dict
-from ...core.errors import DeviceError, VisuohapticError
-from ...core.files import parse_yaml
+from ...core import DeviceError, VisuohapticError, parse_yaml, to_dict
 from ...core.files.plain_json import dumps
 from ...io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
-from ...navigation.files.joint_geojson import save_joint_route_graph
-from ...navigation.files.layers import felt_obstacles
-from ...navigation.graph.navigation_graph import build_graph
-from ...navigation.graph.regions import assign_regions
+from ...navigation.files import felt_obstacles, save_joint_route_graph
+from ...navigation.graph import assign_regions, build_graph
 from ...navigation.grid.cost_grid import SpeedLimits, grid_layers
 from ...navigation.planning.joint_builder import extend_graph
+from ...navigation.problem import MovableObject, load_objects, load_passages, load_robot, objects_from_data
 from ...navigation.problem.node_types import nodes_of
-from ...navigation.problem.objects_file import load_objects, load_passages, load_robot, objects_from_data
-from ...navigation.problem.planning_problem import MovableObject
 from ..markers import LINES, POINTS, points_marker
 from ..transports.topic_node import Received
 from ..wire.graph import LATCHED

@@ -10,18 +10,11 @@ from pydantic import Field
 
 from ...core.camera.pose import Pose
 from ...core.files.plain_json import dumps, picked
-from ...deformation.maps.squeeze import squeeze
-from ...deformation.nonlinear.contents import Contents
-from ...deformation.shapes.load_shell import load_object
-from ...deformation.shapes.wall_properties import WallProperties
-from ...grasping.force import GripperModel
-from ...grasping.grasp_task import GraspTask
+from ...deformation import Contents, WallProperties, load_object, squeeze
+from ...grasping import GraspTask, GripperModel, ScoreParameters
 from ...grasping.planner import plan_grasps
-from ...grasping.score import ScoreParameters
 from ...io.ros import ros_messages as messages
-from ...recognition.classifier_file import load_classifier
-from ...recognition.data.curve_file import read_curves
-from ...recognition.data.readings import TouchNoise
+from ...recognition import TouchNoise, load_classifier, read_curves
 from ...recognition.touch.belief import contradicted_assumption, update_belief
 from ..wire.graph import LATCHED
 from .component import Component, Status

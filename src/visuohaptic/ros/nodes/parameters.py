@@ -8,8 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from ...core.errors import InputError
-from ...core.files import checked_model, parse_yaml
+from ...core import InputError, checked_model, parse_yaml
 
 
 class NodeParameters(BaseModel):

@@ -10,14 +10,12 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from ...core.camera.pose import Pose
-from ...core.errors import DeviceError
+from ...core import DeviceError, Pose
 from ...core.files.plain_json import dumps
 from ...io.ros import ros_messages as messages
 from ...navigation.planning.policies import make_plan
 from ...navigation.planning.search.push_states import SearchLimits
-from ...navigation.problem.path_plan import Plan
-from ...navigation.problem.planning_problem import PlanningProblem
+from ...navigation.problem import Plan, PlanningProblem
 from ..markers import arrow
 from ..transports.topic_node import Received
 from ..wire.graph import LATCHED

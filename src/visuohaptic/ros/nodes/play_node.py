@@ -15,8 +15,7 @@ from ...io.ros.sqlite_bag import open_bag
 from ..frames import SENSOR_QOS, info_topic
 from ..sink import LATCHED_TYPES
 from ..transports.topic_node import RosPublisher
-from ..wire.graph import Qos
-from ..wire.message_types import message_type, parse_definition
+from ..wire import Qos, message_type, parse_definition
 from .component import Status, Worker
 from .parameters import NodeParameters
 

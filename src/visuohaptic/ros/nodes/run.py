@@ -6,8 +6,7 @@ import importlib
 import threading
 from collections.abc import Mapping, Sequence
 
-from ...core.errors import InputError
-from ...core.ranges import check_choice
+from ...core import InputError, check_choice
 from ..transports.open_node import open_node
 from ..transports.session import RosOptions
 from .component import Component

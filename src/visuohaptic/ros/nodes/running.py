@@ -6,8 +6,7 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from ...core.errors import VisuohapticError
-from ...core.resources import Closing
+from ...core import Closing, VisuohapticError
 from ...io.ros import ros_messages as messages
 from ...tasks.robots.repeater import Repeater
 from ..transports.topic_node import TopicNode

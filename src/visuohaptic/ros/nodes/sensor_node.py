@@ -13,8 +13,7 @@ from pydantic import Field
 from ...core.camera.model import Camera
 from ...sensing.readers.sensor_reader import SensorReader
 from ...sensing.readers.template_reader import TemplateReader
-from ...tracking.templates.template import load_templates
-from ...tracking.templates.template_tracker import TemplatePose, TemplateTracker
+from ...tracking import TemplatePose, TemplateTracker, load_templates
 from ..bridge import open_reader
 from ..bridge_config import SensorSection
 from ..channel import SensorChannel

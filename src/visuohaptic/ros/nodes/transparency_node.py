@@ -9,14 +9,11 @@ from typing import Any
 
 from pydantic import Field
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
-from ...core.errors import DeviceError
+from ...core import Camera, DeviceError, Pose
 from ...io.depth.depth_sequence import DepthFrame
 from ...io.ros import ros_messages as messages
 from ...io.ros.ros_image import camera_from_message, decode_depth
-from ...reconstruction.fusion.depth_noise import sensor_noise
-from ...reconstruction.fusion.volume import space_of_interest
+from ...reconstruction.fusion import sensor_noise, space_of_interest
 from ...reconstruction.pipeline import reconstruct
 from ..frames import info_topic, message_pose
 from ..markers import text_marker

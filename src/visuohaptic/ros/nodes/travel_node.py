@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from ...core.errors import DeviceError, StaleFrameError, VisuohapticError
-from ...core.geometry import compose_2d, relative_2d, wrap_angle
+from ...core import DeviceError, StaleFrameError, VisuohapticError, compose_2d, relative_2d, wrap_angle
 from ...navigation.problem.planning_problem import PlanningProblem
 from ...tasks.mobile.travel.navigate import Travel, travel
 from ..frames import planar

@@ -5,10 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ...core.errors import DeviceError, InputError
-from ...core.ranges import POSITIVE, check_numbers, within
-from ...core.resources import Closing
-from ...core.robots import Gripper, GripperState
+from ...core import POSITIVE, Closing, DeviceError, Gripper, GripperState, InputError, check_numbers, within
 from ...io.ros.ros_messages import header, stamp
 from ..latest import LatestMessage
 from ..transports.topic_node import Received, TopicNode

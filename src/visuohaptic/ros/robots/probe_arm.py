@@ -8,11 +8,7 @@ import time
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
-from ...core.ranges import POSITIVE, check_numbers
-from ...core.resources import Closing
-from ...core.robots import ProbeArm
+from ...core import POSITIVE, Closing, InputError, Pose, ProbeArm, check_numbers
 from ...io.ros import ros_messages as ros
 from ...tasks.robots.repeater import Repeater
 from ..frames import message_pose

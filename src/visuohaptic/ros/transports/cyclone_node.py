@@ -14,10 +14,8 @@ from collections.abc import Callable
 from typing import Any
 
 from ...core.errors import DeviceError, needs
-from ..wire.attachment import Attachment
-from ..wire.cdr import decode, encode
+from ..wire import Attachment, Field, MessageType, Shape, decode, encode, parse_definition
 from ..wire.graph import LATCHED, Entity, EntityKind, Qos, from_dds
-from ..wire.message_types import Field, MessageType, Shape, parse_definition
 from .session import RosOptions, check_security, shown_error
 from .topic_node import Outlet, RosSubscription, TopicNode
 

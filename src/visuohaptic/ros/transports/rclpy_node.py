@@ -14,9 +14,8 @@ from typing import Any
 
 from ...core.errors import InputError, VisuohapticError, needs
 from ...core.resources import Closing
-from ..wire.attachment import Attachment
+from ..wire import Attachment, MessageType
 from ..wire.graph import Entity, EntityKind, Qos, check_node
-from ..wire.message_types import MessageType
 from .session import RosOptions, shown_error
 from .topic_node import Execute, Outlet, RosSubscription, TopicNode
 

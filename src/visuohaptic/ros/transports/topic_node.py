@@ -13,12 +13,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ...core.errors import DeviceError, InputError, VisuohapticError
-from ...core.resources import Closing
-from ..wire.attachment import Attachment
-from ..wire.cdr import decode, encode
+from ...core import Closing, DeviceError, InputError, VisuohapticError
+from ..wire import Attachment, MessageType, decode, encode, message_type
 from ..wire.graph import Entity, EntityKind, Qos, check_node, resolve_name
-from ..wire.message_types import MessageType, message_type
 from .session import RosOptions, environment_domain, shown_error
 
 _log = logging.getLogger(__name__)

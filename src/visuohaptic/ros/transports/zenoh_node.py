@@ -9,10 +9,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from ...core.errors import InputError
+from ..wire import NO_HASH, Attachment, MessageType
 from ..wire._gid import publisher_gid
-from ..wire.attachment import Attachment
 from ..wire.graph import Entity, EntityKind, Qos, all_tokens, topic_key
-from ..wire.message_types import NO_HASH, MessageType
 from .session import RosOptions, open_session
 from .topic_node import Outlet, RosSubscription, TopicNode
 

@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Self
 
-from ...core.errors import InputError, brief
-from ...core.ranges import check_ranges, within
+from ...core import InputError, brief, check_ranges, within
 
 _SPACE = "@ros2_lv"
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")

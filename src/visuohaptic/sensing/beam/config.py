@@ -9,8 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, FiniteFloat
 
-from ...core.errors import InputError
-from ...core.files import load_yaml_model, save_yaml
+from ...core import InputError, load_yaml_model, save_yaml
 from ..config_fields import PoseSection, Positive, Section
 from .correction import Correction
 from .mechanics import Beam

@@ -15,10 +15,8 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
+from ...core import InputError, Pose, Reason
 from ...core.geometry import hat, so3_log
-from ...core.measurement import Reason
 
 
 class TemplateObservation(Protocol):

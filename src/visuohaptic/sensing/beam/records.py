@@ -10,10 +10,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...core.camera.pose import Pose
-from ...core.errors import CalibrationError, InputError
+from ...core import CalibrationError, InputError, Pose, Reason
 from ...core.files import MAX_TEXT_BYTES, CsvRow, read_csv
-from ...core.measurement import Reason
 from .observation import TemplateMeasurement
 
 _AXES = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")

@@ -10,9 +10,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.pose import Pose
-from ...core.errors import CalibrationError, InputError
-from ...core.measurement import Reason, Wrench
+from ...core import CalibrationError, InputError, Pose, Reason, Wrench
 from ...tracking.pose.plane_pose import pose_difference
 from .correction import Correction, prior_correction
 from .estimate import LINEAR_LIMIT, BeamEstimate, BeamModel, estimate_wrench

@@ -9,13 +9,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
-from ...core.errors import CalibrationError, InputError
-from ...core.measurement import Reason
-from ...core.resources import Closing
-from ...tracking.templates.template import Template, load_templates
-from ...tracking.templates.template_tracker import TemplatePose, TemplateTracker
+from ...core import CalibrationError, Camera, Closing, Frame, InputError, Reason
+from ...tracking import Template, TemplatePose, TemplateTracker, load_templates
 from .calibration import calibrate_beam
 from .config import BeamSensorConfig
 from .records import LoadRecord

@@ -11,9 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, FiniteFloat
 
-from ...core.camera.pose import Pose
-from ...core.errors import CalibrationError, InputError
-from ...core.files import load_yaml_model, save_yaml
+from ...core import CalibrationError, InputError, Pose, load_yaml_model, save_yaml
 from ...core.geometry import so3_log
 from ..config_fields import PoseSection, Section
 from .observation import RelativePoses

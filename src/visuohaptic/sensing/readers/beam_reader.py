@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
-from ...core.measurement import Reason, Wrench
+from ...core import Camera, Frame, Reason, Wrench
 from ...io.sinks.measurement_sink import MeasurementSink
 from .sensor_reader import DIAGNOSTICS, WRENCH, SensorReader, SensorReading
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...core.camera.frame import Frame
-from ...core.measurement import EventKind, ForceProfile, Reason
+from ...core import EventKind, ForceProfile, Frame, Reason
 from ...io.sinks.measurement_sink import MeasurementSink
 from ..push.events import ContactEvents
 from .sensor_reader import DIAGNOSTICS, WRENCH, SensorReader, SensorReading

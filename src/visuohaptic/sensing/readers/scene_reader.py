@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...core.camera.frame import Frame
-from ...core.measurement import Reason
+from ...core import Frame, Reason
 from ...io.ros import ros_messages as ros
 from ...io.sinks.measurement_sink import MeasurementSink
 from .sensor_reader import DIAGNOSTICS, SensorReader, SensorReading

@@ -12,12 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
-from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
-from ...core.errors import InputError
-from ...core.measurement import Event, Reason
-from ...core.resources import Closing
-from ...core.robots import BaseState
+from ...core import BaseState, Camera, Closing, Event, Frame, InputError, Reason
 from ...io.sinks.measurement_sink import MeasurementSink
 
 Measured = TypeVar("Measured")

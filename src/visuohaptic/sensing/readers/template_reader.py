@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from ...core.camera.frame import Frame
-from ...core.measurement import Reason
+from ...core import Frame, Reason
 from ...io.sinks.measurement_sink import MeasurementSink
 from .beam_reader import write_templates
 from .sensor_reader import SensorReader, SensorReading

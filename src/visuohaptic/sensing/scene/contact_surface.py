@@ -7,10 +7,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
-from ...core.measurement import Contact
-from ...core.objects import Primitive, PrimitiveKind
+from ...core import Contact, InputError, Pose, Primitive, PrimitiveKind
 
 #: Width of a contact at which its line has the same weight as the assumption that the face is perpendicular to the push [m].
 NARROW_M = 0.04

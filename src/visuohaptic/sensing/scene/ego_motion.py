@@ -14,10 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ...core.geometry import compose_2d
-from ...core.measurement import Motion, Reason
-from ...core.ranges import POSITIVE, Ranged
-from ...core.robots import BaseState
+from ...core import POSITIVE, BaseState, Motion, Ranged, Reason, compose_2d
 from .floor_motion import compose_covariance
 
 

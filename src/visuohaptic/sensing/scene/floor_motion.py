@@ -21,10 +21,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...core.camera.plane import PlaneView
-from ...core.geometry import compose_2d, relative_2d, rotation_2d
-from ...core.measurement import Motion, Reason
-from ...core.ranges import Ranged, at_least, within
+from ...core import Motion, PlaneView, Ranged, Reason, at_least, compose_2d, relative_2d, rotation_2d, within
 from ...tracking.points.flow import FlowStep
 
 

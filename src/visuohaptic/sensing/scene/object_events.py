@@ -12,9 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.pose import Pose
-from ...core.measurement import Event, EventKind, Reason
-from ...core.ranges import POSITIVE, Ranged, at_least, within
+from ...core import POSITIVE, Event, EventKind, Pose, Ranged, Reason, at_least, within
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
+from ...core import Camera, Pose
 from ...core.geometry import so3_log
 from ...tracking.points.homography import decompose_homography, estimate_homography_robust, facing_motions
 from ...tracking.pose.plane_pose import lens_numbers

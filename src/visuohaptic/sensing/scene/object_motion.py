@@ -19,9 +19,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
-from ...core.measurement import Event, Reason
+from ...core import Camera, Event, Pose, Reason
 from ...tracking.points.flow import FlowStep
 from .contact_surface import cast_to_face
 from .object_events import ObjectEvents, ObjectMotion, ObjectMotionSettings

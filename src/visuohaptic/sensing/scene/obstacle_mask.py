@@ -29,10 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import UInt8
 
-from ...core.camera.plane import PlaneView
-from ...core.errors import InputError
-from ...core.geometry import compose_2d, relative_2d, rotation_2d
-from ...core.measurement import Motion, Reason
+from ...core import InputError, Motion, PlaneView, Reason, compose_2d, relative_2d, rotation_2d
 from .obstacle_parallax import FaceCells, FramePair, ObstacleSettings, StripImage
 
 #: Number of comparisons per baseline: closer frames show the same pixels again.

@@ -20,9 +20,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 
-from ...core.camera.plane import PlaneView
-from ...core.errors import InputError
-from ...core.ranges import POSITIVE, Ranged, above, at_least, within
+from ...core import POSITIVE, InputError, PlaneView, Ranged, above, at_least, within
 
 #: Edge of the square whose mean is removed [bins]: a few times the maximum parallax, so that no texture that it
 #: could show is removed, and smaller than the penumbra of moving shadows.

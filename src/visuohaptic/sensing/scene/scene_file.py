@@ -12,18 +12,10 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
-from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
-from ...core.files import load_yaml_model
-from ...core.measurement import ForceProfile
-from ...core.robots import BaseState
+from ...core import BaseState, Camera, ForceProfile, Frame, InputError, Pose, load_yaml_model
 from ...io.sinks.table_reader import read_columns
 from ..config_fields import PoseSection, Positive, Section
-from ..foam.sensor import FoamSensor
-from ..foam.strip.config import FoamSensorConfig, FoamSetup
-from ..foam.strip.zero import ZeroReference
+from ..foam import FoamSensor, FoamSensorConfig, FoamSetup, ZeroReference
 from .ego_motion import EgoMotionSettings
 from .obstacle_parallax import ObstacleSettings
 from .scene_regions import SceneSettings

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...core.camera.frame import Frame
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
+from ...core import Frame, InputError, Pose
 from ...core.files import GrowingCsv
 from ...io.ros import ros_messages as ros
 

@@ -7,10 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from ...core.camera.model import Camera
-from ...core.camera.plane import PlaneView
-from ...core.camera.pose import Pose
-from ...core.ranges import POSITIVE, Ranged, at_least
+from ...core import POSITIVE, Camera, PlaneView, Pose, Ranged, at_least
 from ...tracking.points.flow import FlowSettings
 from .ego_motion import EgoMotionSettings
 from .floor_motion import FloorMotionSettings

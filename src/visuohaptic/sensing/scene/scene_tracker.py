@@ -12,16 +12,10 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
-from ...core.camera.plane import PlaneView
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
-from ...core.geometry import rotation_2d
+from ...core import BaseState, Camera, Frame, InputError, PlaneView, Pose, rotation_2d
 from ...core.measurement import Contact, Event, ForceProfile, Motion, Reason
 from ...core.objects import Primitive, PrimitiveKind
 from ...core.ranges import POSITIVE, check_numbers
-from ...core.robots import BaseState
 from ...tracking.points.flow import FlowStep, PointTracker
 from .contact_surface import contact_face, face_curvature
 from .ego_motion import EgoMotionFilter

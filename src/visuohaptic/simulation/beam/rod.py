@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
+from ...core import InputError, Pose
 from ...core.geometry import so3_exp, so3_log
 
 

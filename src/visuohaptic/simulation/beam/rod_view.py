@@ -14,12 +14,9 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
+from ...core import Camera, InputError, Pose
+from ..rendering import TILE_MEAN, CameraEffects, texture_tile
 from ..rendering._canvas import coverage
-from ..rendering.effects import CameraEffects
-from ..rendering.textures import TILE_MEAN, texture_tile
 from .rod import RodState
 from .rod_prints import Print
 from .rod_rig import RodRig

@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ...core import BaseState, above, check_numbers
 from ...core.errors import InputError, needs
 from ...core.geometry import polygon_centroid, rotation_2d
-from ...core.ranges import above, check_numbers
-from ...core.robots import BaseState
 from ...io.maps.occupancy_map import OccupancyMap
 from ..mobile.platform import CommandedBase, towards
 from .floor_model import FloorObject, FloorRobot, floor_mjcf

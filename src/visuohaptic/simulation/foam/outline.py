@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.geometry import rotation_2d, wrap_angle
+from ...core import InputError, rotation_2d, wrap_angle
 
 
 @dataclass(frozen=True, slots=True, eq=False)

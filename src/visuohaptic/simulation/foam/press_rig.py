@@ -10,8 +10,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.ranges import finite_array
+from ...core import InputError, finite_array
 from ..rendering.scene import FoamScene, SceneObject
 from .outline import Outline
 from .strip import FoamStrip, StripState

@@ -9,9 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
-from ...core.files import save_yaml
+from ...core import Camera, Pose, save_yaml
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,10 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import UInt8
 
-from ...core.errors import InputError
-from ...core.geometry import rotation_2d
-from ...core.laser_scan import LaserScan
-from ...core.ranges import Ranged, above, at_least, within
+from ...core import InputError, LaserScan, Ranged, above, at_least, rotation_2d, within
 from ...io.maps.occupancy_map import OccupancyMap
 
 

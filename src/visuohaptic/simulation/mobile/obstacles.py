@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.pose import Pose
+from ...core import FINITE, NON_NEGATIVE, POSITIVE, Pose, Ranged, at_least
 from ...core.measurement import GRAVITY_M_S2
-from ...core.ranges import FINITE, NON_NEGATIVE, POSITIVE, Ranged, at_least
 from ..foam.outline import Outline
 from ..rendering.scene import Solid
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.geometry import wrap_angle
-from ...core.robots import BaseState, MobileBase
+from ...core import BaseState, MobileBase, wrap_angle
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...core.errors import InputError
-from ...core.geometry import compose_2d, wrap_angle
+from ...core import InputError, compose_2d, wrap_angle
 from ...io.maps.occupancy_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from .obstacles import SimulatedObstacle, box, cylinder, table
 

@@ -6,9 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from ...core.errors import InputError
-from ...core.ranges import POSITIVE, check_ranges
-from ...core.robots import BaseState, MobileBase
+from ...core import POSITIVE, BaseState, InputError, MobileBase, check_ranges
 from ..foam.strip_geometry import FoamStripGeometry
 
 

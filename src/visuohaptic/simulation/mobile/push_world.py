@@ -9,14 +9,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.pose import Pose
+from ...core import Event, EventKind, Pose, above, check_numbers
 from ...core.errors import InputError, needs
 from ...core.geometry import so3_exp
-from ...core.measurement import Event, EventKind
-from ...core.ranges import above, check_numbers
-from ..foam.outline import Outline
-from ..foam.strip import FoamStrip
-from ..foam.strip_law import SOFT_FOAM, StripLaw
+from ..foam import SOFT_FOAM, FoamStrip, Outline, StripLaw
 from ..rendering.scene import FoamScene, SceneObject
 from .mujoco_model import world_mjcf
 from .obstacles import (

@@ -13,8 +13,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Bool
 
-from ...core.camera.frame import Frame
-from ...core.measurement import Contact, ErrorBudget, ForceProfile, Reason
+from ...core import Contact, ErrorBudget, ForceProfile, Frame, Reason
 from ..foam.strip import StripState
 from ..rendering.blank_frames import BlankFrames
 from .platform import PlatformConfig

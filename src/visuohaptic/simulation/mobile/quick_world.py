@@ -15,13 +15,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.geometry import rotation_2d
-from ...core.robots import BaseState
-from ..foam.outline import Outline
-from ..foam.strip import FoamStrip, StripState
-from ..foam.strip_geometry import FoamStripGeometry
-from ..foam.strip_law import SOFT_FOAM, StripLaw
+from ...core import BaseState, InputError, rotation_2d
+from ..foam import SOFT_FOAM, FoamStrip, FoamStripGeometry, Outline, StripLaw, StripState
 from .obstacles import ObstacleKind, SimulatedObstacle
 from .platform import CommandedBase, PlatformConfig, towards
 

@@ -9,10 +9,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import UInt8
 
-from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
-from ...core.ranges import POSITIVE, check_numbers
-from ...core.resources import Closing
+from ...core import POSITIVE, Camera, Closing, Frame, check_numbers
 from ..rendering.scene import FoamScene
 from .push_world import FoamPushWorld
 

@@ -8,8 +8,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float, Float32, Int16, UInt8
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
+from ...core import Camera, Pose
 
 #: Cells of a tag of family 36h11 along its side, with its black border; a white cell goes around it.
 CELLS = 8

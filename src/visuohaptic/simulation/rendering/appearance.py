@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.ranges import check_choice
+from ...core import InputError, check_choice
 from .textures import MATERIALS
 
 

@@ -9,9 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import UInt8
 
-from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
-from ...core.resources import Closing
+from ...core import Camera, Closing, Frame
 
 
 class BlankFrames(Closing):

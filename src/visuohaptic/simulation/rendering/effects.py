@@ -11,9 +11,8 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
+from ...core import NON_NEGATIVE, Ranged, at_least, available_cores, within
 from ...core.files import decode_image, encode_image
-from ...core.map_tasks import available_cores
-from ...core.ranges import NON_NEGATIVE, Ranged, at_least, within
 from ._render_kernels import develop
 
 

@@ -8,10 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
-from ...core.ranges import finite_array
+from ...core import Camera, InputError, Pose, finite_array
 from ._solids import turned_left
 from .rolling_view import RollingView
 from .scene import FoamScene

@@ -15,8 +15,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
+from ...core import Camera, Pose
 from ._canvas import Canvas, Coverage, Hole, Parts, Plane
 from ._solids import (
     at_height,

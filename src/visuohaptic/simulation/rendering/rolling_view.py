@@ -14,8 +14,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
+from ...core import Camera, Pose
 
 #: Nothing nearer to the camera than this is drawn [m].
 NEAR_M = 0.02

@@ -11,8 +11,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float, UInt8, UInt32
 
-from ...core.errors import InputError
-from ...core.ranges import check_choice
+from ...core import InputError, check_choice
 
 TILE_MEAN = 128.0
 TILE_SIGMA = 42.0

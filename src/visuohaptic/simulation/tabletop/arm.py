@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.pose import Pose
-from ...core.errors import DeviceError, InputError
-from ...core.ranges import NON_NEGATIVE, POSITIVE, check_numbers
-from ...core.robots import ProbeArm
+from ...core import NON_NEGATIVE, POSITIVE, DeviceError, InputError, Pose, ProbeArm, check_numbers
 
 
 class SimulatedArm(ProbeArm):

@@ -16,9 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...core.camera.frame import Frame
-from ...core.camera.pose import Pose
-from ...core.ranges import finite_array
+from ...core import Frame, Pose, finite_array
 from ..rendering.blank_frames import BlankFrames
 from .arm import SimulatedArm
 

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
+from ...core import InputError, check_numbers, within
 from ...core.measurement import AIR_PA
-from ...core.ranges import check_numbers, within
 
 if TYPE_CHECKING:
     from ...deformation.shells.fourier_shell import RevolutionShell

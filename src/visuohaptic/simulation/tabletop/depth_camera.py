@@ -16,8 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
+from ...core import Camera, Pose
 from .refraction import RefractingScene
 
 

@@ -16,9 +16,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
+from ...core import Camera, InputError, Pose
 from .depth_camera import DepthCamera
 from .refraction import GLASS, PET, Band, Box, RefractingScene, Revolution
 

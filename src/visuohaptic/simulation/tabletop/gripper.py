@@ -15,18 +15,10 @@ from dataclasses import fields
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
-from ...core.ranges import POSITIVE, check_numbers, within
-from ...core.resources import Closing
-from ...core.robots import Gripper, GripperState
-from ..foam.strip import FoamStrip
-from ..foam.strip_geometry import FoamStripGeometry
-from ..foam.strip_law import StripLaw
+from ...core import POSITIVE, Camera, Closing, Frame, Gripper, GripperState, Pose, check_numbers, within
+from ..foam import FoamStrip, FoamStripGeometry, StripLaw
+from ..rendering import FoamScene, SceneObject, SceneRenderer
 from ..rendering._finger_tag import paint_tag
-from ..rendering.renderer import SceneRenderer
-from ..rendering.scene import FoamScene, SceneObject
 from .gripper_setup import ROD, RUBBER_FOAM, FingerView, GraspObject, GripperDrive, GripperTruth
 
 #: Maximum motion of the finger per step [m], and maximum step [s].

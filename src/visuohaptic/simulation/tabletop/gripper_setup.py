@@ -8,15 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.ranges import POSITIVE, Ranged
-from ..foam.outline import Outline
-from ..foam.rig import SensorRig
-from ..foam.strip_geometry import FoamStripGeometry
-from ..foam.strip_law import StripLaw
+from ...core import POSITIVE, InputError, Ranged
+from ..foam import FoamStripGeometry, Outline, SensorRig, StripLaw
+from ..rendering import CameraEffects, Look, Occluder, Surface
 from ..rendering._finger_tag import FingerTag
-from ..rendering.appearance import Look, Occluder, Surface
-from ..rendering.effects import CameraEffects
 
 #: Rubber foam (EPDM): slope about 0.4 MPa per unit strain, a 7 cm bottle reaches 100 N.
 RUBBER_FOAM = StripLaw(mu_Pa=(200e3, 5e3), alpha=(3.0, -2.0))

@@ -11,11 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.camera.frame import Frame
-from ...core.camera.pose import Pose
+from ...core import POSITIVE, Frame, Gripper, GripperState, Pose, check_numbers, within
 from ...core.measurement import GRAVITY_M_S2
-from ...core.ranges import POSITIVE, check_numbers, within
-from ...core.robots import Gripper, GripperState
 from ..rendering.blank_frames import BlankFrames
 from .arm import SimulatedArm
 from .deformable import DeformableContainer

@@ -13,8 +13,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...core.errors import InputError
-from ...core.ranges import finite_array
+from ...core import InputError, finite_array
 
 #: Refractive indices at the 850 nm of the usual projectors [1].
 AIR, WATER, GLASS, PET = 1.0, 1.33, 1.51, 1.57

@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from ...core.errors import InputError
-from ...core.ranges import at_least, check_ranges, within
+from ...core import InputError, at_least, check_ranges, within
 
 #: A label image, or a function that returns one.
 Regions = UInt8[np.ndarray, "rows columns"] | Callable[[], UInt8[np.ndarray, "rows columns"]]

@@ -19,8 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...core.errors import InputError
-from ...core.ranges import finite_array
+from ...core import InputError, finite_array
 
 #: Relative difference of singular values below which a motion is degenerate.
 _SAME = 1e-9

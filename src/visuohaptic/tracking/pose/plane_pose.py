@@ -17,9 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
+from ...core import Camera, InputError, Pose
 from ...core.geometry import so3_log
 from ..points.homography import decompose_homography, estimate_homography, facing_motions
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float32
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
+from ...core import Camera, Pose
 from ..points.homography import apply_homography, estimate_homography
 from .template import Template
 

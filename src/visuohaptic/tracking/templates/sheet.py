@@ -15,9 +15,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
-from ...core.errors import InputError
+from ...core import POSITIVE, InputError, check_choice, check_numbers, within
 from ...core.files import atomic_path, encode_image
-from ...core.ranges import POSITIVE, check_choice, check_numbers, within
 from .template import TAG_CELLS, tag_image
 
 #: Width and height of supported papers [m].

@@ -13,10 +13,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from ...core.errors import InputError
-from ...core.files import decode_image, read_bytes
+from ...core import POSITIVE, InputError, check_numbers, decode_image, read_bytes
 from ...core.files.image_dpi import pixels_per_metre
-from ...core.ranges import POSITIVE, check_numbers
 from .alignment.esm_template import MIN_SIDE_PX, EsmTemplate
 
 _log = logging.getLogger(__name__)

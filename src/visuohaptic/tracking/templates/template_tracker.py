@@ -14,12 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
-from ...core.measurement import Reason
-from ...core.resources import Closing
+from ...core import Camera, Closing, Frame, InputError, Pose, Reason
 from ..points.homography import apply_homography, estimate_homography
 from ..pose.plane_pose import PlanePose, estimate_plane_poses, pose_difference, tilted_back
 from .alignment.esm import Alignment, align

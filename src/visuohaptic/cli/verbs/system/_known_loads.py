@@ -21,10 +21,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ....core.errors import CalibrationError
+from ....sensing.foam import FoamMaterial, PlateRecord, StrainStress, calibrate_foam
 from ....sensing.foam.material.boundary import contour_force
-from ....sensing.foam.material.calibration import calibrate_foam
-from ....sensing.foam.material.foam_material import FoamMaterial
-from ....sensing.foam.material.records import PlateRecord, StrainStress
 
 #: Flexible polyurethane: between 4 (a latex-like bow) and 16 (a sharp plateau) in two of three foams.
 _LOG_ALPHA, _LOG_ALPHA_SIGMA = np.log(8.0), np.log(2.0)

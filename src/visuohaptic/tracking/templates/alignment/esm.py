@@ -149,7 +149,7 @@ def _descend(work: Work) -> bool:
 def _refined(work: Work) -> bool:
     """Final passes over every pixel of the finest level; returns whether they converged."""
     settings = work.settings
-    how = GaussNewton(3, cubic=settings.cubic, cut=settings.cut_sigmas, tolerance=settings.tolerance_px)
+    how = GaussNewton(3, cubic=True, cut=settings.cut_sigmas, tolerance=settings.tolerance_px)
     return bool(np.isfinite(work.refine(0, how))) and is_proper(work.homography, work.template.corners)
 
 

@@ -28,7 +28,6 @@ class EsmSettings:
         0.5  #: minimum fraction of blocks that show the template: no two poses can both exceed it
     )
     tolerance_px: float = 0.06  #: final passes stop when the corners move by less
-    cubic: bool = True  #: use cubic-spline interpolation in the final passes
 
 
 #: Maximum pixel size of the template's chain in image pixels, if a finer chain exists.
