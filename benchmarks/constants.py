@@ -154,8 +154,7 @@ class Project:
             run["seconds"] = (3.0 if explores else 1.0) * self.seconds
         answers = server.answers({"hidden": hidden, "modules": [*modules], "runs": runs})
         for answer in answers:
-            # A test is not found, too, where its file cannot be imported. An error inside of pytest (code 3) is one of that file: time
-            # may be up while it describes a failure.
+            # A test is not found, too, where its file cannot be imported; an error inside of pytest (code 3) is one of its file.
             if answer["code"] == 4 and "crashed" not in answer["marks"]:
                 raise SystemExit(f"pytest cannot run in {self.root}:\n{answer['output'][-2000:]}")
         return answers
