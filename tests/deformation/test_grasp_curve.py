@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from benchmarks.shell_nonlinear import PINCH
@@ -10,7 +12,7 @@ from visuohaptic.core import InputError
 from visuohaptic.deformation.maps import PinchPlane, grasp_curve, object_stiffness, side_vertex
 from visuohaptic.deformation.nonlinear import Contents
 from visuohaptic.deformation.shapes import ContainerDescription, ShellObject, load_container, mesh_container
-from visuohaptic.deformation.shells import IsotropicMaterial, opposing_points
+from visuohaptic.deformation.shells import IsotropicMaterial, ShellMesh, opposing_points
 
 
 def shipped(name: str, around: int = 16) -> ShellObject:
@@ -71,6 +73,11 @@ def test_the_curve_starts_with_the_linear_stiffness() -> None:
         assert 1 / plane.linear(vertex, contents).mean() == pytest.approx(wanted, rel=1e-6)
         curve = plane.curve(vertex, deformation_m=[1e-6], contents=contents)
         assert curve.force_N[0] / 1e-6 == pytest.approx(wanted, rel=1e-3)
+    mesh = container.mesh
+    wall = ShellMesh(mesh.vertices_m, mesh.faces, 1.5 * np.asarray(mesh.thickness_m), mesh.fraction)
+    thicker = replace(container, mesh=wall, material=container.material.stiffer(2))
+    found = PinchPlane(container, np.pi / 2).with_wall(thicker).linear(vertex)
+    np.testing.assert_allclose(found, PinchPlane(thicker, np.pi / 2).linear(vertex), rtol=1e-9)
 
 
 def test_forces_are_the_inverse_of_deformations() -> None:

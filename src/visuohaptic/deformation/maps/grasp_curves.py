@@ -82,15 +82,21 @@ class PinchPlane:
         False computes the whole object even if it is symmetric.
     one_way
         Halve all cells along the same diagonal, see :func:`.symmetric_part`.
+    part
+        The part that represents the object, if it is known.
     """
 
     def __init__(
-        self, container: ShellObject, angle_rad: float = 0.0, *, symmetric: bool = True, one_way: bool = False
+        self,
+        container: ShellObject,
+        angle_rad: float = 0.0,
+        *,
+        symmetric: bool = True,
+        one_way: bool = False,
+        part: SymmetricPart | None = None,
     ) -> None:
         self.container, self.angle_rad = container, angle_rad
-        self.part: SymmetricPart = symmetric_part(
-            container, angle_rad=angle_rad, reduce=symmetric, one_way=one_way
-        )
+        self.part = part or symmetric_part(container, angle_rad=angle_rad, reduce=symmetric, one_way=one_way)
         lid, signs = self.part.lid
         self._shell = CorotationalShell(
             self.part.model, lid=lid, lid_signs=signs, lid_fraction=1.0 / self.part.copies
@@ -112,6 +118,16 @@ class PinchPlane:
         """
         away = container.mesh.vertices_m[vertex, :2] - np.array(container.axis_point_m)
         return cls(container, float(np.arctan2(away[1], away[0])), symmetric=symmetric)
+
+    def with_wall(self, container: ShellObject) -> PinchPlane:
+        """This plane of a container that differs in thickness, in the same proportion everywhere, or material.
+
+        Parameters
+        ----------
+        container
+            The other container.
+        """
+        return PinchPlane(container, self.angle_rad, part=self.part.with_wall(container, self.angle_rad))
 
     @cached_property
     def _guard(self) -> SelfContactGuard:

@@ -122,7 +122,7 @@ def squeeze(
     )
 
     def initial(body: ShellObject) -> np.ndarray:
-        of_body = plane if body is container else PinchPlane.through(body, vertex)
+        of_body = plane if body is container else plane.with_wall(body)
         return 1.0 / of_body.linear(vertex, contents).mean(keepdims=True)
 
     stiffness, sigma = (float(value[0]) for value in stiffness_band(container, initial, contents))

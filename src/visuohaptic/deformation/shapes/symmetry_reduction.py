@@ -39,6 +39,7 @@ class SymmetricPart:
     whole: ShellObject  #: with its height axis at x = y = 0
     model: ShellModel  #: of the part
     copies: int  #: 4, 2, or 1
+    faces: Bool[np.ndarray, "f"]  #: of the whole that are the part's
     image: Int[np.ndarray, "v"]  #: vertex of the part for each of the whole
     signs: Float[np.ndarray, "v 3"]  #: +1 or -1 for x, y, z
 
@@ -46,6 +47,20 @@ class SymmetricPart:
     def lid(self) -> tuple[Int[np.ndarray, "l 3"], Float[np.ndarray, "l 3 3"]]:
         """The lid of the whole object in vertices of the part, and the signs of its corners."""
         return self.image[self.whole.lid], self.signs[self.whole.lid]
+
+    def with_wall(self, container: ShellObject, angle_rad: float) -> SymmetricPart:
+        """The same part of a container that differs in thickness, in the same proportion everywhere, or material.
+
+        Parameters
+        ----------
+        container
+            The other container.
+        angle_rad
+            As of :func:`symmetric_part`.
+        """
+        whole = turned(container, angle_rad)
+        model = self.model.with_wall(np.asarray(whole.mesh.thickness_m)[self.faces], whole.material)
+        return replace(self, whole=whole, model=model)
 
     def expand(self, points_m: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "v 3"]:
         """Points of the whole object from those of the part.
@@ -151,6 +166,7 @@ def symmetric_part(
         whole,
         ShellModel(part, whole.material, fixed, springs=springs),
         2 ** len(planes),
+        kept,
         number[image],
         signs,
     )

@@ -67,8 +67,10 @@ def _subtract_half_skew(v: np.ndarray, out: np.ndarray) -> None:
 
 
 @kernel
-def _spin_to_rate(theta: np.ndarray, moment: np.ndarray, h: np.ndarray, m: np.ndarray) -> None:
-    """H(theta), and M = d(H^T moment)/d(spin) at a fixed moment."""
+def _spin_to_rate(
+    theta: np.ndarray, moment: np.ndarray, h: np.ndarray, m: np.ndarray, twice: np.ndarray, inner: np.ndarray
+) -> None:
+    """H(theta), and M = d(H^T moment)/d(spin) at a fixed moment; ``twice`` and ``inner`` (3, 3) are scratch."""
     t0, t1, t2 = theta[0], theta[1], theta[2]
     square = t0 * t0 + t1 * t1 + t2 * t2
     if square < 1e-4:
@@ -81,14 +83,12 @@ def _spin_to_rate(theta: np.ndarray, moment: np.ndarray, h: np.ndarray, m: np.nd
         mu = (square + 4 * np.cos(angle) + angle * np.sin(angle) - 4) / (
             4 * square * square * np.sin(half) ** 2
         )
-    twice = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
             twice[i, j] = theta[i] * theta[j] - (square if i == j else 0.0)
             h[i, j] = (1.0 if i == j else 0.0) + eta * twice[i, j]
     _subtract_half_skew(theta, h)
     dot = t0 * moment[0] + t1 * moment[1] + t2 * moment[2]
-    inner = np.empty((3, 3))
     for i in range(3):
         along = twice[i, 0] * moment[0] + twice[i, 1] * moment[1] + twice[i, 2] * moment[2]
         for j in range(3):
@@ -123,7 +123,10 @@ def forces_and_tangent(
     wanted = tangent.shape[0] > 0
     energy = 0.0
     local = np.empty((3, 2))
+    xy = np.empty((3, 2))
+    moment = np.empty(3)
     frame = np.empty((3, 3))
+    side = np.empty((3, 3))
     spin = np.empty((3, 3))
     half = np.empty((3, 3))
     d = np.empty(18)
@@ -139,7 +142,7 @@ def forces_and_tangent(
     right = np.empty((18, 3))
     inner = np.empty((3, 3))
     for e in range(faces.shape[0]):
-        side, xy, area = triangle_frame(points[faces[e, 0]], points[faces[e, 1]], points[faces[e, 2]])
+        area = triangle_frame(points[faces[e, 0]], points[faces[e, 1]], points[faces[e, 2]], side, xy)
         # Rotate the frame in its plane until it fits the undeformed corners best.
         mx, my = (xy[0, 0] + xy[1, 0] + xy[2, 0]) / 3, (xy[0, 1] + xy[1, 1] + xy[2, 1]) / 3
         sine = cosine = 0.0
@@ -182,7 +185,7 @@ def forces_and_tangent(
                 kd[i] += stiffness[e, i, j] * d[j]
             energy += 0.5 * d[i] * kd[i]
         for k in range(3):
-            _spin_to_rate(d[6 * k + 3 : 6 * k + 6], kd[6 * k + 3 : 6 * k + 6], h[k], m[k])
+            _spin_to_rate(d[6 * k + 3 : 6 * k + 6], kd[6 * k + 3 : 6 * k + 6], h[k], m[k], half, spin)
             b, c = (k + 1) % 3, (k + 2) % 3
             g[0, 6 * k + 2] = (local[c, 0] - local[b, 0]) / (2 * area)
             g[1, 6 * k + 2] = -(local[b, 1] - local[c, 1]) / (2 * area)
@@ -197,9 +200,9 @@ def forces_and_tangent(
                     h[k, 0, i] * kd[6 * k + 3] + h[k, 1, i] * kd[6 * k + 4] + h[k, 2, i] * kd[6 * k + 5]
                 )
         # P^T: remove the part that does work in a rigid rotation of the element.
-        moment = np.zeros(3)
-        for i in range(18):
-            for j in range(3):
+        for j in range(3):
+            moment[j] = 0.0
+            for i in range(18):
                 moment[j] += s[i, j] * fp[i]
         for i in range(18):
             fp[i] -= g[0, i] * moment[0] + g[1, i] * moment[1] + g[2, i] * moment[2]
@@ -295,7 +298,7 @@ def forces_and_tangent(
                 for i in range(6 * k + 3, 6 * k + 6):
                     for j in range(6 * k + 3, i):
                         work[i, j] = work[j, i] = 0.5 * (work[i, j] + work[j, i])
-        rotate_blocks(work, frame, tangent[e])
+        rotate_blocks(work, frame, symmetric, half, tangent[e])
     return energy
 
 

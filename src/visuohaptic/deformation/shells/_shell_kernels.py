@@ -27,9 +27,10 @@ _MIDPOINT = 0.5 * (_CORNER + np.roll(_CORNER, -1, axis=0))
 
 
 @kernel
-def triangle_frame(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Axes (rows) with x along a-b and z along the normal, corner coordinates (3, 2), area."""
-    frame = np.empty((3, 3))
+def triangle_frame(
+    a: np.ndarray, b: np.ndarray, c: np.ndarray, frame: np.ndarray, corners: np.ndarray
+) -> float:
+    """Fill axes (rows) with x along a-b and z along the normal, and corner coordinates (3, 2); returns the area."""
     x0, x1, x2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     y0, y1, y2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     n0, n1, n2 = x1 * y2 - x2 * y1, x2 * y0 - x0 * y2, x0 * y1 - x1 * y0
@@ -40,11 +41,11 @@ def triangle_frame(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndar
     frame[1, 0] = frame[2, 1] * frame[0, 2] - frame[2, 2] * frame[0, 1]
     frame[1, 1] = frame[2, 2] * frame[0, 0] - frame[2, 0] * frame[0, 2]
     frame[1, 2] = frame[2, 0] * frame[0, 1] - frame[2, 1] * frame[0, 0]
-    corners = np.zeros((3, 2))
+    corners[0, 0] = corners[0, 1] = corners[1, 1] = 0.0
     corners[1, 0] = length
     corners[2, 0] = frame[0, 0] * y0 + frame[0, 1] * y1 + frame[0, 2] * y2
     corners[2, 1] = frame[1, 0] * y0 + frame[1, 1] * y1 + frame[1, 2] * y2
-    return frame, corners, 0.5 * twice
+    return 0.5 * twice
 
 
 @kernel
@@ -163,11 +164,15 @@ def plate_curvature(xy: np.ndarray, area: float, xi: float, eta: float) -> np.nd
 
 
 @kernel
-def rotate_blocks(local: np.ndarray, frame: np.ndarray, out: np.ndarray) -> None:
-    """out = T^T local T, T the block diagonal of six times ``frame`` (rows are local axes)."""
-    half = np.empty((3, 3))
+def rotate_blocks(
+    local: np.ndarray, frame: np.ndarray, symmetric: bool, half: np.ndarray, out: np.ndarray
+) -> None:
+    """out = T^T local T, T the block diagonal of six times ``frame`` (rows are local axes); ``half`` (3, 3) is scratch.
+
+    Of a ``symmetric`` matrix the blocks below the diagonal are read, and those above it copied.
+    """
     for p in range(6):
-        for q in range(6):
+        for q in range(p + 1 if symmetric else 6):
             for i in range(3):
                 for j in range(3):
                     half[i, j] = (
@@ -180,14 +185,19 @@ def rotate_blocks(local: np.ndarray, frame: np.ndarray, out: np.ndarray) -> None
                     out[3 * p + i, 3 * q + j] = (
                         frame[0, i] * half[0, j] + frame[1, i] * half[1, j] + frame[2, i] * half[2, j]
                     )
+            if symmetric and q < p:
+                for i in range(3):
+                    for j in range(3):
+                        out[3 * q + j, 3 * p + i] = out[3 * p + i, 3 * q + j]
 
 
 @kernel
 def rotate_elements(frames: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
     """Element stiffness (f, 18, 18) in the global frame, from the results of :func:`element_frames`."""
     out = np.empty((len(frames), 18, 18))
+    half = np.empty((3, 3))
     for e in range(len(frames)):
-        rotate_blocks(stiffness[e], frames[e], out[e])
+        rotate_blocks(stiffness[e], frames[e], True, half, out[e])
     return out
 
 
@@ -209,9 +219,10 @@ def element_frames(
     frames = np.empty((count, 3, 3))
     corners = np.empty((count, 3, 2))
     stiffness = np.zeros((count, 18, 18))
+    xy = np.empty((3, 2))
     for e in range(count):
         a, b, c = vertices[faces[e, 0]], vertices[faces[e, 1]], vertices[faces[e, 2]]
-        frame, xy, area = triangle_frame(a, b, c)
+        area = triangle_frame(a, b, c, frames[e], xy)
         in_plane = membrane_stiffness(xy, area, membrane[e], beta0[e])
         across = np.zeros((9, 9))
         bending = np.zeros((3, 9))
@@ -238,9 +249,6 @@ def element_frames(
                             value += stretch[p, i] * coupling[e, p, q] * bending[q, j]
                     value *= 0.5 / area
                     stiffness[e, MEMBRANE[i], PLATE[j]] = stiffness[e, PLATE[j], MEMBRANE[i]] = value
-        for i in range(3):
-            for j in range(3):
-                frames[e, i, j] = frame[i, j]
         for i in range(2):
             middle = (xy[0, i] + xy[1, i] + xy[2, i]) / 3
             for j in range(3):

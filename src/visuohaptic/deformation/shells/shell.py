@@ -7,7 +7,7 @@ with a fraction of the unknowns, on any triangle mesh.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -132,6 +132,24 @@ class ShellModel:
             raise InputError(
                 "ShellModel", "no vertex is clamped", field="fixed", remedy="clamp the vertices of the base"
             )
+
+    def with_wall(
+        self, thickness_m: Float[np.ndarray, "f"], material: IsotropicMaterial | Laminate
+    ) -> ShellModel:
+        """The same mesh and supports with another wall; the elimination order is kept.
+
+        Parameters
+        ----------
+        thickness_m
+            Of each face.
+        material
+            Of the whole wall.
+        """
+        other = ShellModel(
+            replace(self.mesh, thickness_m=thickness_m), material, self.fixed, springs=self.springs
+        )
+        other.__dict__["tree"] = self.tree
+        return other
 
     @property
     def nodes(self) -> int:
