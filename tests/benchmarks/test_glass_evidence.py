@@ -100,7 +100,7 @@ def test_a_declared_rate_is_held_within_chance():
 
 def test_a_slice_runs_and_goes_on_where_it_was(tmp_path, monkeypatch):
     monkeypatch.setattr(
-        glass_evidence, "sequence", lambda family, seed, _: sequence(family, seed, camera=SMALL)
+        glass_evidence, "sequence", lambda family, seed, _: sequence(family, seed, camera=SMALL, ring=8)
     )
     options = {"views": (8,), "variants": ("in order",), "journal": tmp_path / "rows.jsonl"}
     rows = glass_evidence.campaign("false", [0], **options)

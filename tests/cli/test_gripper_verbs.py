@@ -17,13 +17,11 @@ pytest.importorskip("mcap_ros2")
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(tmp_path_factory, world):
     """Sensor files, a picture at rest, and a recording of the finger closing by 4 mm."""
     folder = tmp_path_factory.mktemp("gripper")
-    rig = GripperSensor()
-    rig.build(folder, np.random.default_rng(1), zero_frames=4)
-    gripper = rig.gripper(rng=np.random.default_rng(2))
-    cv2.imwrite(str(folder / "rest.png"), gripper.frame().image)
+    world.copy("calibrate stripe", folder)  # the sensor files and the picture of the help's example
+    gripper = GripperSensor().gripper(rng=np.random.default_rng(2))
     cv2.imwrite(str(folder / "grey.png"), gripper.frame().grey)
     gripper.move(0.092, 0.05)
     with MeasurementWriter(folder / "frames.mcap") as writer:

@@ -38,8 +38,8 @@ def world(tmp_path_factory):
     folder = tmp_path_factory.mktemp("beam")
     beam.write(folder)
     renderer, rng = beam.renderer(), np.random.default_rng(3)
-    rest = list(beam.frames(np.zeros((16, 6)), rng, start_s=-1.0, renderer=renderer))
-    loads = push_and_twist(24)
+    rest = list(beam.frames(np.zeros((8, 6)), rng, start_s=-0.5, renderer=renderer))
+    loads = push_and_twist(12)
     return folder, rest, list(beam.frames(loads, rng, renderer=renderer)), loads
 
 
@@ -101,7 +101,7 @@ def test_zero_refuses_what_is_not_at_rest(world):
     folder, _, frames, _ = world
     beam = TrackedBeam.load(folder / "sensor.yaml")
     with pytest.raises(CalibrationError, match="moved while zeroing"):
-        beam.zero(frames[:8])
+        beam.zero(frames[:4])
     with pytest.raises(CalibrationError, match="found no frame"):
         beam.zero([])
     blank = [Frame(np.full((448, 800), 90, np.uint8), 50 + k / 30, k) for k in range(3)]

@@ -165,7 +165,7 @@ def test_every_point_seen_may_be_a_contact_of_its_own(material):
 
 
 def test_monte_carlo_image_and_zero(material):
-    """Declared against true scatter: 4000 trials give the scatter to 1.1 %; 0.9 to 1.1 is asked."""
+    """Declared against true scatter: 1000 trials give the scatter to 2.2 %; 0.9 to 1.1 is asked."""
     rng = np.random.default_rng(1)
     s = np.cumsum(rng.uniform(0.002, 0.004, K))
     # Its flanks run out as those of foam do: at a kink the softening of foam that is hardly compressed is no straight line.
@@ -176,7 +176,7 @@ def test_monte_carlo_image_and_zero(material):
         forces = {"image": [], "zero": []}
         # Beyond the contact nothing scatters: what noise alone makes there is no contact.
         inside = np.convolve(truth > 0.0, np.ones(3), mode="same") > 0.0
-        for _ in range(4000):
+        for _ in range(1000):
             noise = np.where(inside, rng.normal(0, sigma), 0.0)
             shift = np.where(inside, rng.normal(0, zero), 0.0)
             forces["image"].append(
@@ -187,7 +187,7 @@ def test_monte_carlo_image_and_zero(material):
             )
         nominal = read_profile(s, truth, sigma, SEEN, material, boundary=boundary, zero_sigma_m=zero)
         assert 0.9 < nominal.budget.image_N / np.std(forces["image"]) < 1.1
-        one = rng.normal(0, zero, 2000)
+        one = rng.normal(0, zero, 1000)
         common = [
             read_profile(
                 s, np.where(inside, truth + z, 0.0), sigma, SEEN, material, boundary=boundary

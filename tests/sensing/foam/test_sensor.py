@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -25,9 +26,14 @@ def folder(tmp_path_factory):
     return calibrated_folder(tmp_path_factory.mktemp("foam"))
 
 
-@pytest.fixture
-def sensor(folder):
+@pytest.fixture(scope="module")
+def zeroed(folder):
     return make_trial(3, ()).sensor(folder)
+
+
+@pytest.fixture
+def sensor(zeroed):
+    return deepcopy(zeroed)
 
 
 @pytest.fixture(scope="module")
