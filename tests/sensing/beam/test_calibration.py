@@ -90,6 +90,22 @@ def test_the_prior_knows_what_a_millimetre_is_worth():
     assert longer[1, 1] / compliance(BEAM, 1.0)[1, 1] - 1 == pytest.approx(0.025, rel=0.02)
 
 
+def test_parts_that_are_known_exactly_leave_three_per_mille():
+    exact = dict.fromkeys(
+        (
+            "length_tolerance_m",
+            "diameter_tolerance",
+            "youngs_tolerance",
+            "spring_tolerance",
+            "alignment_tolerance_rad",
+        ),
+        0.0,
+    )
+    rows = prior_correction(replace(BEAM, **exact)).row_covariance
+    # Glue, clamp, a rod that is not round: of each force, and of each moment by the length.
+    assert np.sqrt([rows[k, k, k] for k in range(6)]) == pytest.approx([0.003] * 6, rel=1e-6)
+
+
 def test_declared_sigmas_cover_many_calibrations():
     rng = np.random.default_rng(3)
     loads = session(axes=(1, 2, 5))
@@ -179,6 +195,69 @@ def test_correction_and_covariance_go_together():
     matrix = np.diag([0.1, 0.05, 0, 0, 0, 0])
     correction = Correction(matrix, prior.row_covariance)
     assert correction.apply((np.eye(6) + matrix) @ wrench) == pytest.approx(wrench)
+
+
+def alternating(fraction):
+    """Residuals that no line through the loads has, of this size at the largest load; unloaded rows have none."""
+    return fraction * REACH[1] * np.tile([1.0, -1.0, 0.0, -1.0, 1.0], 2)
+
+
+def drifted(fraction):
+    """One of the two unloaded rows is off; their scatter is their difference by the root of 2."""
+    return np.eye(10)[2] * fraction * np.sqrt(2) * REACH[1]
+
+
+def unexplained(fraction):
+    """Size of the same residuals, with three parameters fitted to ten rows, that leave a fraction of the variance."""
+    loads = session(axes=(1, 2))[:, 1]
+    return np.sqrt(fraction * (loads @ loads) / (80 / 7 - 8 * fraction)) / REACH[1]
+
+
+def single(sigmas):
+    """One row of ninety that is off by so many robust sigmas, of which the least is half a percent of the largest load."""
+    design = np.column_stack([np.tile(session(axes=(1, 2))[:, 1:3], (9, 1)), np.ones(90)])
+    kept = 1 - (design @ np.linalg.pinv(design))[4, 4]
+    return np.eye(90)[4] * sigmas * 0.005 * REACH[1] / (kept * np.sqrt(90 / 87))
+
+
+def softer(sigmas):
+    """Readings as of a beam that is softer than stated, by so many sigmas of its data sheet."""
+    return sigmas * np.sqrt(prior_correction(BEAM).row_covariance[1, 1, 1]) * session(axes=(1, 2))[:, 1]
+
+
+@pytest.mark.parametrize(
+    ("inside", "outside", "said"),
+    [
+        (drifted(0.047), drifted(0.053), "the unloaded sensor reads fy"),
+        (alternating(0.047 * np.sqrt(7 / 8)), alternating(0.053 * np.sqrt(7 / 8)), "fy scatters by 5 %"),
+        (alternating(unexplained(0.047)), alternating(unexplained(0.053)), "the loads explain only 95 %"),
+        (single(6.6), single(7.4), "fy deviates by 7 standard deviations"),
+        (softer(4.7), softer(5.3), "times as far along fy"),
+    ],
+)
+def test_a_session_is_refused_beyond_its_limit(inside, outside, said):
+    for error, refused in ((inside, False), (outside, True)):
+        loads = np.tile(session(axes=(1, 2)), (len(error) // 10, 1))
+        try:
+            calibrate_beam(
+                LoadRecord(loads, loads + np.outer(error, np.eye(6)[1]), "wrench", np.arange(10)), BEAM
+            )
+            text = ""
+        except CalibrationError as found:
+            text = str(found)
+        assert (said in text) is refused, text
+
+
+@pytest.mark.parametrize(("rows", "loaded", "enough"), [(8, 4, True), (7, 4, False), (8, 3, False)])
+def test_eight_rows_and_four_loads_are_the_least(rows, loaded, enough):
+    loads = np.zeros((rows, 6))
+    loads[:loaded, 1] = np.array([-1.0, 1.0, -0.5, 0.5])[:loaded]
+    record = LoadRecord(loads, loads, "wrench", np.arange(rows))
+    if enough:
+        assert calibrate_beam(record, BEAM).correction.calibrated
+    else:
+        with pytest.raises(CalibrationError, match="expected 8 and 4 or more"):
+            calibrate_beam(record, BEAM)
 
 
 class TestRefusals:

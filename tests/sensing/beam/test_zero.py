@@ -61,6 +61,30 @@ def test_noise_that_is_not_declared_is_no_motion_but_a_creep_in_it_is():
         _refuse_motion(["a", "b"], 6 * ramp + 0.2 * sigma * rng.standard_normal((30, 12)), np.diag(sigma**2))
 
 
+@pytest.mark.parametrize(
+    ("sigma", "shape", "inside", "outside"),
+    [
+        # From frame to frame: four declared deviations of 0.1 mm; or 20 um and 30 mdeg, whatever is declared.
+        (1e-4, np.tile([1.0, -1.0], 32), 3.8e-4, 4.2e-4),
+        (1e-9, np.tile([1.0, -1.0], 32), 1.9e-5, 2.1e-5),
+        # From one half to the other: two and a half deviations of a frame.
+        (1e-4, np.repeat([0.5, -0.5], 32), 2.4e-4, 2.6e-4),
+    ],
+)
+def test_a_zero_is_refused_beyond_its_limit(sigma, shape, inside, outside):
+    # Angles have the same deviations, times 25 rad/m.
+    units = np.tile([1.0, 1.0, 1.0, 25.0, 25.0, 25.0], 2)
+    for axis in (1, 9):
+        for size, moved in ((inside, False), (outside, True)):
+            scatter = np.outer(size * shape, units * (np.arange(12) == axis))
+            try:
+                _refuse_motion(["a", "b"], scatter, np.diag((sigma * units) ** 2))
+                said = ""
+            except CalibrationError as error:
+                said = str(error)
+            assert ("moved while zeroing" in said) is moved, (axis, size)
+
+
 def test_a_hidden_template_is_left_out_and_no_template_is_refused(bench):
     still = bench.templates(np.zeros(6))
     partly = [(k / 30, [*still[:2], TemplateMeasurement.missing("tip")]) for k in range(10)]

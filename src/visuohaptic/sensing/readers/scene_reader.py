@@ -11,8 +11,7 @@ from ...io.sinks.measurement_sink import MeasurementSink
 from .sensor_reader import DIAGNOSTICS, SensorReader, SensorReading
 
 if TYPE_CHECKING:
-    from ..scene.scene_file import SceneSensor
-    from ..scene.scene_tracker import SceneReading
+    from ..scene import SceneReading, SceneSensor
 
 
 class SceneReader(SensorReader["SceneReading"]):

@@ -19,9 +19,7 @@ from ....io import meshes
 
 if TYPE_CHECKING:
     from ....reconstruction.body_completion import BodyCompletion
-    from ....reconstruction.completion.hole_region import HoleRegion
-    from ....reconstruction.completion.surface_completion import Completion
-    from ....reconstruction.completion.touch import Touch, TouchPlan
+    from ....reconstruction.completion import Completion, HoleRegion, Touch, TouchPlan
 
 #: Optional modules that the verb imports.
 NEEDS = ("robust_laplacian", "skimage")
@@ -56,9 +54,7 @@ def run(args: Any) -> dict[str, Any]:
     """Complete; returns the mapping that ``--json`` prints."""
     import numpy as np
 
-    from ....reconstruction.completion.hole_region import load_hole_regions
-    from ....reconstruction.completion.surface_completion import Completion
-    from ....reconstruction.completion.touch import read_touches
+    from ....reconstruction.completion import Completion, load_hole_regions, read_touches
     from ....reconstruction.completion.touch_registration import register_touches
 
     model = reconstruction.SurfaceMesh.load(args.model)
@@ -139,8 +135,7 @@ def _joined(
 ) -> Completion | BodyCompletion:
     """The completion with all touches: from the visible band, or of a fully clear vessel from its outlines."""
     from ....reconstruction.body_completion import BodyCompletion
-    from ....reconstruction.completion.surface_completion import Completion
-    from ....reconstruction.completion.touch import CompletionSettings
+    from ....reconstruction.completion import Completion, CompletionSettings
 
     if not args.clear:
         settings = CompletionSettings(use_priors=not args.no_priors)

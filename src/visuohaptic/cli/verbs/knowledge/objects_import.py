@@ -26,8 +26,7 @@ def run(args: Any) -> dict[str, Any]:
     """Import; returns the mapping that ``--json`` prints."""
     from itertools import chain, islice
 
-    from ....database.database import BATCH
-    from ....database.exchange import import_objects
+    from ....database import BATCH, import_objects
 
     objects = chain.from_iterable(import_objects(folder) for folder in args.folder)
     first = list(

@@ -49,8 +49,7 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Build and write; returns the mapping that ``--json`` prints."""
-    from ....navigation.graph.navigation_graph import build_graph
-    from ....navigation.graph.regions import assign_regions
+    from ....navigation.graph import assign_regions, build_graph
     from ....navigation.grid.cost_grid import SpeedLimits, grid_layers
     from .map_inspect import describe
 

@@ -35,8 +35,7 @@ from ....navigation.planning import search
 from ..._console import NO_RESULT
 
 if TYPE_CHECKING:
-    from ....navigation.problem.path_plan import Plan
-    from ....navigation.problem.planning_problem import PlanningProblem
+    from ....navigation.problem import Plan, PlanningProblem
 
 #: Modules with kernels of the verb, the last needed first.
 KERNELS = (
@@ -80,6 +79,7 @@ def run(args: Any) -> dict[str, Any]:
     """Plan; returns the mapping that ``--json`` prints."""
     import numpy as np
 
+    from ....navigation.problem import PlanningProblem, PushCosts
     from ....navigation.problem.objects_file import (
         glass_objects,
         load_areas,
@@ -87,8 +87,6 @@ def run(args: Any) -> dict[str, Any]:
         load_passages,
         load_robot,
     )
-    from ....navigation.problem.planning_problem import PlanningProblem
-    from ....navigation.problem.push_costs import PushCosts
 
     if args.goal is None and args.explore is None:
         raise InputError("--goal", "is missing", remedy="give a goal, or --explore with a time")

@@ -34,11 +34,8 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Calibrate, write the file, and return what was found (SI units)."""
-    from ....sensing.beam.calibration import AXES, calibrate_beam
+    from ....sensing.beam import AXES, Beam, calibrate_beam, prior_correction, read_loads
     from ....sensing.beam.config import load_beam, save_beam
-    from ....sensing.beam.correction import prior_correction
-    from ....sensing.beam.mechanics import Beam
-    from ....sensing.beam.records import read_loads
 
     beam = Beam() if args.beam is None else load_beam(args.beam)[0]
     record = read_loads(args.loads, angles=args.angles)

@@ -45,8 +45,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from ....sensing.beam.sensor import BeamSetup
-    from ....sensing.beam.tracked import TrackedReading
+    from ....sensing.beam import BeamSetup, TrackedReading
 
 #: Number of frames of a live camera for the zero reference.
 _LIVE_ZERO = 100
@@ -100,8 +99,7 @@ def _poses(args: Any) -> tuple[sensing.SensorReader[Any], Iterator[Any]]:
         raise InputError(
             "--poses", "has no images", remedy="--view, --start, --stop and --rate-Hz belong to --source"
         )
-    from ....sensing.beam.config import BeamSensorConfig
-    from ....sensing.beam.records import read_template_poses
+    from ....sensing.beam import BeamSensorConfig, read_template_poses
 
     reader = _pose_reader(BeamSensorConfig.load(args.config))
     frames = args.progress(read_template_poses(args.poses), _doing(args))
@@ -121,9 +119,7 @@ class _PoseFrame(NamedTuple):
 
 def _pose_reader(setup: BeamSetup) -> sensing.SensorReader[TrackedReading]:
     """A beam sensor that reads template poses instead of images."""
-    from ....sensing.beam.sensor import BeamSensor
-    from ....sensing.beam.tracked import TrackedReading
-    from ....sensing.beam.zero import BeamZero
+    from ....sensing.beam import BeamSensor, BeamZero, TrackedReading
 
     path = setup.zero_path
     stored = BeamZero.load(path, list(setup.xi)) if path is not None and path.is_file() else None
