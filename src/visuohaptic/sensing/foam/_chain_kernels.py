@@ -212,7 +212,7 @@ def filter_runs(runs, onset, moved, s, pixel, same, cleared, own, stay, wrong, b
         Largest log-odds of foam from the appearance of each run since it may have become wrong; updated, (K, K).
     """
     n = len(onset)
-    # A run at the end of an occluder that has gone is what that has left: n points are cleared, n + 1 places of its new end possible.
+    # An occluder that has cleared n points beside a run ends at one of n + 1 places.
     left, right = np.ones(n), np.ones(n)
     for k in range(1, n):
         left[k] = left[k - 1] + 1.0 if cleared[k - 1] else 1.0
