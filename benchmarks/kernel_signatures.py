@@ -335,7 +335,8 @@ def run_foam() -> None:
     rules, pairs = (1.0, 0.0, 0.0), np.zeros((6, 6))
     places = one_px, one_px, one_px, s_m
     join(states, states, crossing, *places, np.zeros(4), *rules, states.copy(), pairs, against[:, 3])
-    filter_runs(pairs, one_px, one_px, s_m, one_px, seen, one_px, 0.9, np.zeros((6, 6)), np.zeros((6, 6)))
+    again = seen, seen, one_px, 0.9, np.zeros((6, 6)), np.zeros((6, 6))
+    filter_runs(pairs, one_px, one_px, s_m, one_px, *again)
     bridge(s_m, one_px, one_px, seen, np.int64(2), np.int64(3), front, one_px.copy())
     drop_bridged(s_m, one_px, one_px, seen, front, one_px.copy(), seen.copy())
     shared_variance(one_px, one_px, 0, 5)

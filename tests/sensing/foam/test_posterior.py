@@ -308,7 +308,8 @@ def filtered(own: list[float], seen: float, *, spread_m: float = 0.0, onset: flo
         runs = np.full((count, count), seen if i else 0.02)
         prior = every if i else onset * every
         moved = np.linspace(0.0, spread_m, count)
-        filter_runs(runs, prior, moved, s, 1e-4 * every, every > 0, odds * every, 0.9, wrong, best)
+        seen_so = every > 0, every < 0, odds * every
+        filter_runs(runs, prior, moved, s, 1e-4 * every, *seen_so, 0.9, wrong, best)
         result.append(float(runs[0, -1]))
     return result
 
@@ -328,6 +329,20 @@ def test_a_better_view_confirms_a_contact_and_a_worse_one_after_it_takes_nothing
 
 def test_new_evidence_against_the_foam_counts_at_once() -> None:
     assert filtered([0.0, -1.0], 0.3)[1] == pytest.approx(0.3 + 0.9 * 0.02)
+
+
+@pytest.mark.parametrize(("left", "right"), [(0, 0), (7, 0), (2, 3)])
+def test_an_occluder_that_has_gone_left_its_end_behind_in_one_of_the_places_that_it_covered(
+    left, right
+) -> None:
+    """Points 10 to 13 may be the end of an occluder over the points beside them, which are foam now."""
+    count, wrong, best = 24, np.zeros((24, 24)), np.zeros((24, 24))
+    wrong[10, 13], every, runs = 0.1, np.ones(count), np.zeros((count, count))
+    places = np.arange(count)
+    cleared = ((10 - left <= places) & (places < 10)) | ((places > 13) & (places <= 13 + right))
+    s = 0.003 * np.arange(float(count))
+    filter_runs(runs, every, 0.0 * s, s, 1e-4 * every, every > 0, cleared, 0.0 * s, 0.9, wrong, best)
+    assert runs[10, 13] == pytest.approx(0.1 * 0.9 / ((left + 1) * (right + 1)))
 
 
 def test_a_new_contact_that_moves_the_front_as_a_whole_is_no_coincidence() -> None:

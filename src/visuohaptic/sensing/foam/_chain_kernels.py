@@ -180,7 +180,7 @@ def _join_runs(unary, pair, ahead, behind, posterior, runs):
 
 
 @kernel(nogil=True)
-def filter_runs(runs, onset, moved, s, pixel, same, own, stay, wrong, best):
+def filter_runs(runs, onset, moved, s, pixel, same, cleared, own, stay, wrong, best):
     """Filter the probability of wrong runs from frame to frame.
 
     What was not foam in the frame before and looked like it is still there with the probability ``stay``: its appearance is no
@@ -200,6 +200,8 @@ def filter_runs(runs, onset, moved, s, pixel, same, own, stay, wrong, best):
         Length of a pixel [m], (K,).
     same
         Points that were foam in the frame before and are foam within reach now, (K,).
+    cleared
+        Points that are foam and were not in the frame before, (K,).
     own
         Log-odds of foam from the appearance of each point, (K,).
     stay
@@ -210,8 +212,13 @@ def filter_runs(runs, onset, moved, s, pixel, same, own, stay, wrong, best):
         Largest log-odds of foam from the appearance of each run since it may have become wrong; updated, (K, K).
     """
     n = len(onset)
+    # An occluder that has cleared n points beside a run ends at one of n + 1 places.
+    left, right = np.ones(n), np.ones(n)
+    for k in range(1, n):
+        left[k] = left[k - 1] + 1.0 if cleared[k - 1] else 1.0
+        right[n - 1 - k] = right[n - k] + 1.0 if cleared[n - k] else 1.0
     for first in range(n):
-        high, low, odds, kept = moved[first], moved[first], 0.0, stay
+        high, low, odds, kept = moved[first], moved[first], 0.0, stay / left[first]
         for last in range(first, n):
             high, low = max(high, moved[last]), min(low, moved[last])
             odds += own[last]
@@ -228,7 +235,12 @@ def filter_runs(runs, onset, moved, s, pixel, same, own, stay, wrong, best):
             if prior < 1.0:
                 length = max(s[last] - s[first], 1e-9)
                 value *= 2.0 / math.pi * math.atan((high - low + pixel[first]) / length) / prior
-            before = kept * wrong[first, last] * math.exp(-min(max(odds - best[first, last], 0.0), 40.0))
+            before = (
+                kept
+                / right[last]
+                * wrong[first, last]
+                * math.exp(-min(max(odds - best[first, last], 0.0), 40.0))
+            )
             if value > before or odds > best[first, last]:
                 best[first, last] = odds
             wrong[first, last] = min(max(value, 0.0) + before, 1.0)

@@ -25,7 +25,8 @@ probabilities P_ij that the states of all points from i to j are wrong, from whi
 
 P_ij is filtered from frame to frame (``filter_runs``). An edge that was wrongly taken for foam moves on as foam would, and
 frames share its appearance. Therefore its odds decrease by the rate at which states change, and where its appearance becomes
-more like that of foam than in any frame since it came, but not because it looks the same in every frame.
+more like that of foam than in any frame since it came, but not because it looks the same in every frame. Beside an occluder or
+shadow that has gone, such an edge is what that has left, with one of the ends that are possible in its place.
 """
 
 from __future__ import annotations
@@ -181,7 +182,10 @@ class EdgePosterior:
         onset = np.where(deflected & ~grown, _ONSET, 1.0)
         moved = np.nan_to_num(delta - self.last_m)
         same = foam & self._foam & (np.abs(moved) < reach)
-        filter_runs(runs, onset, moved, self._s, strip.pixel_m, same, own, stay, self._wrong, self._best)
+        cleared = foam & ~self._foam
+        filter_runs(
+            runs, onset, moved, self._s, strip.pixel_m, same, cleared, own, stay, self._wrong, self._best
+        )
         # A contact that is hidden is expected to be there afterwards.
         self._pressed = np.where(foam, deflected, self._pressed)
         # How an edge came to its place is known only where there was foam before.
