@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -15,6 +14,7 @@ from ..problem.planning_problem import RobotModel
 from ..pushing._outline_kernels import distance_patch
 from ._joint_kernels import free_object
 from .joint_graph import JointGraph, JointNode, NodeType, costs_between
+from .object_cells import window_around
 from .search import _travel_kernels
 from .search._push_search_kernels import descend
 from .search._travel_kernels import FAR, UNITS
@@ -71,7 +71,9 @@ class _Builder:
         outline = grid_from_world(self.map, kind.outline_m)
         # Cells blocked by the object are within one radius of it; cells with reduced speed within three.
         margin = self.radius + 3.0
-        wide, narrow = (self._window(outline, reach) for reach in (margin + 3.0 * self.radius, margin))
+        wide, narrow = (
+            window_around(self.map.shape, outline, reach) for reach in (margin + 3.0 * self.radius, margin)
+        )
         task_s = kind.task_s(self.robot)
         none = np.zeros(0, np.int32)
         nothing = JointNode(kind, number, (-1, -1), none, np.zeros(0), task_s, none, none)
@@ -169,12 +171,3 @@ class _Builder:
         centre = np.floor(outline.mean(axis=0)).astype(int)
         cell, none = (int(centre[1]), int(centre[0])), np.zeros(0, np.int32)
         return JointNode(kind, number, cell, none, np.zeros(0), kind.task_s(self.robot), cells, closed)
-
-    def _window(self, outline: Float[np.ndarray, "p 2"], margin: float) -> tuple[slice, slice]:
-        """Rows and columns of the map around an outline (x, y)."""
-        low, high = outline.min(axis=0)[::-1], outline.max(axis=0)[::-1]
-        first, last = (
-            slice(min(max(math.floor(a - margin), 0), size), max(min(math.ceil(b + margin) + 1, size), 0))
-            for a, b, size in zip(low, high, self.map.shape, strict=True)
-        )
-        return first, last

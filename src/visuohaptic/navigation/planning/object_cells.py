@@ -8,12 +8,23 @@ from jaxtyping import Bool, Float
 from ._joint_kernels import free_object
 
 
-def _window(shape: tuple[int, int], outline: Float[np.ndarray, "p 2"], grow: float) -> tuple[slice, slice]:
-    c0, r0 = np.maximum(np.floor(outline.min(axis=0) - grow).astype(int), 0)
-    c1, r1 = np.ceil(outline.max(axis=0) + grow).astype(int)
-    return slice(min(r0, shape[0]), max(min(r1, shape[0]), 0)), slice(
-        min(c0, shape[1]), max(min(c1, shape[1]), 0)
-    )
+def window_around(
+    shape: tuple[int, int], outline: Float[np.ndarray, "p 2"], margin: float
+) -> tuple[slice, slice]:
+    """Rows and columns of the map within a margin around an outline.
+
+    Parameters
+    ----------
+    shape
+        Rows and columns of the map.
+    outline
+        Corners in grid coordinates [cells].
+    margin
+        Distance from the bounding box [cells].
+    """
+    first = np.clip(np.floor(outline.min(axis=0) - margin).astype(int)[::-1], 0, shape).tolist()
+    last = np.clip(np.ceil(outline.max(axis=0) + margin).astype(int)[::-1] + 1, 0, shape).tolist()
+    return slice(first[0], last[0]), slice(first[1], last[1])
 
 
 def _touched(outline: Float[np.ndarray, "p 2"], window: tuple[slice, slice]) -> Bool[np.ndarray, "r c"]:
@@ -37,7 +48,7 @@ def clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.nd
         Corners in grid coordinates [cells].
     """
 
-    window = _window(occupied.shape, outline, 4.0)
+    window = window_around(occupied.shape, outline, 4.0)
     part = np.ascontiguousarray(occupied[window])
     if part.size:
         free_object(part, outline, window[0].start, window[1].start)
@@ -52,6 +63,6 @@ def fill_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.nda
     occupied, outline
         See :func:`clear_cells`.
     """
-    window = _window(occupied.shape, outline, 1.0)
+    window = window_around(occupied.shape, outline, 0.0)
     if occupied[window].size:
         occupied[window] |= _touched(outline, window)

@@ -76,10 +76,7 @@ def plan_in_domain(
         return plan
     # The circle in the footprint fits where the footprint does not: now with room between objects for the one around it.
     room = (problem.robot.reach_m - problem.robot.radius_m) / problem.map.resolution_m
-    wide = replace(
-        domain, bodies=tuple(replace(body, room=room) for body in domain.bodies),
-        patches={}, still={}, drives={}, pieces={}, paths={}, ends={}, boxes=[],
-    )  # fmt: skip
+    wide = replace(domain, bodies=tuple(replace(body, room=room) for body in domain.bodies))
     limits = replace(limits, budget_s=max(deadline.left_s, 1e-9))
     found = search_pushes(wide, begin, goal, costs, limits, active=active, oblique=oblique)
     found = replace(found, bound=result.bound)

@@ -11,13 +11,12 @@ import math
 import numpy as np
 
 from ....core.kernels import kernel
+from ..search._travel_kernels import FAR
 
 #: Rounding tolerance of coordinates: a robot that touches the border of a cell does not collide [cells].
 SLACK = 1e-6
 #: Maximum angle of one part of a turn, about 3 degrees.
 TURN_STEP = 0.05
-#: Cost that no path has.
-FAR = np.int32(2**30)
 
 
 @kernel
@@ -207,7 +206,7 @@ def lattice_path(
     seed_costs: np.ndarray,
     goal: np.ndarray,
     turn_price: float,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> np.ndarray:
     """A* over (node, heading): steps forwards along a heading and turns to the next one, each with its swept outline.
 
     Parameters
@@ -217,7 +216,7 @@ def lattice_path(
     price
         Cost per unit of length at each node of the lattice; 0 where the robot's centre cannot be.
     to_go
-        Lower bounds of the cost from each node to the goal; empty: none, and headings do not matter (one layer, all moves).
+        Estimated cost from each node to the goal, without turns; :data:`FAR` where there is no way.
     moves, angles
         Steps (column, row) of each heading [nodes], and the headings [rad].
     runs, starts
@@ -233,73 +232,63 @@ def lattice_path(
 
     Returns
     -------
-    The states of the path from its end to its start, empty without one, and the cost of every state.
+    The states of the path from its end to its start, empty without one.
     """
     rows, columns = price.shape
-    layers = len(angles) if to_go.size else 1
     count = len(angles)
-    spent = np.full(rows * columns * layers, FAR, np.int32)
-    parent = np.full(spent.size if layers > 1 else 0, -1, np.int32)
+    spent = np.full(rows * columns * count, FAR, np.int32)
+    parent = np.full(rows * columns * count, -1, np.int32)
     heap = np.empty((1024, 2), np.int64)
     used = 0
     for i in range(len(seeds)):
         spent[seeds[i]] = seed_costs[i]
-        heap = _queue(heap, used, seed_costs[i] + (to_go[seeds[i] // layers] if layers > 1 else 0), seeds[i])
+        heap = _queue(heap, used, seed_costs[i] + to_go[seeds[i] // count], seeds[i])
         used += 1
     ends = np.empty((2, 2))
     while used > 0:
         key, state = heap[0, 0], heap[0, 1]
         _unqueue(heap, used)
         used -= 1
-        node, heading = state // layers, state % layers
+        node, heading = state // count, state % count
         cost = int(spent[state])
-        if key > cost + (to_go[node] if layers > 1 else 0):
+        if key > cost + to_go[node]:
             continue
         row, column = node // columns, node % columns
         x, y = place[0] + column * place[2], place[1] + row * place[2]
-        if layers > 1:
-            gap = math.hypot(goal[0] - x, goal[1] - y)
-            ahead = angles[heading]
-            if gap > 1e-9:
-                ahead = math.atan2(goal[1] - y, goal[0] - x)
-            if gap <= goal[3] and abs(shorter_turn(angles[heading], ahead)) < 0.5:
-                ends[0, 0], ends[0, 1], ends[1, 0], ends[1, 1] = x, y, goal[0], goal[1]
-                if poses_clear(counts, outline, ends[0 if gap > 1e-9 else 1 :], angles[heading], goal[2]):
-                    path = np.empty(spent.size, np.int64)
-                    length = 0
-                    while state >= 0:
-                        path[length] = state
-                        length += 1
-                        state = parent[state]
-                    return path[:length].copy(), spent
-        for k in range(count + 2):
-            if k < count:
-                if layers > 1 and k != heading:
-                    continue
-                r, c = row + moves[k, 1], column + moves[k, 0]
+        gap = math.hypot(goal[0] - x, goal[1] - y)
+        ahead = angles[heading]
+        if gap > 1e-9:
+            ahead = math.atan2(goal[1] - y, goal[0] - x)
+        if gap <= goal[3] and abs(shorter_turn(angles[heading], ahead)) < 0.5:
+            ends[0, 0], ends[0, 1], ends[1, 0], ends[1, 1] = x, y, goal[0], goal[1]
+            if poses_clear(counts, outline, ends[0 if gap > 1e-9 else 1 :], angles[heading], goal[2]):
+                path = np.empty(spent.size, np.int64)
+                length = 0
+                while state >= 0:
+                    path[length] = state
+                    length += 1
+                    state = parent[state]
+                return path[:length].copy()
+        for k in range(3):  # ahead, and a turn to either side
+            if k == 0:
+                r, c = row + moves[heading, 1], column + moves[heading, 0]
                 if r < 0 or c < 0 or r >= rows or c >= columns or price[r, c] <= 0.0:
                     continue
-                onto = r * columns + c
-                following = onto * layers + heading
+                onto, other, swept = r * columns + c, heading, heading
                 mean = 0.5 * (price[row, column] + price[r, c])
-                new = cost + int(math.hypot(moves[k, 0], moves[k, 1]) * mean + 0.5)
-                swept = k
+                new = cost + int(math.hypot(moves[heading, 0], moves[heading, 1]) * mean + 0.5)
             else:
-                if layers == 1:
-                    break
-                other = (heading + (1 if k == count else count - 1)) % count
-                onto, following = node, node * layers + other
+                onto, other = node, (heading + (1 if k == 1 else count - 1)) % count
+                swept = count + (heading if k == 1 else other)
                 new = cost + int(abs(shorter_turn(angles[heading], angles[other])) * turn_price + 0.5)
-                swept = count + (heading if k == count else other)
-            if new >= spent[following] or (layers > 1 and to_go[onto] >= FAR):
+            following = onto * count + other
+            if new >= spent[following] or to_go[onto] >= FAR:
                 continue
-            if layers > 1:
-                at_column = int(math.floor(place[0])) + column * int(place[2])
-                at_row = int(math.floor(place[1])) + row * int(place[2])
-                if not runs_clear(counts, runs, starts[swept], starts[swept + 1], at_column, at_row):
-                    continue
-                parent[following] = state
-            spent[following] = new
-            heap = _queue(heap, used, new + (to_go[onto] if layers > 1 else 0), following)
+            at_column = int(math.floor(place[0])) + column * int(place[2])
+            at_row = int(math.floor(place[1])) + row * int(place[2])
+            if not runs_clear(counts, runs, starts[swept], starts[swept + 1], at_column, at_row):
+                continue
+            parent[following], spent[following] = state, new
+            heap = _queue(heap, used, new + to_go[onto], following)
             used += 1
-    return np.empty(0, np.int64), spent
+    return np.empty(0, np.int64)

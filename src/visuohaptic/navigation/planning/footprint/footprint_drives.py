@@ -1,6 +1,6 @@
 """Drives of a convex footprint: forwards along straight lines, turns on the spot at the corners.
 
-The search is A* over (place, one of 16 headings) on a lattice through the start, with the cost-to-go of the place alone.
+The search is A* over (place, one of 16 headings) on a lattice through the start, with the cost-to-go of a disc.
 Every step and turn, and in the end every drive of the path, is tested by the cells that the outline sweeps: occupied cells
 are closed squares, objects are the cells of at most 1 cm that they touch, where the size of the map permits.
 """
@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int32
 
 from ..object_cells import fill_cells
-from ..search._travel_kernels import clearances_at
+from ..search._travel_kernels import UNITS, clearances_at, travel_field
 from ..search.cell_paths import resampled
 from ..search.drives import pull_string
 from ..search.push_states import Deadline, PushStep
@@ -32,8 +32,6 @@ MOVES = np.array(
     [(1, 0), (2, 1), (1, 1), (1, 2), (0, 1), (-1, 2), (-1, 1), (-2, 1),
      (-1, 0), (-2, -1), (-1, -1), (-1, -2), (0, -1), (1, -2), (1, -1), (2, -1)]
 )  # fmt: skip
-#: Cost of a straight step at full speed.
-UNITS = 256
 #: Shares of a push by which the robot backs off where it has no room to turn, the first that helps.
 BACK = (0.0, 0.5, 1.0)
 #: Number of points of a path between which chords are tried.
@@ -212,13 +210,17 @@ class FootprintDrives:
         angles = np.arctan2(MOVES[:, 1], MOVES[:, 0]).astype(np.float64)
         runs, starts = self._swept(first, step, angles)
         place = np.array([*first, step])
-        near = np.flatnonzero(np.hypot(*((nodes * fine - goal) / step).reshape(-1, 2).T) < 1.5)
+        near = np.flatnonzero(np.hypot(*((nodes * fine - goal) / step).reshape(-1, 2).T) < 1.5).astype(
+            np.int32
+        )
         none = np.zeros(0, np.int32)
         reach = domain.robot.reach_m * fine / domain.map.resolution_m
         target = np.array([*goal, headings[1], 2.0 * reach])
-        arguments = counts, self.outline, price
-        _, to_go = kernels.lattice_path(
-            *arguments, none, MOVES, angles, runs, starts, place, near, np.zeros(len(near), np.int32), target, 0.0
+        passed = price.astype(bool)
+        passed.flat[near] = True
+        to_go = travel_field(
+            np.where(passed, np.maximum(free, domain.radius + 0.01), 0.0).astype(np.float32), domain.radius, domain.slow,
+            near, np.zeros_like(near), np.zeros((0, 0), np.int16), none, none, 0, none,
         )  # fmt: skip
         begin = headings[0]
         turn = [0.0 if math.isnan(begin) else abs(kernels.shorter_turn(begin, angle)) for angle in angles]
@@ -231,9 +233,10 @@ class FootprintDrives:
         )
         seeds = np.array([node * len(MOVES) + k for k in possible], np.int64)
         costs = np.array([turn[k] * reach / step * UNITS for k in possible]).astype(np.int32)
-        states, _ = kernels.lattice_path(
-            *arguments, to_go, MOVES, angles, runs, starts, place, seeds, costs, target, UNITS * reach / step
-        )
+        states = kernels.lattice_path(
+            counts, self.outline, price, to_go, MOVES, angles, runs, starts, place, seeds, costs, target,
+            UNITS * reach / step,
+        )  # fmt: skip
         if not len(states):
             return np.zeros((0, 2))
         path = np.concatenate([nodes.reshape(-1, 2)[states[::-1] // len(MOVES)], ends[1:]])

@@ -173,16 +173,9 @@ def _samples(outline: Float[np.ndarray, "p 2"], outside: float) -> Float[np.ndar
 
     body = shapely.Polygon(outline)
     inner = body.buffer(outside, join_style="mitre")
-    rings = [part.exterior for part in getattr(inner, "geoms", [inner]) if not part.is_empty] or [
-        body.exterior
-    ]
-    points = []
-    for ring in rings:
-        corners = np.array(ring.coords)[:-1]
-        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-            count = max(1, int(np.ceil(np.hypot(*(b - a)) / OUTLINE_STEP)))
-            points.append(a + (b - a) * (np.arange(count) / count)[:, None])
-    return np.concatenate(points)
+    rings = shapely.get_exterior_ring(shapely.get_parts(body if inner.is_empty else inner))
+    points: Float[np.ndarray, "k 2"] = shapely.get_coordinates(shapely.segmentize(rings, OUTLINE_STEP))
+    return points
 
 
 def grid_from_world(

@@ -295,9 +295,7 @@ class _Search:
             if deadline.passed:
                 break
             body, first = (domain.bodies[index],), SearchState(0.0, self.start, np.zeros((1, 2)))
-            alone = replace(
-                domain, bodies=body, lattice=heuristic.base, patches={}, still={}, drives={}, pieces={}, paths={}, ends={}, boxes=[],
-            )  # fmt: skip
+            alone = replace(domain, bodies=body, lattice=heuristic.base)
             cells, _ = domain.seeds(heuristic.base, self.start)
             part = PushHeuristic(alone, self.goal, self.costs, (0,), oblique=self.oblique, free=heuristic)
             most = min(ALONE_EXPANSIONS, limits.expansions)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int16, Int32
@@ -39,7 +40,7 @@ MAX_STILL_NODES = 20_000_000
 Corridor = tuple[Float[np.ndarray, "k 2"], Float32[np.ndarray, "r c"], Float[np.ndarray, "2"], float]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SearchDomain:
     """Static map and pushable bodies, with the lattice on which drives between pushes are searched.
 
@@ -64,43 +65,35 @@ class SearchDomain:
     places: Float32[np.ndarray, "rows columns"] | None = None  #: cost of an object that ends in a cell [s]
     #: distances around bodies, cached because most bodies do not move
     patches: dict[tuple[int, int, float, float], tuple[Float32[np.ndarray, "r c"], int, int]] = field(
-        default_factory=dict, repr=False
+        default_factory=dict, init=False
     )
 
     #: cached lattices with the unmoved bodies, by the set of moved ones
-    still: dict[tuple[int, ...], Float32[np.ndarray, "r c"]] = field(default_factory=dict, repr=False)
+    still: dict[tuple[int, ...], Float32[np.ndarray, "r c"]] = field(default_factory=dict, init=False)
 
     #: cached drives, by displacements, start and goal: block size, blocks, cost, cells
     drives: dict[tuple[bytes, ...], tuple[int, Float[np.ndarray, "k 2"], float, Float[np.ndarray, "n 2"]]] = (
-        field(default_factory=dict, repr=False)
+        field(default_factory=dict, init=False)
     )
 
     #: their last pieces on the map: cells, clearance around them, common corner, cost
-    pieces: dict[tuple[bytes, ...], Corridor | None] = field(default_factory=dict, repr=False)
+    pieces: dict[tuple[bytes, ...], Corridor | None] = field(default_factory=dict, init=False)
 
     #: the same over the lattice: blocks, cost
     paths: dict[tuple[bytes, ...], tuple[Float[np.ndarray, "k 2"], float]] = field(
-        default_factory=dict, repr=False
+        default_factory=dict, init=False
     )
 
     #: poses of a body along simulated pushes, by body and contact: model, maximum length [m], pushes by rows by x, y,
     #: rotation
     ends: dict[tuple[int, int], tuple[PushModel, float, Float[np.ndarray, "n k 3"]]] = field(
-        default_factory=dict, repr=False
+        default_factory=dict, init=False
     )
 
-    #: minimum and maximum corners of the bodies, cached
-    boxes: list[Float[np.ndarray, "bodies 2"]] = field(default_factory=list, repr=False)
-
-    #: :attr:`counts`, cached
-    sums: list[Int32[np.ndarray, "rows columns"]] = field(default_factory=list, repr=False)
-
-    @property
+    @cached_property
     def counts(self) -> Int32[np.ndarray, "rows columns"]:
         """Number of :attr:`occupied` cells of a row before each column, the last one included."""
-        if not self.sums:
-            self.sums.append(np.pad(np.cumsum(self.occupied, axis=1, dtype=np.int32), ((0, 0), (1, 0))))
-        return self.sums[0]
+        return np.pad(np.cumsum(self.occupied, axis=1, dtype=np.int32), ((0, 0), (1, 0)))
 
     @property
     def reach(self) -> float:
@@ -234,14 +227,12 @@ class SearchDomain:
         patch, row, column = self.patch(index, shift - whole, block)
         lower_window(part, patch, row + int(whole[1] - low[1]), column + int(whole[0] - low[0]))
 
-    @property
+    @cached_property
     def extents(self) -> tuple[Float[np.ndarray, "bodies 2"], Float[np.ndarray, "bodies 2"]]:
         """Minimum and maximum x, y of every body at its mapped position [cells]."""
-        if not self.boxes:
-            outlines = [body.kept_clear for body in self.bodies]
-            self.boxes.append(np.array([o.min(axis=0) for o in outlines]).reshape(-1, 2))
-            self.boxes.append(np.array([o.max(axis=0) for o in outlines]).reshape(-1, 2))
-        return self.boxes[0], self.boxes[1]
+        boxes = np.array([(o.min(axis=0), o.max(axis=0)) for o in (body.kept_clear for body in self.bodies)])
+        low, high = boxes.reshape(-1, 2, 2).swapaxes(0, 1)
+        return low, high
 
     def patch(
         self, index: int, shift: Float[np.ndarray, "2"], block: int
