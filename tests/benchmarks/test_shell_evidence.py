@@ -187,13 +187,15 @@ def test_figures_of_meshes():
         {"kind": "decimated", "faces": 9, "truth": [1.0] * 4, "refused": "a hole", "cpu_s": 3.0},
         {"kind": "drill", "refused": "no wall"},
         {"kind": "bulb", "notes": []},
+        {"kind": "scanned", "faces": 200_000, "truth": [], "ratio": [], "notes": [], "cpu_s": 2.0},
     ]  # fmt: skip
     by_name = {figure["name"]: figure["ours"] for figure in shell_evidence.summary("meshes", rows)}
     assert by_name["meshes: heights within 2 %"] == pytest.approx(3 / 8)
     assert by_name["meshes: heights within 1 %"] == pytest.approx(2 / 8)
     assert by_name["meshes: worst"] == pytest.approx(5.0)
-    assert by_name["meshes: taken as they are"] == pytest.approx(0.5)
+    assert by_name["meshes: taken as they are"] == pytest.approx(2 / 3)
     assert by_name["meshes: import to map, slowest"] == pytest.approx(3.0)
+    assert by_name["meshes: import of 200,000 triangles or more to map, slowest"] == pytest.approx(2.0)
     assert by_name["no containers: refused"] == pytest.approx(0.5)
 
 

@@ -11,6 +11,7 @@ from visuohaptic.deformation.maps import curve_coefficients
 from visuohaptic.recognition.data import (
     CurveCoefficients,
     TouchNoise,
+    check_curve,
     fit_curve,
     read_curves,
     stiffness_grid,
@@ -141,6 +142,41 @@ def test_one_line_for_a_bad_file(tmp_path: Path, text: str, said: str) -> None:
     path = tmp_path / "curves.csv"
     path.write_text(text)
     with pytest.raises(InputError, match=said):
+        read_curves(path)
+
+
+def refused(deformation_m: np.ndarray, force_N: np.ndarray, said: str, draws: int = 60) -> float:
+    """Fraction of noisy curves that are refused for this reason."""
+    rng, found = np.random.default_rng(3), []
+    for _ in range(draws):
+        d, f = (x + rng.normal(0, s, x.shape) for x, s in ((deformation_m, 1e-4), (force_N, 0.1)))
+        try:
+            check_curve(d, f)
+        except InputError as error:
+            found.append(error.problem)
+    assert all(said in one for one in found)
+    return len(found) / draws
+
+
+def test_a_curve_that_starts_before_contact_is_refused() -> None:
+    d = np.linspace(0, 0.006, 25)
+    for free, stiffness in ((0.002, 3000.0), (0.001, 20e3), (0.0035, 3000.0)):
+        assert refused(d, stiffness * np.maximum(d - free, 0), "the force is zero up to") > 0.9
+    # Walls that resist less at first, up to a membrane, and one that snaps through.
+    for force in (900 * d, 1e5 * d**1.5, 5e5 * d**2, 2e8 * d**3, np.where(d <= 0.003, 900.0, -900.0) * d):
+        assert not refused(d, force, "")
+
+
+def test_a_curve_that_opens_again_is_refused_unless_the_wall_is_elastic(tmp_path: Path) -> None:
+    d = np.r_[np.linspace(0, 0.004, 30), np.linspace(0.004, 0, 12)]
+    opens = np.arange(len(d)) >= 30
+    assert refused(d, np.where(opens, 1800.0, 3000.0) * d, "lower while opening") > 0.9
+    for force in (3000 * d, 3e5 * d**2, 2e8 * d**3):
+        assert not refused(d, force, "")
+    path = tmp_path / "curves.csv"
+    rows = "".join(f"8,x+,{k * x},{x}\n" for x, k in zip(d, np.where(opens, 1800.0, 3000.0), strict=True))
+    path.write_text(f"height,side,force_N,deformation_m\n{rows}")
+    with pytest.raises(InputError, match=r"curve of x\+8: found forces that are .* give the samples up to"):
         read_curves(path)
 
 

@@ -1,5 +1,6 @@
 from .compressions import Compression as Compression
 from .compressions import read_compressions as read_compressions
+from .curve_check import check_curve as check_curve
 from .curve_file import SqueezedObject as SqueezedObject
 from .curve_file import read_curves as read_curves
 from .curve_file import read_squeezed as read_squeezed

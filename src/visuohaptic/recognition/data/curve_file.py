@@ -11,6 +11,7 @@ import numpy as np
 
 from ...core.errors import InputError
 from ...core.files import CsvRow, check_columns, read_csv
+from .curve_check import check_curve
 from .places import HEIGHTS, SIDES
 from .readings import CurveCoefficients, TouchNoise, TouchReading, fit_curve
 
@@ -59,7 +60,8 @@ def read_curves(path: Path | str, noise: TouchNoise | None = None) -> tuple[Touc
     Raises
     ------
     InputError
-        The file cannot be read, or a value is missing or out of range, with its line.
+        The file cannot be read, a value is missing or out of range, with its line, or a curve is refused by
+        :func:`.check_curve`.
     """
     path = Path(path)
     return _touches(path, list(_samples(path, ())), noise)
@@ -79,7 +81,7 @@ def read_squeezed(path: Path | str, noise: TouchNoise | None = None) -> tuple[Sq
     Raises
     ------
     InputError
-        The file cannot be read, or a value is missing or out of range, with its line.
+        As of :func:`read_curves`.
     """
     path = Path(path)
     objects: dict[tuple[str, str], list[_Sample]] = {}
@@ -102,9 +104,12 @@ def _touches(path: Path, samples: list[_Sample], noise: TouchNoise | None) -> tu
     for (curve, height, side), rows in curves.items():
         d, f = np.array([(one.deformation_m, one.force_N) for one in rows]).T
         try:
+            check_curve(d, f, noise)
             found = fit_curve(d, f, noise)
         except InputError as error:
-            raise InputError(path, error.problem, field=f"curve of {side}{height}") from error
+            raise InputError(
+                path, error.problem, field=f"curve of {side}{height}", remedy=error.remedy
+            ) from error
         touch = curve, height, side[0]
         fits.setdefault(touch, [None, None])[side[1] == "-"] = found
         for sizes, key in ((widths, "width_m"), (heights, "object_height_m")):

@@ -104,7 +104,7 @@ class TouchReading:
 def fit_curve(
     deformation_m: Float[np.ndarray, "k"], force_N: Float[np.ndarray, "k"], noise: TouchNoise | None = None
 ) -> CurveCoefficients:
-    """Coefficients of a closing curve, starting at contact.
+    """Coefficients of a closing curve, starting at contact, see :func:`.check_curve`.
 
     Parameters
     ----------
