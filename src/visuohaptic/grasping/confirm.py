@@ -12,14 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..core.errors import InputError
+from ..core import POSITIVE, InputError, check_numbers
 from ..core.geometry import vertex_normals
-from ..core.ranges import POSITIVE, check_numbers
+from ..deformation import Contents, EquilibriumPath, PinchPlane, ShellObject, contained_curve
 from ..deformation.maps.curve_features import MAX_ITERATIONS
-from ..deformation.maps.grasp_curves import PinchPlane
-from ..deformation.nonlinear.contents import Contents, contained_curve
-from ..deformation.nonlinear.equilibrium_path import EquilibriumPath
-from ..deformation.shapes.mesher import ShellObject
 from ..deformation.shells.shell import ShellModel, enclosed_volume
 from ..deformation.shells.stiffness_map import DualTips, dual_tip_compliance, opposing_points
 from ..io.meshes.mesh_state import boundary_edges

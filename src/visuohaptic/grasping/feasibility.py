@@ -9,9 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.objects import StiffnessMap
+from ..deformation import ShellModel, ShellObject
 from ..deformation.nonlinear.contents import enclosed_gradient, tip_approach
-from ..deformation.shapes.mesher import ShellObject
-from ..deformation.shells.shell import ShellModel
 from .force import Load, required_force_N
 from .grasp_task import GraspTask
 from .score import GraspScores

@@ -14,11 +14,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ..core.errors import InputError
+from ..core import NON_NEGATIVE, POSITIVE, InputError, Ranged, at_least, check_numbers, within
 from ..core.measurement import GRAVITY_M_S2
-from ..core.ranges import NON_NEGATIVE, POSITIVE, Ranged, at_least, check_numbers, within
-from ..deformation.nonlinear.contents import liquid_level_m
-from ..deformation.shapes.mesher import ShellObject
+from ..deformation import ShellObject, liquid_level_m
 from ..deformation.shells.shell import enclosed_volume
 
 #: Moments below this are rounding errors [N m].

@@ -14,11 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..core.camera.pose import Pose
-from ..core.errors import InputError
+from ..core import POSITIVE, Estimate, InputError, Pose, check_numbers
 from ..core.geometry import so3_exp, vertex_normals
-from ..core.objects import Estimate
-from ..core.ranges import POSITIVE, check_numbers
 from ..deformation.maps.confidence_band import barycentric
 from ..deformation.nonlinear.contents import Contents, enclosed_gradient, pinch_load
 from ..deformation.shapes.mesher import ShellObject

@@ -8,15 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..core.errors import InputError
-from ..core.objects import StiffnessMap
-from ..core.ranges import at_least, check_numbers
+from ..core import InputError, StiffnessMap, at_least, check_numbers
+from ..deformation import GraspCoupling, ShellModel, ShellObject, couple, detect_symmetry
 from ..deformation.maps.confidence_band import object_map, object_stiffness
-from ..deformation.maps.grasp_patterns import GraspCoupling, couple
 from ..deformation.nonlinear.contents import Contents, enclosed_gradient, tip_approach
-from ..deformation.shapes.mesher import ShellObject
-from ..deformation.shapes.symmetry_reduction import detect_symmetry
-from ..deformation.shells.shell import ShellModel
 from ..deformation.shells.stiffness_map import DualTips, antipodal_points, opposing_points
 from .approach import ApproachSpace, find_approach
 from .confirm import Confirmation, confirm_grasp

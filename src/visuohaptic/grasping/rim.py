@@ -15,8 +15,7 @@ from jaxtyping import Float
 from ..core.geometry import vertex_normals
 from ..core.measurement import GRAVITY_M_S2
 from ..core.objects import StiffnessMap
-from ..deformation.nonlinear.contents import liquid_level_m
-from ..deformation.shapes.mesher import ShellObject
+from ..deformation import ShellObject, liquid_level_m
 from .confirm import mouth_edges
 from .force import Load, required_force_N, success_probability
 from .grasp_task import Grasp, GraspTask

@@ -23,10 +23,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..core.errors import InputError
+from ..core import NON_NEGATIVE, POSITIVE, InputError, Ranged, StiffnessMap, within
 from ..core.geometry import vertex_normals
-from ..core.objects import StiffnessMap
-from ..core.ranges import NON_NEGATIVE, POSITIVE, Ranged, within
 from ..deformation.shells.shell import ShellMesh
 from ..deformation.shells.stiffness_map import DualTips, opposing_points
 

@@ -8,16 +8,11 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from ..core.codec import from_dict, to_dict
-from ..core.errors import InputError
+from ..core import InputError, from_dict, to_dict
 from ..core.files import load_json, write_text
-from .data.curve_file import SqueezedObject
-from .data.data_set import FeatureSet, load_feature_set, save_feature_set
-from .data.protocol import TouchProtocol
-from .touch.few_curves import learn_from_curves
-from .touch.haptic_model import HapticModel, ModelSettings, class_statistics, fit_model, with_prior
-from .trees.tree_file import load_tree, tree_mapping
-from .trees.tree_nodes import ClassificationTree
+from .data import FeatureSet, SqueezedObject, TouchProtocol, load_feature_set, save_feature_set
+from .touch import HapticModel, ModelSettings, class_statistics, fit_model, learn_from_curves, with_prior
+from .trees import ClassificationTree, load_tree, tree_mapping
 
 #: Temperature, log odds and tail of a :class:`.HapticModel`.
 Calibration = tuple[float, float, float]

@@ -17,18 +17,13 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..core.errors import InputError
+from ..core import InputError, check_ranges, within
 from ..core.map_tasks import map_tasks
-from ..core.ranges import check_ranges, within
 from .classifier_file import Classifier, load_classifier, save_classifier
-from .data.curve_file import SqueezedObject, read_curves, read_squeezed
+from .data import SqueezedObject, Touch, TouchReading, read_curves, read_squeezed, stiffness_grid
 from .data.data_set import FeatureSet, join_feature_sets, load_feature_set
-from .data.places import Touch
-from .data.readings import TouchReading, stiffness_grid
-from .touch.bayes import touch_gains
+from .touch import HapticModel, ModelSettings, calibrate, fit_model, touch_gains
 from .touch.belief import contradicted_assumption, update_belief
-from .touch.calibration import calibrate
-from .touch.haptic_model import HapticModel, ModelSettings, fit_model
 from .trees.tree import train_tree
 from .trees.tree_nodes import SCHEMES, ClassificationTree, mean_touches, next_touch
 

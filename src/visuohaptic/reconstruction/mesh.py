@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from ..core.errors import InputError
+from ..core import InputError, finite_array
 from ..core.geometry import area_vectors, vertex_normals
-from ..core.ranges import finite_array
 from ..io.meshes.ply import PlyMesh, read_ply, write_ply
 
 

@@ -16,20 +16,12 @@ from ..io.depth.depth_sequence import DepthFrame, DepthSequence
 from ..io.depth.pixel_model import PixelModel
 from ..io.meshes.ply import PlyMesh, write_ply
 from .body_completion import BodyCompletion
-from .completion.hole_region import HoleRegion
-from .completion.surface_completion import Completion
-from .completion.touch import CompletionSettings
-from .fusion.depth_fusion import TsdfVolume
-from .fusion.depth_noise import SENSOR_NOISE, DepthNoise, sensor_noise
-from .fusion.volume import SpaceGrid, space_of_interest
+from .completion import Completion, CompletionSettings, HoleRegion
+from .fusion import SENSOR_NOISE, DepthNoise, SpaceGrid, TsdfVolume, sensor_noise, space_of_interest
 from .mesh import SurfaceMesh
-from .transparency.evidence import EvidenceDetector
+from .transparency import EvidenceDetector, EvidenceSettings, SearchReport, TrackedNoise, view_graph
 from .transparency.pose_refinement import common_sigma_m, refine_poses
-from .transparency.ray_evidence import EvidenceSettings
-from .transparency.ray_readings import TrackedNoise
 from .transparency.regions import TransparentRegion, mask_refracted_rays, outer_voxels, save_regions
-from .transparency.search_report import SearchReport
-from .transparency.view_geometry import view_graph
 
 #: Half width of the band of signed distances: standard deviations of a depth, and at least this many voxels; see :func:`_band_m`.
 _BAND_SIGMAS, _MIN_BAND_VOXELS = 3.0, 2.0

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..core.errors import InputError
-from ..core.files import atomic_path
+from ..core import InputError, atomic_path
 from .body_completion import BodyCompletion
 from .completion.surface_completion import Completion
 from .mesh import SurfaceMesh

@@ -11,8 +11,7 @@ from jaxtyping import UInt8
 
 from ..core.errors import needs
 from ..core.files import atomic_path, write_csv
-from ..simulation.foam.press_rig import PressShape, calibration_press, press
-from ..simulation.foam.strip_geometry import FoamStripGeometry
+from ..simulation.foam import FoamStripGeometry, PressShape, calibration_press, press
 from ..simulation.foam.strip_law import write_calibration_csv
 from .virtual_sensor import VirtualSensor, rest_scene
 

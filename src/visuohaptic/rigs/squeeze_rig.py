@@ -13,8 +13,7 @@ from jaxtyping import Float
 from ..core.errors import CalibrationError
 from ..sensing.foam.finger import FingerReading, FingerSensor
 from ..simulation.foam.outline import Outline
-from ..simulation.tabletop.gripper import VirtualGripper
-from ..simulation.tabletop.gripper_setup import GraspObject, GripperTruth
+from ..simulation.tabletop import GraspObject, GripperTruth, VirtualGripper
 
 #: Five grasping forces [N].
 FORCES_N = (10.0, 20.0, 35.0, 50.0, 70.0)

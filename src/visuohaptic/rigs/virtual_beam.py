@@ -10,17 +10,11 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from ..core.camera.frame import Frame
-from ..core.camera.model import Camera
-from ..core.camera.pose import Pose
+from ..core import Camera, Frame, Pose
 from ..core.files import save_yaml, write_image
-from ..sensing.beam.config import BeamSensorConfig, save_beam
-from ..sensing.beam.mechanics import Beam
-from ..sensing.beam.tracked import TrackedBeam
-from ..simulation.beam.rod import ElasticRod
+from ..sensing.beam import Beam, BeamSensorConfig, TrackedBeam, save_beam
+from ..simulation.beam import ElasticRod, RodRenderer, RodRig, hand_held
 from ..simulation.beam.rod_prints import Print, collage, print_of_image, print_of_tag
-from ..simulation.beam.rod_rig import RodRig
-from ..simulation.beam.rod_view import RodRenderer, hand_held
 from ..simulation.rendering.effects import CameraEffects
 from ..simulation.tabletop.probe_cell import ProbeCell
 from ..tracking.templates.template import Template

@@ -9,13 +9,9 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from ..core.camera.frame import Frame
-from ..core.camera.pose import Pose
-from ..core.measurement import Reason, Wrench
-from ..simulation.tabletop.arm import SimulatedArm
-from ..simulation.tabletop.crown_cap import CrownCapCell, OpenerBeam
-from ..tasks.manipulation.crown_cap import open_crown_cap
-from ..tasks.manipulation.crown_cap_records import CapOpening, CapSettings
+from ..core import Frame, Pose, Reason, Wrench
+from ..simulation.tabletop import CrownCapCell, OpenerBeam, SimulatedArm
+from ..tasks import CapOpening, CapSettings, open_crown_cap
 
 #: Positions of the scanning motion [m].
 SCAN_M = ((0.4, 0.0, 0.6), (0.5, 0.1, 0.5))

@@ -11,21 +11,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from ..core.camera.frame import Frame
-from ..core.camera.model import Camera
-from ..core.camera.plane import PlaneView
-from ..sensing.foam.finger import FingerSensor
-from ..sensing.foam.strip.config import FoamSensorConfig
+from ..core import Camera, Frame, PlaneView
+from ..sensing.foam import FingerSensor, FoamSensorConfig
 from ..sensing.foam.strip.stripe_view import train_stripe
-from ..simulation.foam.outline import Outline
-from ..simulation.foam.rig import SensorRig
-from ..simulation.foam.strip import FoamStrip
-from ..simulation.foam.strip_geometry import FoamStripGeometry
-from ..simulation.foam.strip_law import StripLaw
+from ..simulation.foam import FoamStrip, FoamStripGeometry, Outline, SensorRig, StripLaw
+from ..simulation.rendering import CameraEffects, FoamScene, Occluder, SceneObject
 from ..simulation.rendering._finger_tag import FingerTag
-from ..simulation.rendering.appearance import Occluder
-from ..simulation.rendering.effects import CameraEffects
-from ..simulation.rendering.scene import FoamScene, SceneObject
 from ..simulation.tabletop.gripper import STEP_M, VirtualGripper
 from ..simulation.tabletop.gripper_setup import (
     GRIPPER_RIG,

@@ -8,10 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..core.codec import to_dict
-from ..core.files import save_yaml
-from ..core.geometry import rotation_2d
-from ..core.objects import Estimate, HapticTag
+from ..core import Estimate, HapticTag, rotation_2d, save_yaml, to_dict
 from ..io.maps.occupancy_map import OccupancyMap
 from ..navigation.problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 

@@ -9,17 +9,10 @@ from typing import Any
 import numpy as np
 
 from ..core.camera.frame import Frame
-from ..sensing.foam.material.calibration import calibrate_foam
-from ..sensing.foam.material.records import read_strain_stress
-from ..sensing.foam.sensor import FoamSensor
-from ..simulation.foam.press_rig import calibration_press
-from ..simulation.foam.rig import SensorRig
-from ..simulation.foam.strip_geometry import FoamStripGeometry
+from ..sensing.foam import FoamSensor, calibrate_foam, read_strain_stress
+from ..simulation.foam import FoamStripGeometry, SensorRig, calibration_press
 from ..simulation.foam.strip_law import SOFT_FOAM, StripLaw, write_calibration_csv
-from ..simulation.rendering.appearance import Look
-from ..simulation.rendering.effects import CameraEffects
-from ..simulation.rendering.renderer import SceneRenderer
-from ..simulation.rendering.scene import FoamScene
+from ..simulation.rendering import CameraEffects, FoamScene, Look, SceneRenderer
 
 #: Imperfections of the camera in demos and benchmarks: a typical webcam in indoor light.
 WEBCAM = CameraEffects(blur_px=1.0, noise_sigma=3.0, vignetting=0.2, gradient_x=0.1)

@@ -10,13 +10,9 @@ import numpy as np
 from ..core.geometry import rotation_2d
 from ..navigation.mapping.haptic_map import HapticContact, HapticMap
 from ..simulation.foam.strip_geometry import FoamStripGeometry
-from ..simulation.mobile.odometry import DriftingBase
-from ..simulation.mobile.platform import PlatformConfig
-from ..simulation.mobile.quick_foam import QuickFoam, QuickFrames
-from ..simulation.mobile.quick_world import QuickWorld
+from ..simulation.mobile import DriftingBase, PlatformConfig, QuickFoam, QuickFrames, QuickWorld
 from ..simulation.mobile.touch_rooms import WALL_M, TouchRoom, touch_room
-from ..tasks.mobile.touch_map.map_records import MapSettings
-from ..tasks.mobile.touch_map.map_task import TouchMapping, map_by_touch
+from ..tasks import MapSettings, TouchMapping, map_by_touch
 
 if TYPE_CHECKING:
     from ..sensing.foam.sensor import FoamSensor

@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..core.errors import InputError
-from ..core.files import decode_image
+from ..core import Closing, InputError, decode_image
 from ..core.objects import (
     Appearance,
     Estimate,
@@ -30,7 +29,6 @@ from ..core.objects import (
     Sighting,
     VisuoHapticObject,
 )
-from ..core.resources import Closing
 from ..io.maps.occupancy_map import OccupancyMap
 from ..recognition.touch.haptic_model import UNKNOWN
 from .mobile.floor_outline import POINT_M, FloorOutline

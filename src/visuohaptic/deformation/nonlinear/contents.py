@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.ranges import POSITIVE, Ranged, within
+from ...core import POSITIVE, InputError, Ranged, within
 from ..shapes.mesher import ShellObject
 from ..shells.corotational import CorotationalShell, PressureLaw
 from ..shells.shell import ShellModel, enclosed_volume, volume_gradient

@@ -14,8 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from ...core.errors import InputError
-from ...core.files import load_yaml_model
+from ...core import InputError, load_yaml_model
 from ..shells.shell_material import MATERIALS
 from .quantities import Angle, Fraction, Length, Pressure
 

@@ -14,8 +14,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...core.errors import InputError
-from ...core.ranges import check_choice
+from ...core import InputError, check_choice
 from ...io.meshes.mesh import load_mesh
 from ...io.meshes.mesh_state import MeshState, boundary_loops, face_parts, inspect_mesh
 from ..shells.shell import ShellMesh, ShellModel, enclosed_volume

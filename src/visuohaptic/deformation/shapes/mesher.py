@@ -9,11 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...core.errors import InputError
-from ...core.ranges import POSITIVE, check_numbers
-from ..shells.laminate import Laminate
+from ...core import POSITIVE, InputError, check_numbers
+from ..shells import IsotropicMaterial, Laminate, material_constants
 from ..shells.shell import ShellMesh, ShellModel, enclosed_volume
-from ..shells.shell_material import IsotropicMaterial, material_constants
 from .container import ContainerDescription
 from .patches import grid_faces
 from .wall_profile import WallProfile

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.errors import InputError
-from ...core.ranges import check_numbers, within
+from ...core import InputError, check_numbers, within
 from .container import ContainerDescription
 from .wall_profile import WallProfile
 

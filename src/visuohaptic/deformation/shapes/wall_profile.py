@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.geometry import wrap_angle
+from ...core import InputError, wrap_angle
 from .container import ContainerDescription
 
 #: Number of heights at which the shape is evaluated between its break points.

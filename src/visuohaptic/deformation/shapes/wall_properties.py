@@ -10,11 +10,8 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from ...core.errors import InputError
-from ...core.files import load_yaml_model
-from ...core.ranges import POSITIVE, Ranged, within
-from ..shells.laminate import Laminate, Ply
-from ..shells.shell_material import IsotropicMaterial, material_constants
+from ...core import POSITIVE, InputError, Ranged, load_yaml_model, within
+from ..shells import IsotropicMaterial, Laminate, Ply, material_constants
 from .quantities import Angle, Length, Pressure
 
 #: Default wall thickness if neither mesh nor user specify it [m], and its relative standard deviation.

@@ -26,9 +26,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 from ...core.errors import InputError
 from ...core.files import load_yaml_model, read_image, save_yaml, write_image
 from ...io.maps.occupancy_map import OCCUPIED, OccupancyMap
-from ..problem.planning_problem import MovableObject
-from ..problem.push_costs import failure_probability, manipulability
-from ..problem.robot_model import RobotModel
+from ..problem import MovableObject, RobotModel, failure_probability, manipulability
 
 #: 16 bit levels for values that are not finite numbers.
 _NAN, _INF, _MINUS_INF, _TOP = 65535, 65534, 65533, 65532

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt16
 
-from ...core.errors import InputError
-from ...core.ranges import POSITIVE, check_ranges
+from ...core import POSITIVE, InputError, check_ranges
 from ...io.maps.occupancy_map import OCCUPIED, OccupancyMap
 from ._distance_kernels import SWEPT_REACH, distance_rows, exact_distance, swept_distance, vertical_cells
 

@@ -12,10 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from ...core.errors import InputError
-from ...core.geometry import rotation_2d
-from ...core.objects import Primitive, PrimitiveKind
-from ...core.ranges import finite_array
+from ...core import InputError, Primitive, PrimitiveKind, finite_array, rotation_2d
 from ...io.maps.occupancy_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
 #: Weight below which a cell is not changed.

@@ -16,11 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from ...core.errors import InputError
-from ...core.geometry import compose_2d, relative_2d
-from ...core.laser_scan import LaserScan
-from ...core.measurement import Reason
-from ...core.ranges import finite_array
+from ...core import InputError, LaserScan, Reason, compose_2d, finite_array, relative_2d
 from ...io.maps.occupancy_map import FREE, OccupancyMap
 from ._mapper_kernels import add_beams
 from .scan_matching import FREE_LOG_ODDS as _SURELY_FREE

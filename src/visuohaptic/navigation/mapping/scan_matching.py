@@ -15,9 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int32
 
-from ...core.geometry import rotation_2d, wrap_angle
-from ...core.measurement import Reason
-from ...core.ranges import POSITIVE, check_ranges
+from ...core import POSITIVE, Reason, check_ranges, rotation_2d, wrap_angle
 from ._mapper_kernels import correlate, nearest_lines
 
 #: Log-odds below which a point in a cell contradicts the map: passed by three beams or more.

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..graph.navigation_graph import NavigationGraph
-from ..graph.regions import Regions
+from ..graph import NavigationGraph, Regions
 from ..grid.cost_grid import GridLayers
 
 if TYPE_CHECKING:

@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...core.files import atomic_path
-from ...core.geometry import rotation_2d
-from ..problem.path_plan import Plan
-from ..problem.planning_problem import PlanningProblem
+from ...core import atomic_path, rotation_2d
+from ..problem import Plan, PlanningProblem
 
 #: Margin around the plan: at least this [m], or this fraction of its greater extent.
 _MARGIN_m, _MARGIN = 1.0, 0.1

@@ -10,10 +10,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from ...core.codec import from_dict
-from ...core.errors import InputError
-from ...core.files import load_yaml, parse_yaml
-from ...core.objects import Estimate, HapticTag
+from ...core import Estimate, HapticTag, InputError, from_dict, load_yaml, parse_yaml
 from .outlines import outline_of
 from .passages import Passage, PassageKind
 from .place_area import PlaceArea

@@ -9,8 +9,7 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.objects import Estimate, HapticTag, PrimitiveKind
+from ...core import Estimate, HapticTag, InputError, PrimitiveKind
 from .outlines import outline_of
 from .push_costs import failure_probability
 from .robot_model import RobotModel

@@ -9,8 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ...core.codec import from_dict
-from ...core.errors import InputError
+from ...core import InputError, from_dict
 
 #: Kinds of tasks. ``explore`` touches an unknown object and decides; ``sideward`` displaces an object while driving
 #: past it; ``turn`` rotates it by a push beside its centre; ``wait`` and ``door`` come from passages.

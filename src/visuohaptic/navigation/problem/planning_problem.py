@@ -8,10 +8,8 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
+from ...core import FINITE, NON_NEGATIVE, HapticTag, InputError, check_numbers, finite_array
 from ...core.geometry import polygon_centroid
-from ...core.objects import HapticTag
-from ...core.ranges import FINITE, NON_NEGATIVE, check_numbers, finite_array
 from ...io.maps.occupancy_map import OccupancyMap
 from .outlines import outline_of
 from .passages import Passage

@@ -17,9 +17,7 @@ from dataclasses import dataclass
 from math import erf, isfinite, log, sqrt
 from typing import Protocol
 
-from ...core.errors import InputError
-from ...core.objects import Estimate, HapticTag
-from ...core.ranges import NON_NEGATIVE, check_ranges
+from ...core import NON_NEGATIVE, Estimate, HapticTag, InputError, check_ranges
 from .robot_model import RobotModel
 
 #: A push is aborted once its object has rotated by this angle [rad].

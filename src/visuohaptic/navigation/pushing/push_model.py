@@ -8,9 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
+from ...core import NON_NEGATIVE, InputError, check_ranges, finite_array
 from ...core.geometry import polygon_area, polygon_second_moments
-from ...core.ranges import NON_NEGATIVE, check_ranges, finite_array
 
 #: Default contact friction (foam or plastic on furniture).
 CONTACT_FRICTION = 0.25

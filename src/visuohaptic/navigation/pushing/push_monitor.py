@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.geometry import wrap_angle
+from ...core import InputError, wrap_angle
 from .push_model import PushModel
 from .quasi_static import STEP_M, PushTrace, arc_path, remaining_m, simulate_push
 

@@ -19,8 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.ranges import POSITIVE, check_numbers, finite_array
+from ...core import POSITIVE, InputError, check_numbers, finite_array
 from ._push_kernels import FORCE_X, GAP, X, push_object
 from .push_model import PushModel
 

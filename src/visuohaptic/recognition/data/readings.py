@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.ranges import finite_array
+from ...core import InputError, finite_array
 from .places import HEIGHTS
 
 #: Range of the coefficient i [m]; nominal force [N] and deformation [m] of II.

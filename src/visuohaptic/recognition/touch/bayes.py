@@ -16,9 +16,7 @@ from jaxtyping import Float
 from scipy.special import ndtri
 
 from ...core.errors import InputError
-from ..data.places import HEIGHTS, Touch
-from ..data.protocol import travel_seconds
-from ..data.readings import TouchReading
+from ..data import HEIGHTS, Touch, TouchReading, travel_seconds
 from .belief import (
     WIDTH_VARIANCE,
     Belief,

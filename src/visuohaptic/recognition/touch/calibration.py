@@ -22,8 +22,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import chdtri
 
 from ...core.errors import InputError
-from ..data.curve_file import SqueezedObject
-from ..data.data_set import FeatureSet
+from ..data import FeatureSet, SqueezedObject
 from ..data.noise import as_measured
 from .bayes import TOUCHES
 from .belief import (

@@ -19,10 +19,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.errors import InputError
-from ..data.curve_file import SqueezedObject
-from ..data.data_set import FeatureSet
-from ..data.places import HEIGHTS
-from ..data.protocol import TouchProtocol
+from ..data import HEIGHTS, FeatureSet, SqueezedObject, TouchProtocol
 from .belief import curvatures, evidence
 from .calibration import with_exemplars
 from .haptic_model import (

@@ -29,10 +29,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.errors import InputError
-from ..data.data_set import FeatureSet
-from ..data.places import HEIGHTS
-from ..data.pose_error import POSE_m
-from ..data.protocol import TouchProtocol
+from ..data import HEIGHTS, FeatureSet, POSE_m, TouchProtocol
 from .exemplars import ExemplarDensity
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, UNKNOWN_CLASS_SIGMAS, USUAL_HEIGHT_m, unknown_kinds
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from ...deformation.shapes.container import ContainerDescription
-from ...deformation.shapes.mesher import mesh_container
-from ...deformation.shapes.variants import draw_variants
+from ...deformation import ContainerDescription, draw_variants, mesh_container
 
 #: Compared heights, as fractions of the object's height: the foot and the closure are not part of the shape.
 FRACTIONS = np.linspace(0.05, 0.9, 20)

@@ -11,8 +11,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.objects import StiffnessMap
+from ...core import InputError, StiffnessMap
 
 #: Standard deviations of the logarithm of the ratio of true to simulated stiffness: of the part that is common to an object
 #: (wall, modulus), and of the part that varies over the wall; correlation length of the latter [m].

@@ -19,16 +19,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...core.codec import from_dict, to_dict
-from ...core.errors import InputError, VisuohapticError
+from ...core import InputError, VisuohapticError, from_dict, to_dict
 from ...core.files import load_json, write_text
 from ...core.map_tasks import map_tasks
-from ...deformation.maps.grasp_curves import PinchPlane, side_vertex
-from ...deformation.nonlinear.contents import Contents
-from ...deformation.shapes.container import ContainerDescription
-from ...deformation.shapes.mesher import mesh_container
-from ..data.places import HEIGHTS, SIDES
-from ..data.protocol import TouchProtocol
+from ...deformation import ContainerDescription, Contents, PinchPlane, mesh_container, side_vertex
+from ..data import HEIGHTS, SIDES, TouchProtocol
 from ..data.readings import NOMINAL_N, NOMINAL_m, TouchNoise, TouchReading, fit_curve
 from .haptic_model import UNKNOWN
 from .unknown_state import posterior_with_unknown

@@ -8,8 +8,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
-from ..data.places import Touch
-from ..data.readings import TouchReading
+from ..data import Touch, TouchReading
 from ..trees.tree_nodes import ClassificationTree, feature_name, next_touch, scaled_features, scaling_touches
 from .belief import update_belief
 from .haptic_model import HapticModel

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.codec import from_dict, to_dict
-from ...core.errors import InputError
+from ...core import InputError, from_dict, to_dict
 from ...core.files import load_json
 from ..data.places import HEIGHTS, Touch
 from .tree_nodes import SCHEMES, ClassificationTree, feature_name, scaling_touches, touch_of

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...core.errors import InputError
-from ...core.ranges import check_choice
+from ...core import InputError, check_choice
 from ..data.places import HEIGHTS, SIDES, Touch
 
 #: Normalisation of the features: Eqs. (6.4), (6.5), and relative to one point; see deformation.normalised.

@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.files import atomic_path
-from ..data.data_set import FeatureSet
-from ..data.places import HEIGHTS
+from ..data import HEIGHTS, FeatureSet
 from .tree_nodes import ClassificationTree, feature_name, scaled_features
 
 

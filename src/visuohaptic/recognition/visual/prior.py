@@ -14,9 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from ...core.errors import InputError
-from ...core.files import decode_image
-from ...core.objects import VisuoHapticObject
+from ...core import InputError, VisuoHapticObject, decode_image
 from ..touch.haptic_model import UNKNOWN
 from .prior_evidence import PriorSettings, VisualEvidence, posterior
 from .shape import ShapeViews, describe_cloud, fit_shape, shape_views

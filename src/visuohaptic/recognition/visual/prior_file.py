@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.errors import InputError
-from ...core.files import atomic_path, read_npz
+from ...core import InputError, atomic_path, read_npz
 from .prior import Entry, VisualPrior
 from .prior_evidence import PriorSettings
 from .shape import DESCRIPTOR_LENGTH, ShapeViews

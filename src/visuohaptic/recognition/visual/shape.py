@@ -14,9 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Float32
 
-from ...core.errors import InputError, MissingExtraError
-from ...core.geometry import sphere_directions
-from ...core.ranges import finite_array
+from ...core import InputError, MissingExtraError, finite_array, sphere_directions
 
 #: Limits of the bins of point-pair distances [m], and their number.
 _NEAR_M, _FAR_M, _DISTANCE_BINS = 0.004, 2.0, 32

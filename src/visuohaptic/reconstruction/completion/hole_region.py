@@ -18,9 +18,8 @@ from pydantic import (
     ValidationError,
 )
 
-from ...core.errors import InputError
+from ...core import InputError, finite_array
 from ...core.files import field_problems, load_json
-from ...core.ranges import finite_array
 from ..transparency.outline_fit import OutlineRings, UprightBody
 
 

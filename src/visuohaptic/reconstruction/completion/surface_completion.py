@@ -15,11 +15,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
+from ...core import InputError, Pose
 from ..mesh import SurfaceMesh
-from ..surfaces.biharmonic import BiharmonicMesh
-from ..surfaces.rbf import RbfSurface
+from ..surfaces import BiharmonicMesh, RbfSurface
 from .discrete_symmetry import DiscreteSymmetry
 from .hole import support_band
 from .hole_region import HoleRegion

@@ -9,10 +9,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
+from ...core import POSITIVE, InputError, Pose, check_numbers, finite_array
 from ...core.files import CsvRow, read_csv
-from ...core.ranges import POSITIVE, check_numbers, finite_array
 from ..mesh import SurfaceMesh
 
 #: Larger files are rejected: about 100,000 rows.

@@ -11,9 +11,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.pose import Pose
-from ...core.errors import CalibrationError
-from ...core.ranges import finite_array
+from ...core import CalibrationError, Pose, finite_array
 from ..mesh import SurfaceMesh
 
 #: Minimum number of contacts for six degrees of freedom.

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Float32
 
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
+from ...core import InputError, Pose
 from ...io.depth.depth_sequence import DepthFrame
 from . import _fusion_kernels as kernels
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.ranges import finite_array
+from ...core import InputError, finite_array
 from ...io.depth.depth_sequence import DepthFrame
 
 #: Maximum number of voxels: 1 GB of counts.

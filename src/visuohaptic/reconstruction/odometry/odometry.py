@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
+from ...core import Camera, Pose, one_blas_thread
 from ...core.errors import InputError, needs
 from ...core.geometry import hat
-from ...core.resources import one_blas_thread
 from ...io.depth.depth_sequence import DepthFrame
 from ...io.depth.poses import EstimatedPose
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise

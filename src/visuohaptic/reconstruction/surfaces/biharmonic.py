@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...core.errors import InputError
-from ...core.resources import one_blas_thread
+from ...core import InputError, one_blas_thread
 
 #: Number of eigenpairs of the embedding.
 MODES = 40

@@ -16,9 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...core.errors import InputError
-from ...core.ranges import finite_array
-from ...core.resources import one_blas_thread
+from ...core import InputError, finite_array, one_blas_thread
 from . import _rbf_kernels as kernels
 
 #: Maximum number of centres added by Schur complement before the whole matrix is factored again.

@@ -20,8 +20,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...core.errors import InputError
-from ...core.measurement import Event, EventKind, ForceProfile, Reason
+from ...core import Event, EventKind, ForceProfile, InputError, Reason
 
 #: Reasons for which the force is invalid but the contour is valid, and ``OK``.
 _CONTOUR_SEEN = frozenset({Reason.OK, Reason.UNLOADING, Reason.SATURATED})

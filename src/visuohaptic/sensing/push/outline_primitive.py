@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ...core.geometry import wrap_angle
-from ...core.objects import Primitive, PrimitiveKind
+from ...core import Primitive, PrimitiveKind, wrap_angle
 from .contact_outline import OutlineFit
 from .outline_hypotheses import Impression
 

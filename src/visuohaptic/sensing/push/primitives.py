@@ -19,10 +19,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...core.errors import InputError
-from ...core.measurement import Contact
-from ...core.objects import Primitive, PrimitiveKind
-from ...core.ranges import POSITIVE, check_numbers, finite_array
+from ...core import POSITIVE, Contact, InputError, Primitive, PrimitiveKind, check_numbers, finite_array
 from .contact_outline import FlankPrior, OutlineFit, fit_outline, integrate_drop
 from .outline_hypotheses import Impression, hypotheses
 from .outline_primitive import outline_kind, outline_primitive

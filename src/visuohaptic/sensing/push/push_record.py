@@ -10,8 +10,7 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...core.errors import InputError
-from ...core.measurement import Contact, Event, EventKind, ForceProfile, Reason
+from ...core import Contact, Event, EventKind, ForceProfile, InputError, Reason
 from .events import DeflectionEvents, EventSettings
 
 

@@ -29,9 +29,8 @@ from typing import Any
 
 import numpy as np
 
-from ...core.errors import InputError
+from ...core import Estimate, HapticTag, InputError, Primitive
 from ...core.measurement import GRAVITY_M_S2, Event, EventKind
-from ...core.objects import Estimate, HapticTag, Primitive
 from .at_rest import LOSS, LOSS_SIGMA, SCALE, FoamCurve, Rest, rest_hypotheses
 from .breakaway import FRICTION, mixture_moments, static_friction
 from .events import EventSettings

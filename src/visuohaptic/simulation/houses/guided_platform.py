@@ -6,12 +6,9 @@ import math
 
 import numpy as np
 
-from ...core.geometry import compose_2d
-from ...core.laser_scan import LaserScan
-from ...core.robots import BaseState, MobileBase
+from ...core import BaseState, LaserScan, MobileBase, compose_2d
 from ...io.maps.occupancy_map import OccupancyMap
-from ..mobile.laser import SimulatedLaser
-from ..mobile.odometry import DriftingBase
+from ..mobile import DriftingBase, SimulatedLaser
 from .house import House
 
 #: Speed of the platform [m/s].

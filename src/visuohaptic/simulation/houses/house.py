@@ -10,9 +10,7 @@ from jaxtyping import Float
 
 from ...core.geometry import rotation_2d
 from ...io.maps.occupancy_map import OccupancyMap
-from ..mobile.obstacles import SimulatedObstacle
-from ..mobile.odometry import OdometryErrors
-from ..mobile.office import furnished_office
+from ..mobile import OdometryErrors, SimulatedObstacle, furnished_office
 
 #: Ratio of the resolution of the laser's grid to that of the walls.
 FINER = 4

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...core.measurement import GRAVITY_M_S2
-from ..mobile.obstacles import SimulatedObstacle, box, cylinder
-from ..mobile.odometry import OdometryErrors
+from ..mobile import OdometryErrors, SimulatedObstacle, box, cylinder
 from .house import House, door_row
 from .plan import FloorPlan, draw_plan
 

@@ -8,9 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ...core.camera.frame import Frame
-from ...core.geometry import wrap_angle
-from ...core.robots import DepthSource, FingerTouch, FrameSource, Localizer, MapPose, MobileBase
+from ...core import DepthSource, FingerTouch, Frame, FrameSource, Localizer, MapPose, MobileBase, wrap_angle
 
 #: Test commands of a base: speed [m/s], turn rate [rad/s], and their duration [s].
 SPEED_m_s, TURN_rad_s, HOLD_s = 0.05, 0.25, 2.0

@@ -18,9 +18,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
-from ...core.clock_watch import ClockWatch
-from ...core.codec import from_dict, to_dict
-from ...core.errors import InputError
+from ...core import ClockWatch, InputError, from_dict, to_dict
 from .trace import Ending, Step, Trace
 
 

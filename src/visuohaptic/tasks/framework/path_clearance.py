@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
+from ...core import InputError, Pose
 from ...reconstruction.mesh import SurfaceMesh
 
 Point = tuple[float, float, float]

@@ -15,9 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.camera.pose import Pose
-from ...core.errors import InputError, VisuohapticError
-from ...core.geometry import wrap_angle
+from ...core import InputError, Pose, VisuohapticError, wrap_angle
 from ...core.robots import (
     ROBOT_CONTRACT,
     BaseState,

@@ -9,9 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.frame import Frame
-from ...core.camera.pose import Pose
-from ...core.errors import DeviceError
+from ...core import DeviceError, Frame, Pose
 from ...core.robots import (
     BaseState,
     FrameSource,

@@ -8,10 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...core.codec import from_dict, to_dict
-from ...core.errors import InputError
-from ...core.files import write_text
-from ...core.ranges import FINITE, check_ranges
+from ...core import FINITE, InputError, check_ranges, from_dict, to_dict, write_text
 
 #: Maximum size of a trace file (bytes), about a million steps; checked before parsing.
 MAX_TRACE_BYTES = 512 * 1024 * 1024

@@ -9,10 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
-from ...core.resources import Closing
-from ...core.robots import FrameSource
+from ...core import Camera, Closing, Frame, FrameSource
 from .supervisor import SupervisorCore
 
 

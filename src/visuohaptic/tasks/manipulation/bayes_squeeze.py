@@ -10,10 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.objects import StiffnessMap
+from ...recognition import HapticModel, touch_gains, update_belief
 from ...recognition.data.readings import CurveCoefficients, TouchNoise, TouchReading, fit_curve
-from ...recognition.touch.bayes import touch_gains
-from ...recognition.touch.belief import update_belief
-from ...recognition.touch.haptic_model import HapticModel
 from ...recognition.touch.refinement import correct_map
 from .hand import Place
 from .squeeze_task import SqueezeCurve

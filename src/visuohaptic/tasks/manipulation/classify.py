@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
-from ...core.errors import InputError
-from ...core.robots import require_members
+from ...core import InputError, require_members
 from ..framework.trace import Ending, Trace
 from .hand import Hand, Place
 from .squeeze_task import SqueezeCurve, SqueezeOutcome, SqueezeSettings, squeeze

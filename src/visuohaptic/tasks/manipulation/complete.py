@@ -10,15 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...core.camera.frame import Frame
-from ...core.camera.pose import Pose
-from ...core.measurement import Wrench
-from ...core.ranges import FINITE, POSITIVE, check_ranges
+from ...core import FINITE, POSITIVE, Frame, Pose, Wrench, check_ranges
 from ...core.robots import FrameSource, ProbeArm, require_members
 from ...reconstruction.completion.touch import Touch
-from ..framework.machine import Machine, Rule
-from ..framework.run import run_machine
-from ..framework.trace import Ending, Trace
+from ..framework import Ending, Machine, Rule, Trace, run_machine
 from .hand import as_vector
 
 if TYPE_CHECKING:

@@ -8,11 +8,8 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.frame import Frame
-from ...core.camera.pose import Pose
+from ...core import Frame, FrameSource, Pose, ProbeArm, Wrench, require_members
 from ...core.geometry import so3_log
-from ...core.measurement import Wrench
-from ...core.robots import FrameSource, ProbeArm, require_members
 from ..framework.run import run_machine
 from .crown_cap_records import CapCommand, CapObservation, CapOpening, CapOutcome, CapSettings, CapSighting
 from .crown_cap_task import CrownCapTask

@@ -8,12 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.frame import Frame
-from ...core.errors import InputError
-from ...core.measurement import ForceProfile, Reason
-from ...core.robots import Gripper
-from ...sensing.foam.finger import FingerReading, FingerSensor
-from ...sensing.foam.sensor import FoamSensor
+from ...core import ForceProfile, Frame, Gripper, InputError, Reason
+from ...sensing.foam import FingerReading, FingerSensor, FoamSensor
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,7 @@ import numpy as np
 
 from ...core.measurement import GRAVITY_M_S2
 from ...core.ranges import POSITIVE, Ranged
-from ..framework.machine import Rule
-from ..framework.trace import Ending, Trace
+from ..framework import Ending, Rule, Trace
 from .hand import Hand, HandCommand, HandObservation, HandTask, Place, run_hand
 
 

@@ -10,9 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.frame import Frame
-from ...core.camera.pose import Pose
-from ...core.robots import FingerTouch, FrameSource, Gripper, ProbeArm, require_members
+from ...core import FingerTouch, Frame, FrameSource, Gripper, Pose, ProbeArm, require_members
 from ..framework.machine import Machine, StateT
 from ..framework.run import run_machine
 

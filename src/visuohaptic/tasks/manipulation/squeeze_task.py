@@ -10,10 +10,8 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.ranges import POSITIVE, check_ranges
-from ..framework.machine import Rule
-from ..framework.trace import Ending, Trace
+from ...core import POSITIVE, InputError, check_ranges
+from ..framework import Ending, Rule, Trace
 from .hand import Hand, HandCommand, HandObservation, HandTask, Place, run_hand
 
 

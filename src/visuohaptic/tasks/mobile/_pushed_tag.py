@@ -8,12 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ...core.measurement import Event, ForceProfile
-from ...core.objects import HapticTag, PrimitiveKind
-from ...core.robots import BaseState
-from ...sensing.push.primitives import PrimitiveFit, fit_contact
+from ...core import BaseState, Event, ForceProfile, HapticTag, PrimitiveKind
+from ...sensing import PrimitiveFit, fit_contact, tag_from_push
 from ...sensing.push.push_record import StopReason, record_push
-from ...sensing.push.tag import tag_from_push
 
 
 class PushRecording:

@@ -10,17 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.frame import Frame
-from ...core.clock_watch import ClockWatch
-from ...core.measurement import Event, EventKind, ForceProfile, Reason
-from ...core.objects import HapticTag
+from ...core import ClockWatch, Event, EventKind, ForceProfile, Frame, HapticTag, Reason
 from ...core.robots import BaseState, FrameSource, MobileBase, require_members
+from ...sensing import ContactEvents, PrimitiveFit, StopReason
 from ...sensing.foam.sensor import FoamSensor
-from ...sensing.push.events import ContactEvents
-from ...sensing.push.primitives import PrimitiveFit
-from ...sensing.push.push_record import StopReason
-from ..framework.run import run_machine
-from ..framework.trace import Ending, Trace
+from ..framework import Ending, Trace, run_machine
 from ._pushed_tag import PushRecording
 from .explore_records import (
     ExploreObservation,

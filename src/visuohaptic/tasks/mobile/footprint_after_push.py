@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...core.geometry import compose_2d, relative_2d
-from ...core.objects import Primitive, PrimitiveKind
+from ...core import Primitive, PrimitiveKind, compose_2d, relative_2d
 from .explore import ObstacleExploration
 from .floor_outline import FloorOutline
 

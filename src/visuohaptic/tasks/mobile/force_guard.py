@@ -9,8 +9,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from ...core.measurement import ForceProfile
-from ...core.ranges import POSITIVE, check_numbers
+from ...core import POSITIVE, ForceProfile, check_numbers
 from ...sensing.push.push_record import reaches_limit
 from ..framework.supervisor import CHECK_RATE_HZ, SafetyLimits
 from .explore_records import ExploreSettings

@@ -18,9 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 from jaxtyping import UInt8
 
-from ...core.errors import DeviceError, InputError
-from ...core.ranges import POSITIVE, check_numbers, within
-from ...core.resources import Closing
+from ...core import POSITIVE, Closing, DeviceError, InputError, check_numbers, within
 from ...core.robots import BaseState, Gripper, GripperState
 from ...io.frames.camera_backend import CameraBackend, time_s
 from .repeater import RepeatedBase, Repeater

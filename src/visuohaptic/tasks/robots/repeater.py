@@ -9,10 +9,8 @@ from abc import abstractmethod
 from collections.abc import Callable
 from typing import Any
 
+from ...core import FINITE, Closing, MobileBase, above, check_numbers
 from ...core.errors import DeviceError, InputError, VisuohapticError
-from ...core.ranges import FINITE, above, check_numbers
-from ...core.resources import Closing
-from ...core.robots import MobileBase
 
 _log = logging.getLogger(__name__)
 

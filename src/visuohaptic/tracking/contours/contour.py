@@ -13,8 +13,7 @@ from itertools import chain
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from ...core.errors import InputError
-from ...core.ranges import NON_NEGATIVE, POSITIVE, Ranged, at_least, finite_array, within
+from ...core import NON_NEGATIVE, POSITIVE, InputError, Ranged, at_least, finite_array, within
 from . import _fit_kernels as columns
 from ._classify_kernels import classify_points
 from ._refine_kernels import SHARED, refine, start_on_edge

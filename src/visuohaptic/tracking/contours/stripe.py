@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from ...core.errors import CalibrationError, InputError, MissingExtraError
-from ...core.files import atomic_path, read_npz
+from ...core import CalibrationError, InputError, MissingExtraError, atomic_path, read_npz
 from .lines import ConstraintLines
 
 #: Cells of the table per colour channel, and their width in grey levels.

@@ -7,9 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ....core.measurement import Contact, Reason
-from ....core.objects import Primitive, PrimitiveKind
-from ....core.robots import BaseState
+from ....core import BaseState, Contact, Primitive, PrimitiveKind, Reason
 from ....navigation.mapping.haptic_map import HapticContact, HapticMap
 from ....sensing.push.push_record import StopReason
 from ..explore import ObstacleExploration

@@ -19,8 +19,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from ....core.geometry import rotation_2d
-from ....core.objects import PrimitiveKind
+from ....core import PrimitiveKind, rotation_2d
 from ....navigation.mapping.haptic_map import HapticContact
 
 #: Minimum width of a contact that measures a direction [m].

@@ -15,9 +15,7 @@ from typing import TYPE_CHECKING
 
 from ....core.robots import BaseState, FrameSource, MobileBase, require_members
 from ....navigation.mapping.haptic_map import HapticContact, HapticMap
-from ...framework.machine import Machine, Rule
-from ...framework.run import run_machine
-from ...framework.trace import Ending, Trace
+from ...framework import Ending, Machine, Rule, Trace, run_machine
 from ..explore import ObstacleExploration, explore_obstacle
 from ..explore_records import ExploreOutcome, ExploreSettings
 from ..force_guard import FoamLimit, ForceGuard, GuardState

@@ -12,10 +12,8 @@ from dataclasses import dataclass
 
 from ....core.robots import MobileBase, require_members
 from ....navigation.planning.policies import make_plan
-from ....navigation.problem.path_plan import Plan
-from ....navigation.problem.planning_problem import PlanningProblem
-from ...framework.run import run_machine
-from ...framework.trace import Trace
+from ....navigation.problem import Plan, PlanningProblem
+from ...framework import Trace, run_machine
 from .travel_task import TravelTask
 from .travel_types import (
     PERIOD_S,

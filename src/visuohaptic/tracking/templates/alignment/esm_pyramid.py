@@ -32,7 +32,6 @@ class EsmSettings:
 
 #: Maximum pixel size of the template's chain in image pixels, if a finer chain exists.
 _COARSER = 1.0
-#: All ten unknowns: eight of the homography, gain and bias.
 #: Samples to B-spline coefficients: sqrt(3) z^|k|, z = sqrt(3) - 2, cut where it is below 1e-3.
 _PREFILTER = np.sqrt(3.0) * (np.sqrt(3.0) - 2.0) ** np.abs(np.arange(-6, 7))
 _PREFILTER /= _PREFILTER.sum()
