@@ -127,7 +127,9 @@ def test_sides_share_the_force():
 @pytest.mark.parametrize(
     "kind", [k for k in KINDS if k not in {"300,000 triangles, grooves", "oval bottle with a cap"}]
 )
-def test_meshes_are_the_bodies_whose_stiffness_is_stated(kind):
+def test_meshes_are_the_bodies_whose_stiffness_is_stated(kind, monkeypatch):
+    # Nine harmonics instead of 24: how exact the stiffness of an oval wall is, is tested above.
+    monkeypatch.setattr(Oval.__init__, "__defaults__", (9, True))
     case = mesh_case(kind, 2)
     mesh = trimesh.Trimesh(case.vertices_m, case.faces)
     # What is asked for is on the surface: within half a wall, a facet's height and the noise. Facets of 6 mm on a

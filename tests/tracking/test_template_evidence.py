@@ -103,15 +103,19 @@ def test_a_template_that_folds_to_a_strip_is_not_kept() -> None:
     assert not row["valid"] or row["worst_px"] <= templates_evidence.WRONG_PX
 
 
-def test_images_that_are_tilted_by_more_than_45_degrees_are_found() -> None:
+#: Those of the even seeds below 100 that are tilted by more than 45 degrees.
+STEEP = (12, 16, 26, 34, 38, 42, 44, 46, 50, 52, 56, 66, 76, 84, 86, 96, 98)
+
+
+def test_images_that_are_tilted_by_more_than_45_degrees_are_found(drawn) -> None:
     """Of 17 views, covered and unevenly lit, 13; by features of the image as it is 8. Two views fewer are another CPU's."""
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]) * (views.SIDE - 1)
     found = []
-    for seen in map(views.view, range(0, 100, 2)):
-        if seen.tilt_rad > np.deg2rad(45):
-            template = Template.from_image("picture", seen.template, width_m=0.1)
-            detection = detect_templates((template,), seen.image).get("picture")
-            off = np.inf if detection is None else views.mapped(detection.homography, square) - seen.corners
-            found.append(float(np.abs(off).max()) < 12.0)
-    assert len(found) == 17
+    for seed in STEEP:
+        seen = drawn[seed // 2] if seed < 50 else views.view(seed)
+        assert seen.tilt_rad > np.deg2rad(45)
+        template = Template.from_image("picture", seen.template, width_m=0.1)
+        detection = detect_templates((template,), seen.image).get("picture")
+        off = np.inf if detection is None else views.mapped(detection.homography, square) - seen.corners
+        found.append(float(np.abs(off).max()) < 12.0)
     assert sum(found) >= 11

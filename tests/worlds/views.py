@@ -121,11 +121,11 @@ def view(seed: int) -> View:
 
 def _cover(corners: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Mask of the occluder, at fine pixels; 0 to 40 % of the template."""
-    cover = np.zeros((SAMPLES * SIZE[1], SAMPLES * SIZE[0]), np.float32)
+    cover = np.zeros((SAMPLES * SIZE[1], SAMPLES * SIZE[0]), np.uint8)
     target = rng.uniform(0, 0.4)
     inside = np.zeros_like(cover)
-    cv2.fillConvexPoly(inside, np.rint(SAMPLES * corners).astype(np.int32), 1.0)
-    total = inside.sum()
+    cv2.fillConvexPoly(inside, np.rint(SAMPLES * corners).astype(np.int32), 1)
+    total = np.float32(cv2.countNonZero(inside))
     side = np.sqrt(total)
     for _ in range(40):
         if rng.random() < 0.1 and target < 0.1:
@@ -135,14 +135,14 @@ def _cover(corners: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         if rng.random() < 0.5:
             axes = rng.uniform(0.05, 0.3, 2) * side
             box = (tuple(map(float, at)), tuple(map(float, 2 * axes)), float(rng.uniform(0, 180)))
-            cv2.ellipse(trial, box, 1.0, -1)
+            cv2.ellipse(trial, box, 1, -1)
         else:  # a finger or a hand from the border of the image
             end = at + 3 * side * np.array([np.cos(a := rng.uniform(-np.pi, np.pi)), np.sin(a)])
             ends = (tuple(np.rint(p).astype(int).tolist()) for p in (at, end))
-            cv2.line(trial, *ends, 1.0, int(rng.uniform(0.05, 0.35) * side) + 1)
-        if (trial * inside).sum() <= target * total:
+            cv2.line(trial, *ends, 1, int(rng.uniform(0.05, 0.35) * side) + 1)
+        if cv2.countNonZero(cv2.bitwise_and(trial, inside)) <= target * total:
             cover = trial
-    return cover
+    return cover.astype(np.float32)
 
 
 def _illumination(corners: np.ndarray, rng: np.random.Generator) -> np.ndarray:
