@@ -37,7 +37,14 @@ def execute(planner: Planner, world: World, cell_m: float) -> Row:
         reply = planner.ask({"do": "plan", "problem": described(now, cell_m)})
         tasks = reply.get("plan", {}).get("tasks", ())
         pushes = sum(task["kind"] == "push" for task in tasks)
-        plans.append({"answer": answer_of(reply), "cpu_s": reply.get("cpu_s"), "pushes": pushes})
+        plans.append(
+            {
+                "answer": answer_of(reply),
+                "cpu_s": reply.get("cpu_s"),
+                "first_s": reply.get("first_s"),
+                "pushes": pushes,
+            }
+        )
         if "message" in reply:
             plans[-1]["message"] = reply["message"]
         if plans[-1]["answer"] != "plan":
@@ -110,7 +117,11 @@ def rooms_table(rows: Rows) -> list[Row]:
     """Fraction reached of the scenes that are solvable; time of the first plans."""
     solvable = [row for row in rows.values() if row["reached"] or row["solvable"]]
     first = [row["plans"][0] for row in solvable]
-    times = [1e3 * (plan["cpu_s"] if plan["answer"] == "plan" else np.inf) for plan in first]
+    planned = [plan for plan in first if plan["answer"] == "plan"]
+    times = [1e3 * plan.get("first_s", plan["cpu_s"]) for plan in planned] + [np.inf] * (
+        len(first) - len(planned)
+    )
+    answers = [1e3 * plan["cpu_s"] for plan in planned]
     soon = [t for t in times if t <= 2000]
     reached = sum(row["reached"] for row in solvable)
     others = [row["plans"][0] for row in rows.values() if not (row["reached"] or row["solvable"])]
@@ -134,7 +145,13 @@ def rooms_table(rows: Rows) -> list[Row]:
             "note": f"of the solvable; {said} of {len(rows) - len(solvable)} others proved in 2 s",
         },
         {"name": "rooms: first plan, median", "ours": quantile(times, 0.5), "unit": "ms", "aim": 100},
-        {"name": "rooms: first plan, p99", "ours": quantile(times, 0.99), "unit": "ms", "aim": 1000},
+        {
+            "name": "rooms: first plan, p99",
+            "ours": quantile(times, 0.99),
+            "unit": "ms",
+            "aim": 1000,
+            "note": f"better ones until {quantile(answers, 0.99):.0f} ms",
+        },
     ]
 
 

@@ -124,8 +124,13 @@ def test_a_proof_leaves_a_plan_that_exists():
 def test_the_bound_is_none_above_the_best_plan():
     problem = two_doors()
     soon = make_plan(problem, limits=SearchLimits(budget_s=60.0, gap=1.0))
-    best = make_plan(problem, limits=SearchLimits(budget_s=60.0, gap=0.0))
+    told = []
+    best = make_plan(problem, limits=SearchLimits(budget_s=60.0, gap=0.0, found=told.append))
     assert best.answer == "optimal"
+    # The first plan is told while better ones are searched: it can be driven, too.
+    (first,) = told
+    assert faults(problem, first) == []
+    assert best.cost_s <= first.cost_s * (1 + 1e-9)
     assert best.cost_s <= soon.cost_s * (1 + 1e-9)
     # Costs of drives are estimated on the lattice and shortened on the map: some per cent.
     assert soon.cost_s / (1.0 + soon.gap) <= 1.05 * best.cost_s

@@ -170,6 +170,8 @@ def draw(cells: np.ndarray, outline_m: np.ndarray, resolution_m: float) -> None:
     high = np.ceil(outline_m.max(axis=0) / resolution_m).astype(int)
     rows = np.arange(low[1], min(high[1], cells.shape[0]))
     columns = np.arange(low[0], min(high[0], cells.shape[1]))
+    if not (len(rows) and len(columns)):
+        return  # beside the map
     x, y = np.meshgrid((columns + 0.5) * resolution_m, (rows + 0.5) * resolution_m)
     inside = shapely.contains_xy(shapely.Polygon(outline_m), x, y)
     part = cells[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]

@@ -63,21 +63,27 @@ def plan_in_domain(
     costs, limits = costs or PushCosts(), limits or SearchLimits()
     load_kernels()
     deadline = Deadline.after(limits.budget_s)
-    limits = replace(limits, budget_s=SEARCH_FRACTION * limits.budget_s)
+    said, told = report_costs or costs, limits.found
     start = grid_from_world(problem.map, problem.start_m)
     goal = grid_from_world(problem.map, problem.goal_m)
     begin = escape(domain, start) if not problem.robot.footprint_m else start
     if begin is None:
         return Plan(False, reason=_stuck(domain, start), proved=True, name=name)
+
+    def tell(first: SearchResult) -> None:
+        plan = assemble(problem, domain, first, said, name=name, begin=begin, deadline=deadline)
+        if told is not None and plan.reachable:
+            told(plan)
+
+    limits = replace(limits, budget_s=SEARCH_FRACTION * limits.budget_s, found=tell if told else None)
     result = search_pushes(domain, begin, goal, costs, limits, active=active, oblique=oblique)
-    said = report_costs or costs
     plan = assemble(problem, domain, result, said, name=name, begin=begin, deadline=deadline)
     if plan.reachable or not (problem.robot.footprint_m and result.found) or deadline.passed:
         return plan
     # The circle in the footprint fits where the footprint does not: now with room between objects for the one around it.
     room = (problem.robot.reach_m - problem.robot.radius_m) / problem.map.resolution_m
     wide = replace(domain, bodies=tuple(replace(body, room=room) for body in domain.bodies))
-    limits = replace(limits, budget_s=max(deadline.left_s, 1e-9))
+    limits = replace(limits, budget_s=max(deadline.left_s, 1e-9), found=None)
     found = search_pushes(wide, begin, goal, costs, limits, active=active, oblique=oblique)
     found = replace(found, bound=result.bound)
     other = assemble(problem, wide, found, said, name=name, begin=begin, deadline=deadline)

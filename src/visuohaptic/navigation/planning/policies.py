@@ -42,7 +42,7 @@ def make_plan(
     problem
         Map, objects, robot, start and goal.
     costs, limits
-        Cost parameters that the dissertation leaves open; limits of the search.
+        Cost parameters that the dissertation leaves open; limits of the search, and who is told its first plan.
 
     Examples
     --------
@@ -75,6 +75,7 @@ def _cheapest(
     deadline = Deadline.after(limits.budget_s)
     unknown = any(body.allowed.unknown for body in domain.bodies)
     first = replace(limits, budget_s=limits.budget_s * (KNOWN_FRACTION if unknown else 1.0))
+    limits = replace(limits, found=None)  # the others are searches for parts of plans
     safe_plan = _planned(problem, domain, costs, first, unknown=False)
     for index, body in enumerate(domain.bodies):
         id = body.obj.id
@@ -150,7 +151,7 @@ def alternatives(
     Plans by name.
     """
     problem.robot.check_disc("alternatives are planned")
-    costs, limits = costs or PushCosts(), limits or SearchLimits()
+    costs, limits = costs or PushCosts(), replace(limits or SearchLimits(), found=None)
     domain = build_search_domain(problem, costs)
     cautious = replace(costs, risk_s=RELIABLE_RISK_S)
     reliable = _planned(problem, domain, cautious, limits, unknown=True, report_costs=costs)
@@ -266,7 +267,7 @@ def via_exploration(
         Limits of the search.
     """
     problem.robot.check_disc("explorations in passing are planned")
-    costs = costs or PushCosts()
+    costs, limits = costs or PushCosts(), replace(limits or SearchLimits(), found=None)
     domain = build_search_domain(problem, costs)
     index = next((k for k, body in enumerate(domain.bodies) if body.obj.id == obj.id), None)
     refused = Plan(False, reason=f"{obj.id} cannot be touched from where the robot gets")

@@ -193,6 +193,8 @@ class _Search:
             if not plan.found:
                 late = self._late()
                 return replace(late, exhausted=bool(reason), reason=reason or late.reason)
+        if self.limits.found is not None:
+            self.limits.found(plan)
         plan = self._improved(heuristic, plan, worth)
         steps, cost = refine_lengths(heuristic, self.start, plan, self._until(1.0))
         plan = replace(plan, steps=steps, cost=cost)

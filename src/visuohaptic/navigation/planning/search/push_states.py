@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int32
@@ -76,6 +78,8 @@ class SearchLimits:
     memory_bytes: int = field(default=500_000_000, metadata=POSITIVE)  #: for expanded configurations
     expansions: int = field(default=100_000, metadata=POSITIVE)  #: maximum number of expanded configurations
     pushes: int = field(default=12, metadata=NON_NEGATIVE)  #: maximum number in one plan
+    #: called with the first plan while better ones are searched; the search waits for it
+    found: Callable[[Any], None] | None = None
 
     def __post_init__(self) -> None:
         check_ranges(self)
