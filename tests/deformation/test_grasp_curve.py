@@ -76,7 +76,8 @@ def test_the_curve_starts_with_the_linear_stiffness() -> None:
     mesh = container.mesh
     wall = ShellMesh(mesh.vertices_m, mesh.faces, 1.5 * np.asarray(mesh.thickness_m), mesh.fraction)
     thicker = replace(container, mesh=wall, material=container.material.stiffer(2))
-    found = PinchPlane(container, np.pi / 2).with_wall(thicker).linear(vertex)
+    part = PinchPlane(container, np.pi / 2).part.with_wall(thicker, np.pi / 2)
+    found = PinchPlane(thicker, np.pi / 2, part=part).linear(vertex)
     np.testing.assert_allclose(found, PinchPlane(thicker, np.pi / 2).linear(vertex), rtol=1e-9)
 
 

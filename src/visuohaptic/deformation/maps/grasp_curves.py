@@ -119,16 +119,6 @@ class PinchPlane:
         away = container.mesh.vertices_m[vertex, :2] - np.array(container.axis_point_m)
         return cls(container, float(np.arctan2(away[1], away[0])), symmetric=symmetric)
 
-    def with_wall(self, container: ShellObject) -> PinchPlane:
-        """This plane of a container that differs in thickness, in the same proportion everywhere, or material.
-
-        Parameters
-        ----------
-        container
-            The other container.
-        """
-        return PinchPlane(container, self.angle_rad, part=self.part.with_wall(container, self.angle_rad))
-
     @cached_property
     def _guard(self) -> SelfContactGuard:
         return SelfContactGuard(self.part.whole)

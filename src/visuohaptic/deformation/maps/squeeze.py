@@ -122,7 +122,10 @@ def squeeze(
     )
 
     def initial(body: ShellObject) -> np.ndarray:
-        of_body = plane if body is container else plane.with_wall(body)
+        of_body = plane
+        if body is not container:
+            part = plane.part.with_wall(body, plane.angle_rad)
+            of_body = PinchPlane(body, plane.angle_rad, part=part)
         return 1.0 / of_body.linear(vertex, contents).mean(keepdims=True)
 
     stiffness, sigma = (float(value[0]) for value in stiffness_band(container, initial, contents))
