@@ -13,17 +13,14 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from ..core.camera.model import Camera
-from ..core.camera.pose import Pose
+from ..core import Camera, Pose
 from ..deformation.maps.features import HEIGHTS
 from ..deformation.shapes.container import Base, ContainerDescription, WallSection, load_container
 from ..deformation.shells.fourier_shell import RevolutionShell
-from ..recognition.data.data_set import FeatureSet, load_feature_set
-from ..recognition.touch.haptic_model import UNKNOWN
+from ..recognition import UNKNOWN, FeatureSet, load_feature_set
 from ..recognition.touch.outline_match import container_outline
-from ..simulation.tabletop.bottles import Bottle, random_bottle
+from ..simulation.tabletop import PET, Band, Bottle, Box, RefractingScene, Revolution, random_bottle
 from ..simulation.tabletop.deformable import GRAIN_FILL, WATER_FILL, BulkFill, DeformableContainer
-from ..simulation.tabletop.refraction import PET, Band, Box, RefractingScene, Revolution
 
 #: Class of the bottle on the table, to be recognised by the robot.
 CLASS = "bottle"

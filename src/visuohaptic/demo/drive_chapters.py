@@ -11,21 +11,15 @@ from jaxtyping import Float
 from ..core.geometry import compose_2d, relative_2d
 from ..navigation.mapping.mapper import OccupancyMapper
 from ..navigation.planning.policies import make_plan, without_pushing
-from ..navigation.problem.path_plan import Plan
-from ..navigation.problem.planning_problem import MovableObject, PlanningProblem
+from ..navigation.problem import MovableObject, Plan, PlanningProblem
 from ..report.floor_chart import MapObject
 from ..rigs.virtual_office import ROBOT
 from ..simulation.faults import FaultKind
-from ..simulation.floor.floor_model import FloorObject
-from ..simulation.floor.floor_senses import FloorSenses
-from ..simulation.floor.floor_world import FloorWorld
-from ..simulation.mobile.laser import SimulatedLaser
-from ..simulation.mobile.odometry import DriftingBase
+from ..simulation.floor import FloorObject, FloorSenses, FloorWorld
+from ..simulation.mobile import DriftingBase, SimulatedLaser
 from ..tasks.framework.supervised_parts import Supervisor
 from ..tasks.memory import MOVED_M
-from ..tasks.mobile.travel.navigate import Travel, travel
-from ..tasks.mobile.travel.travel_memory import map_with_footprints
-from ..tasks.mobile.travel.travel_types import TravelSettings
+from ..tasks.mobile.travel import Travel, TravelSettings, map_with_footprints, travel
 from .floor_chapters import MIN_FIT, SEEN_SIGMA_M, fit_fraction, map_picture, outline_m, world_map
 from .judge import Claim
 from .push_demo import show_obstacle

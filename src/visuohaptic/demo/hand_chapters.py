@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core.camera.frame import Frame
-from ..core.objects import Estimate
+from ..core import Estimate, Frame
 from ..deformation.maps.features import HEIGHTS
 from ..deformation.shapes.container import load_container
 from ..recognition.touch.belief import with_outline
@@ -19,8 +18,8 @@ from ..recognition.touch.haptic_model import UNKNOWN, HapticModel, ModelSettings
 from ..recognition.touch.outline_match import nearest_variant
 from ..sensing.beam.tracked import TrackedBeam
 from ..sensing.foam.sensor import FoamSensor
-from ..tasks.framework.supervised_parts import Supervisor
-from ..tasks.framework.supervisor import SafetyLimits
+from ..tasks import Hand, LiftPlan, Place, RememberedContainer, SqueezeSettings, grasp_and_lift
+from ..tasks.framework import SafetyLimits, Supervisor
 from ..tasks.manipulation.bayes_squeeze import BayesSqueezer, correct_by_squeezes
 from ..tasks.manipulation.classify import (
     Classification,
@@ -30,10 +29,6 @@ from ..tasks.manipulation.classify import (
 )
 from ..tasks.manipulation.contents_task import LIFT_M_S, ContentsFinding, identify_contents
 from ..tasks.manipulation.foam_finger import FoamFingerOnDrive
-from ..tasks.manipulation.grasp import LiftPlan, grasp_and_lift
-from ..tasks.manipulation.hand import Hand, Place
-from ..tasks.manipulation.squeeze_task import SqueezeSettings
-from ..tasks.memory import RememberedContainer
 from .bottle import GROUPS, PLACE, TableBottle, container_of_outline, training_objects
 from .judge import Claim
 from .probe_chapters import HEIGHT_SIGMA_M
@@ -46,8 +41,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ..grasping.grasp_task import Grasp
-    from ..grasping.planner import GraspPlan
+    from ..grasping import Grasp, GraspPlan
 
 
 #: At a single location an unusual bottle can be as stiff and as wide as another class. Of objects of no class two in a hundred may
@@ -291,11 +285,8 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
 
 def _planned(known: Known) -> tuple[GraspPlan, float]:
     """Grasps on the class's model, with heights scaled to the bottle's."""
-    from ..deformation.maps.confidence_band import object_map
-    from ..deformation.nonlinear.contents import Contents
-    from ..deformation.shapes.mesher import mesh_container
-    from ..grasping.force import GripperModel, Load, object_load
-    from ..grasping.grasp_task import GraspTask
+    from ..deformation import Contents, mesh_container, object_map
+    from ..grasping import GraspTask, GripperModel, Load, object_load
     from ..grasping.planner import plan_grasps
 
     model = mesh_container(known.class_model, around=32)

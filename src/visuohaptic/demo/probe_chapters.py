@@ -16,10 +16,8 @@ from ..core.camera.frame import Frame
 from ..io.depth.depth_sequence import DepthFrame
 from ..recognition.touch.haptic_model import UNKNOWN
 from ..reconstruction.completion.outline import SLICE_M, axial_part, measured_outline, standing_object
-from ..sensing.beam.mechanics import compliance
-from ..sensing.beam.tracked import TrackedBeam
-from ..tasks.framework.path_clearance import Capsule, KnownObstacles
-from ..tasks.framework.supervised_parts import Supervisor
+from ..sensing.beam import TrackedBeam, compliance
+from ..tasks.framework import Capsule, KnownObstacles, Supervisor
 from ..tasks.manipulation.complete import CompleteSettings, CompletionByTouch, complete_by_touch
 from ..tasks.memory import TOUCHED_M, RememberedContainer, recognise_container
 from .bottle import PLACE
@@ -30,8 +28,7 @@ from .served import known_loads, place_bottle, rest_count, robot_at_table, view_
 from .story import Mission
 
 if TYPE_CHECKING:
-    from ..reconstruction.completion.surface_completion import Completion
-    from ..reconstruction.completion.touch import Touch
+    from ..reconstruction.completion import Completion, Touch
     from ..reconstruction.pipeline import Reconstruction
 
 #: Region of interest on the table [m], and its voxels.

@@ -13,34 +13,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import UInt8
 
-from ..core.camera.plane import PlaneView
-from ..core.errors import InputError
-from ..core.measurement import EventKind, ForceProfile
-from ..core.objects import HapticTag
-from ..core.robots import FrameSource
-from ..io.maps.occupancy_map import OccupancyMap
-from ..io.sinks.mcap_out import MeasurementWriter
-from ..io.sinks.tables import TableWriter
+from ..core import EventKind, ForceProfile, FrameSource, HapticTag, InputError, PlaneView
+from ..io import MeasurementWriter, OccupancyMap, TableWriter
 from ..rigs.virtual_sensor import VirtualSensor
-from ..sensing.scene.ego_motion import EgoMotionSettings
-from ..sensing.scene.scene_record import write_scene
-from ..sensing.scene.scene_regions import SceneSettings
-from ..sensing.scene.scene_tracker import SceneTracker
-from ..simulation.mobile.obstacles import SimulatedObstacle
+from ..sensing import EgoMotionSettings, SceneTracker
+from ..sensing.scene import SceneSettings, write_scene
+from ..simulation.mobile import FoamPushWorld, PlatformConfig, SimulatedObstacle, SimulatedSensorCamera
 from ..simulation.mobile.office import ApproachPath, obstacles_for_map
-from ..simulation.mobile.platform import PlatformConfig
-from ..simulation.mobile.push_world import FoamPushWorld
-from ..simulation.mobile.sensor_camera import SimulatedSensorCamera
 from ..simulation.rendering.appearance import Look
+from ..tasks import ExploreSettings, ExploreStep, ObstacleExploration, explore_obstacle
 from ..tasks.framework.supervised_parts import Supervisor
-from ..tasks.mobile.explore import ExploreStep, ObstacleExploration, explore_obstacle
-from ..tasks.mobile.explore_records import ExploreSettings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..sensing.foam.sensor import FoamSensor
-    from ..sensing.foam.strip.optics import ObservedStrip
+    from ..sensing.foam import FoamSensor, ObservedStrip
     from ..viewer.page import LivePage
 
 

@@ -16,11 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core.camera.pose import Pose
-from ..core.codec import from_dict
-from ..core.errors import InputError
-from ..core.files import decode_image, write_text
-from ..core.measurement import ForceProfile
+from ..core import ForceProfile, InputError, Pose, decode_image, from_dict, write_text
 
 if TYPE_CHECKING:
     from ..viewer.page import LivePage

@@ -19,18 +19,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from ..core.camera.frame import Frame
-from ..core.camera.model import Camera
-from ..core.camera.pose import Pose
-from ..core.errors import DeviceError
+from ..core import Camera, DeviceError, Frame, Pose
 from ..io.remote.client import start_robot
 from ..rigs.virtual_beam import VirtualProbe, probe_beam, weighing_frames, wrist_beam
 from ..rigs.virtual_gripper import STRIP, TRACKING, VirtualHand, finger_sensor
 from ..simulation.faults import FaultKind
-from ..simulation.tabletop.arm import SimulatedArm
-from ..simulation.tabletop.depth_camera import DepthCamera
-from ..simulation.tabletop.glass_scenes import disturb_pose
-from ..simulation.tabletop.refraction import RefractingScene
+from ..simulation.tabletop import DepthCamera, RefractingScene, SimulatedArm, disturb_pose
 from .bottle import TableBottle, other_table_container, random_table_bottle, table_bottle, table_views
 
 if TYPE_CHECKING:

@@ -11,10 +11,8 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from ..._version import __version__
-from ...core.errors import InputError
-from ...core.files import load_yaml_model
-from ..shapes.container import ContainerDescription, class_names, load_container
-from ..shapes.variants import draw_variant
+from ...core import InputError, load_yaml_model
+from ..shapes import ContainerDescription, class_names, draw_variant, load_container
 from .features import HEIGHTS
 
 #: Format version; incremented when the meaning of the results changes, so that older results are recomputed.

@@ -19,8 +19,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from ...core.errors import InputError
 from ..nonlinear.contents import Contents
-from ..shapes.mesher import ShellObject
-from ..shapes.symmetry_reduction import detect_symmetry
+from ..shapes import ShellObject, detect_symmetry
 from .features import (
     HEIGHTS,
     HELD,

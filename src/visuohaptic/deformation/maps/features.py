@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from ...core.errors import InputError
-from ...core.ranges import finite_array
+from ...core import InputError, finite_array
 from ..nonlinear.contents import Contents, closed_compliance, enclosed_gradient, tip_approach
 from ..shapes.mesher import ShellObject
 from ..shells.shell import ShellModel

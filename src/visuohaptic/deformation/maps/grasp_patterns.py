@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
+from ...core import NON_NEGATIVE, InputError, check_numbers
 from ...core.geometry import area_vectors
-from ...core.ranges import NON_NEGATIVE, check_numbers
 from ..shells.shell import ShellModel
 from ..shells.stiffness_map import DualTips, tip_loads
 

@@ -10,9 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from ...core.errors import InputError
-from ...core.files import atomic_path, read_npz
-from ...core.objects import StiffnessMap
+from ...core import InputError, StiffnessMap, atomic_path, read_npz
 
 _ARRAYS = ("vertices_m", "faces", "stiffness_N_per_m", "stiffness_sigma_N_per_m")
 #: From soft to stiff: viridis, which is perceptually uniform.

@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...core.errors import InputError
-from ...core.resources import one_blas_thread
+from ...core import InputError, one_blas_thread
 from . import _front_kernels as kernels
 from .ordering import FrontTree
 

@@ -13,9 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.objects import Material
-from ...core.ranges import POSITIVE, check_numbers, finite_array
+from ...core import POSITIVE, InputError, Material, check_numbers, finite_array
 from .shell_material import IsotropicMaterial
 
 

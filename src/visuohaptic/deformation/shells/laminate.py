@@ -11,8 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.ranges import FINITE, POSITIVE, check_ranges
+from ...core import FINITE, POSITIVE, InputError, check_ranges
 
 #: A face with a smaller inclination has no direction along the height [rad]: single-precision coordinates of 0.3 m on
 #: triangles of 1 mm cause inclinations up to 5e-5.

@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from ...core.errors import InputError
-from ...core.objects import Estimate, Material
-from ...core.ranges import POSITIVE, check_numbers
+from ...core import POSITIVE, Estimate, InputError, Material, check_numbers
 
 
 @dataclass(frozen=True, slots=True)

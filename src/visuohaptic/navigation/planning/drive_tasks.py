@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from ..problem.passages import Passage, PassageKind
-from ..problem.path_plan import Task
+from ..problem import Passage, PassageKind, Task
 from .search.search_domain import SearchDomain, world_from_grid
 
 if TYPE_CHECKING:

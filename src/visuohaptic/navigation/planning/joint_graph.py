@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, Int32
 
 from ...core.errors import InputError
-from ..graph.navigation_graph import NavigationGraph
-from ..graph.regions import Regions
+from ..graph import NavigationGraph, Regions
 from ..problem.planning_problem import RobotModel
 
 

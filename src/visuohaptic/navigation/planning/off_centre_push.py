@@ -16,11 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.geometry import rotation_2d
-from ..problem.path_plan import Plan, Task
-from ..problem.planning_problem import PlanningProblem
-from ..problem.push_costs import PushCosts, failure_probability
+from ...core import InputError, rotation_2d
+from ..problem import Plan, PlanningProblem, PushCosts, Task, failure_probability
 from ..pushing.push_failure import sampled_pushes
 from .off_centre_rollouts import (
     BACK_OFF_M,

@@ -9,10 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.geometry import wrap_angle
-from ...core.ranges import POSITIVE
-from ...core.robots import BaseState
+from ...core import POSITIVE, BaseState, InputError, wrap_angle
 from ..grid.cost_grid import SpeedLimits
 
 

@@ -18,8 +18,7 @@ from .object_cells import fill_cells
 from .search.bodies import grid_from_world
 
 if TYPE_CHECKING:
-    from .search.bodies import Body
-    from .search.search_domain import SearchDomain
+    from .search import Body, SearchDomain
 
 
 def place_costs(

@@ -7,9 +7,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
-from ...core.geometry import rotation_2d
-from ...core.objects import HapticTag
+from ...core import HapticTag, InputError, rotation_2d
 from ...io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ..grid.cost_grid import OBSTACLE_FROM
 from ..problem.planning_problem import MovableObject, PlanningProblem

@@ -9,9 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.geometry import rotation_2d
-from ..problem.path_plan import Plan, Task
-from ..problem.planning_problem import PlanningProblem
-from ..problem.push_costs import PushCosts
+from ..problem import Plan, PlanningProblem, PushCosts, Task
 from ..pushing.push_model import PushModel
 from ..pushing.quasi_static import remaining_m
 from .drive_tasks import drive_tasks

@@ -15,10 +15,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, Float32
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
+from ...core import Camera, Pose, one_blas_thread
 from ...core.geometry import hat, so3_exp, so3_log
-from ...core.resources import one_blas_thread
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from .view_geometry import ideal_depth, intrinsics, view_graph

@@ -29,8 +29,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from ...core.camera.pose import Pose
-from ...core.errors import InputError
+from ...core import InputError, Pose
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.volume import SpaceGrid
 from .view_geometry import back_motions, intrinsics

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Float32
 
-from ...core.camera.model import Camera
-from ...core.camera.pose import Pose
+from ...core import Camera, Pose
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion._fusion_view import pinhole_images
 

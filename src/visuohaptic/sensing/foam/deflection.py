@@ -13,8 +13,7 @@ from ...tracking.contours.contour import SHARED_NOISE
 from .edges import MeasuredEdges
 from .posterior import DECAY_PER_WIDTH, REST_PX, EdgeStates
 from .profile import FoamContour
-from .strip.geometry import StripGeometry
-from .strip.optics import ObservedStrip
+from .strip import ObservedStrip, StripGeometry
 
 #: Frame-to-frame scatter of a point at a kink, and of an interpolated point, relative to its systematic error, from rendered
 #: plates of 1 to 10 mm depth. The remaining error is the same in all frames.

@@ -18,8 +18,7 @@ from jaxtyping import Bool, Float, Num
 
 from ...core.kernels import kernel
 from ...tracking.contours.contour import PIXEL_PX
-from .strip.optics import ObservedStrip
-from .strip.zero import ZeroReference
+from .strip import ObservedStrip, ZeroReference
 
 #: Fraction a of the step that is due to a shadow within the blur: the ratio of squared shift to excess squared blur is 0.05
 #: to 0.19 over 1,300 positions of shadows of 10 to 60 %.

@@ -12,13 +12,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from ...core.camera.frame import Frame
-from ...core.errors import CalibrationError, InputError
-from ...core.measurement import ForceProfile, Reason
+from ...core import CalibrationError, ForceProfile, Frame, InputError, Reason
 from .sensor import FoamSensor
-from .strip.config import FoamSensorConfig, FoamSetup
-from .strip.finger_optics import FingerOptics, FingerPosition
-from .strip.zero import ZeroReference
+from .strip import FingerOptics, FingerPosition, FoamSensorConfig, FoamSetup, ZeroReference
 
 #: Largest motion of a finger at standstill during zeroing [m].
 _STILL_M = 2e-4

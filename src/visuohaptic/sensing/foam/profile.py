@@ -20,9 +20,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...core.errors import InputError
-from ...core.measurement import ErrorBudget, Reason
-from ...core.ranges import NON_NEGATIVE, check_ranges
+from ...core import NON_NEGATIVE, ErrorBudget, InputError, Reason, check_ranges
 from .material.boundary import BOUNDARIES, SHEARED_SIGMA, Boundary, contour_force
 from .material.foam_material import FoamMaterial
 from .material.hysteresis import RELEASE_STRAIN, HysteresisState

@@ -12,20 +12,15 @@ from typing import Self
 
 import numpy as np
 
-from ...core.camera.frame import Frame
-from ...core.camera.model import Camera
-from ...core.camera.plane import PlaneView
-from ...core.errors import CalibrationError, InputError
+from ...core import CalibrationError, Camera, Frame, InputError, PlaneView
 from ...core.measurement import Contact, ErrorBudget, ForceProfile, Reason
 from .deflection import Deflection, measure_deflection
 from .edges import edge_uncertainty_m, measure_edges
 from .material.hysteresis import HysteresisState
 from .posterior import EdgePosterior
 from .profile import ContactRegion, FoamReading, read_profile
-from .strip.config import FoamSensorConfig, FoamSetup
+from .strip import FoamSensorConfig, FoamSetup, ObservedStrip, StripeView, StripOptics
 from .strip.encoding import ENCODINGS, EdgeSkew, edge_skew, encoding_probability
-from .strip.optics import ObservedStrip, StripOptics
-from .strip.stripe_view import StripeView
 from .strip.zero import ZeroReference, ZeroWatch, check_width
 from .validity import Validity, check_known
 

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import CalibrationError
-from ...core.measurement import Reason
+from ...core import CalibrationError, Reason
 from ...tracking.contours.contour import PointReason
 from ._chain_kernels import OCCLUDER
 from .deflection import Deflection, fill_gaps
@@ -17,9 +16,7 @@ from .material.foam_material import FoamMaterial
 from .material.hysteresis import RELEASE_STRAIN
 from .posterior import FALSE_ALARM
 from .profile import NEGLIGIBLE_PART, FoamReading
-from .strip.config import FoamSetup
-from .strip.optics import ObservedStrip
-from .strip.zero import ZeroReference
+from .strip import FoamSetup, ObservedStrip, ZeroReference
 
 #: Force error of a frame that is negligible beside its standard deviations [N].
 NEGLIGIBLE_N = 0.05

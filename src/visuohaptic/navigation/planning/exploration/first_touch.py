@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from ...problem.path_plan import Task
-from ...problem.planning_problem import RobotModel
-from ...problem.push_costs import PushCosts, failure_probability
+from ...problem import PushCosts, RobotModel, Task, failure_probability
 from ...pushing.contact_candidates import PushContact
 from ..search.bodies import Body
 from ..search.drives import pull_string

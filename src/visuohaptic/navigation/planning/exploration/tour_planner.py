@@ -12,15 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from ....core.objects import HapticTag
-from ....core.ranges import POSITIVE, check_numbers
-from ...graph.navigation_graph import build_graph
-from ...graph.regions import assign_regions
+from ....core import POSITIVE, HapticTag, check_numbers
+from ...graph import assign_regions, build_graph
 from ...grid.cost_grid import SpeedLimits, grid_layers
+from ...problem import MovableObject, Plan, PlanningProblem, PushCosts, Task
 from ...problem.node_types import ManipulationNode, nodes_of
-from ...problem.path_plan import Plan, Task
-from ...problem.planning_problem import MovableObject, PlanningProblem
-from ...problem.push_costs import PushCosts
 from ..drive_tasks import drive_tasks
 from ..joint_builder import extend_graph
 from ..search.domain_builder import build_search_domain

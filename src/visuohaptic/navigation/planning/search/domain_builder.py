@@ -6,8 +6,7 @@ import numpy as np
 
 from ....core.geometry import rotation_2d
 from ...grid.cost_grid import OBSTACLE_FROM, cell_distance
-from ...problem.passages import Passage, PassageKind, is_door_wing
-from ...problem.planning_problem import MovableObject, PlanningProblem
+from ...problem import MovableObject, Passage, PassageKind, PlanningProblem, is_door_wing
 from ...problem.push_costs import Manipulability, PushCosts, manipulability
 from ..object_cells import clear_cells
 from ..place_costs import place_costs

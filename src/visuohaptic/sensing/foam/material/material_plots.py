@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ....core.errors import MissingExtraError
-from ....core.files import atomic_path
+from ....core import MissingExtraError, atomic_path
 from .section import Section, section_material, sensitivity
 
 if TYPE_CHECKING:

@@ -18,8 +18,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from ....core.errors import InputError
-from ....core.kernels import kernel
+from ....core import InputError, kernel
 
 CurveKind = Literal["spline", "cubic"]
 

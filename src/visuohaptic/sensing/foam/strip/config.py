@@ -8,10 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, FiniteFloat, model_validator
 
-from ....core.camera.model import Camera
-from ....core.camera.pose import Pose
-from ....core.errors import InputError
-from ....core.files import load_yaml_model
+from ....core import Camera, InputError, Pose, load_yaml_model
 from ...config_fields import PoseSection, Positive, Section, Vector3
 from ..material.foam_material import FoamMaterial
 from .geometry import StripGeometry

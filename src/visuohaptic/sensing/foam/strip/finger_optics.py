@@ -8,9 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from ....core.camera.frame import Frame
-from ....core.camera.plane import PlaneView
-from ....core.camera.pose import Pose
+from ....core import Frame, PlaneView, Pose
 from ....tracking.contours.contour import Contour
 from ._reference import ImageMotion
 from .config import FoamSetup

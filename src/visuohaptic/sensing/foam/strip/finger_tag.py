@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ....core.camera.model import Camera
-from ....core.camera.pose import Pose
+from ....core import Camera, Pose
 
 #: Standard deviation of a corner after sub-pixel refinement [px].
 _CORNER_PX = 0.1

@@ -8,9 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from ....core.camera.frame import Frame
-from ....core.camera.plane import PlaneView
-from ....core.errors import InputError
+from ....core import Frame, InputError, PlaneView
 from ....tracking.contours.contour import Contour, ContourSettings, ContourTracker, PointReason, quick_median
 from ....tracking.contours.lines import ConstraintLines
 from ._rectify_kernels import rectify

@@ -7,12 +7,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, UInt8
 
-from ....core.camera.frame import Frame
-from ....core.camera.plane import PlaneView
-from ....core.errors import InputError
-from ....tracking.contours.contour import Contour, ContourSettings, ContourTracker, PointReason
-from ....tracking.contours.lines import ConstraintLines
-from ....tracking.contours.stripe import StripeModel
+from ....core import Frame, InputError, PlaneView
+from ....tracking import ConstraintLines, Contour, ContourSettings, ContourTracker, PointReason, StripeModel
 from .config import FoamSetup
 
 #: Pixels next to the edges of the stripe, with mixed colours: not used for training.

@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from pydantic import Field, FiniteFloat
 
-from ....core.errors import CalibrationError, InputError
-from ....core.files import decode_image, load_yaml_model, save_yaml
+from ....core import CalibrationError, InputError, decode_image, load_yaml_model, save_yaml
 from ...config_fields import Section
 from .encoding import UNKNOWN_ENCODING
 
