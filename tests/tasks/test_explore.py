@@ -480,9 +480,10 @@ def test_three_rendered_pushes(tmp_path) -> None:
     """A slice of benchmarks/foam_tags.py: box, cylinder, table leg; a heavy box and a wall feel alike, see above."""
     pytest.importorskip("mujoco")
     from visuohaptic.rigs import VirtualSensor
+    from visuohaptic.simulation.foam import SensorRig
     from visuohaptic.simulation.mobile import FoamPushWorld, SimulatedSensorCamera, box, cylinder, table
 
-    virtual = VirtualSensor()
+    virtual = VirtualSensor(rig=SensorRig().half_size())
     sensor = virtual.build(tmp_path, np.random.default_rng(0), zero_frames=10)
     settings = ExploreSettings(approach_m_s=0.04, push_m_s=0.03, push_m=0.02, halt_s=0.3, back_off_m=0.005)
     front = 0.193  # 3 mm before the foam at rest
