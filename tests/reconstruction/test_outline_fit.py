@@ -11,7 +11,7 @@ import pytest
 from visuohaptic.core.camera import Camera
 from visuohaptic.io.depth import DepthFrame
 from visuohaptic.reconstruction.fusion import DepthNoise, SpaceGrid
-from visuohaptic.reconstruction.transparency import body_pairs, evidence
+from visuohaptic.reconstruction.transparency import _outline_kernels, body_pairs, evidence
 from visuohaptic.reconstruction.transparency._outline_kernels import outline_sums
 from visuohaptic.reconstruction.transparency.body_pairs import disjoint_bodies, fit_pair, without_body
 from visuohaptic.reconstruction.transparency.evidence import EvidenceDetector
@@ -23,7 +23,16 @@ from visuohaptic.reconstruction.transparency.outline_fit import (
     fit_bodies,
 )
 from visuohaptic.reconstruction.transparency.outline_rings import outline_rings
-from visuohaptic.reconstruction.transparency.ray_readings import DROPPED, SAME, RayImage
+from visuohaptic.reconstruction.transparency.ray_readings import (
+    CONTEXTS,
+    DROPPED,
+    FAR,
+    KINDS,
+    NEAR,
+    SAME,
+    RayImage,
+    passing_evidence,
+)
 
 #: x, y of the axis, radius and height of the body, which stands at z = 0.05 [m].
 AXIS_M, RADIUS_M, LOW_M, HIGH_M = np.array([0.02, -0.03]), 0.035, 0.05, 0.17
@@ -108,6 +117,24 @@ def test_from_one_side_the_distance_is_known_less_well_than_the_bearing():
     assert body is not None
     along, across = body.axis_sigma_m
     assert along > 2.5 * across
+
+
+def test_a_search_is_repeated_on_both_sides_in_turns_until_it_gains_nothing(monkeypatch):
+    """A simplex collapses on a ridge: here after 10 mm, so that only one from the other side goes on."""
+    sides = []
+
+    def step(simplex, *_):
+        sides.append(int(np.sign(simplex[1, 0] - simplex[0, 0])))
+        simplex[0] -= 0.01 if simplex[0, 0] > 0.025 and sides[-2:] != [sides[-1]] * 2 else 0.0
+
+    monkeypatch.setattr(_outline_kernels, "search_outline", step)
+    monkeypatch.setattr(_Outlines, "cost", lambda self, body, *_: 100.0 * body[0])
+    outlines, start, rest = object.__new__(_Outlines), np.full(6, 0.05), (0.0, np.zeros(3))
+    outlines._told = ()
+    assert outlines.search(start, *rest) == pytest.approx(np.full(6, 0.04))
+    assert sides == [1]
+    assert outlines.search(start, *rest, side=-1) == pytest.approx(np.full(6, 0.02))
+    assert sides == [1, -1, 1, -1, 1]
 
 
 @pytest.mark.parametrize(
@@ -390,7 +417,7 @@ def test_a_second_body_by_the_rays_that_miss_the_first_is_a_region_of_its_own():
 
 @pytest.mark.parametrize("opaque", [False, True])
 def test_a_place_is_tested_with_the_rates_of_the_rays_beside_it(opaque):
-    """A vessel in a tenth of what eight views know raises the rates that it is compared with; what hides the background is none."""
+    """A vessel in a tenth of what eight views know raises the rates that it is compared with; an opaque body lets nothing pass."""
     rng, (rows, columns) = np.random.default_rng(5), np.mgrid[0:120, 0:160]
     known = np.hypot(columns - 80, rows - 60) < 34
     frames, images = [], []
@@ -401,11 +428,10 @@ def test_a_place_is_tested_with_the_rates_of_the_rays_beside_it(opaque):
         glass = hit(eye, rays.reshape(120, 160, 3) @ pose.rotation.T)
         dropped = rng.random(glass.shape) < np.where(glass, 0.5, 0.02)
         limit_m = np.where(known, np.float32(2.0), np.float32(0.0))
-        reading = np.where(known, np.where(dropped, DROPPED, SAME), 0).astype(np.uint8)
-        # What remains of the readings lies on an opaque body, which is 0.6 to 0.8 m away, or behind a clear one.
-        middle_m = float(pose.inverse().apply(np.array([[*AXIS_M, 0.14]]))[0, 2])
-        depth_m = np.where(glass & opaque, np.float32(middle_m), np.float32(2.0))
-        frames.append(DepthFrame(0.0, np.where(dropped, np.float32(np.nan), depth_m), None, pose, CAMERA))
+        # What remains of the readings lies behind a clear body, or on an opaque one.
+        read = np.where(dropped, DROPPED, np.where(glass & opaque, NEAR, SAME))
+        reading = np.where(known, read, 0).astype(np.uint8)
+        frames.append(DepthFrame(0.0, np.full(glass.shape, np.float32(2.0)), None, pose, CAMERA))
         images.append(
             RayImage(reading, reading.astype(np.uint16), 2.0 * known.astype(np.float32), limit_m, known)
         )
@@ -414,14 +440,38 @@ def test_a_place_is_tested_with_the_rates_of_the_rays_beside_it(opaque):
     detector._images = images
     detector._rays = replace(detector._rays, frames=frames, weights=np.ones(8, np.float32), limit_m=limit_m)
     detector._sum(limit_m > 0, first=True)
-    assert not detector._take()
-    before = detector.evidence.max()
-    assert detector._take_held_out(limit_m) is not opaque
-    assert [np.hypot(*(region.body.axis_m - AXIS_M)) < 0.01 for region in detector.regions()] == [True] * (
-        not opaque
-    )
+    peak = tuple(int(k) for k in np.unravel_index(detector.evidence.argmax(), detector.grid.shape))
     if opaque:
-        assert detector.evidence.max() == pytest.approx(before)
+        # What remains of the readings of a black body is on it, so that no rates of other rays make it glass.
+        assert not detector._take(peak)
+        return
+    assert not detector._take()
+    assert detector._take_held_out(limit_m)
+    assert [np.hypot(*(region.body.axis_m - AXIS_M)) < 0.01 for region in detector.regions()] == [True]
+
+
+@pytest.mark.parametrize(
+    ("passing", "wrong", "glass"), [(0.25, 0.01, True), (0.25, 0.2, False), (0.0, 0.01, False)]
+)
+def test_an_opaque_body_reads_what_is_behind_it_no_more_often_than_misreadings(passing, wrong, glass):
+    """Log-ratio of binomial probabilities, the rate of the one uniform: against an integral in steps."""
+    rng, weights = np.random.default_rng(2), np.array([0.5, 1.0])
+    codes = [
+        np.where(rng.random(60) < passing, rng.choice([SAME, FAR], 60), DROPPED).astype(np.uint16)
+        for _ in weights
+    ]
+    tables = np.zeros((4, 5 * CONTEXTS), np.float32)
+    tables[:, FAR] = np.log(KINDS[:, 1] / wrong)
+    found = passing_evidence(codes, weights, tables)
+    behind, none = (
+        sum(w * (few == (c == DROPPED)).sum() for w, c in zip(weights, codes, strict=True))
+        for few in (False, True)
+    )
+    rate = (np.arange(20000) + 0.5) / 20000
+    clear = np.mean(np.exp(behind * np.log(rate / wrong) + none * np.log((1 - rate) / (1 - wrong))))
+    assert found == pytest.approx(np.log(clear), abs=1e-3)
+    assert (found > 9.6) is glass
+    assert passing_evidence([code[:0] for code in codes], weights, tables) == pytest.approx(0.0)
 
 
 def bottle_views(rng: np.random.Generator, shift_m: float) -> list[OutlineView]:

@@ -63,7 +63,7 @@ from .ray_readings import (
     surface_ratios,
     window_ratios,
 )
-from .regions import TransparentRegion, body_voxels, region_of, shows_behind
+from .regions import TransparentRegion, body_voxels, region_of, seen_behind
 from .search_report import SearchReport, next_eye
 from .view_geometry import ray_stride, thinned, view_graph
 
@@ -258,6 +258,7 @@ class EvidenceDetector:
         if only:
             labels = (labels == labels[only]).astype(labels.dtype) * (labels[only] > 0)
         boxes = ndimage.find_objects(labels)
+        told = self._rays, self._images, self._tables, self.noise, self._stride, self.grid.voxel_m
         held, best = labels > 0, np.full(len(boxes), -np.inf)
         np.maximum.at(best, labels[held] - 1, self.evidence[held])
         while best.max(initial=-np.inf) >= self._even:
@@ -269,8 +270,8 @@ class EvidenceDetector:
             # The remaining evidence of a part: accepted parts may have reduced it.
             if peak >= best[number] - 1e-3:
                 part, bodies = self._part(left, evidence, box)
-                # Without their own rates, dark objects look like glass: readings tell whether these hide what is behind.
-                if bodies and (only is None or shows_behind(self._rays.frames, bodies[0])):
+                # Without their own rates, dark objects look like glass.
+                if bodies and (only is None or seen_behind(bodies[0], *told) >= self.threshold):
                     part = self._accept(part, bodies, box)
                 labels[box][part] = 0
                 peak = evidence[left & ~part].max(initial=-np.inf)

@@ -135,25 +135,26 @@ class _Outlines:
         return float(outline_cost(body, opening, bounds_m, *self._told, np.empty(len(self.weights))))
 
     def search(
-        self, start: Float[np.ndarray, "6"], opening: float, bounds_m: Float[np.ndarray, "3"]
+        self, best: Float[np.ndarray, "6"], opening: float, bounds_m: Float[np.ndarray, "3"], side: int = 0
     ) -> Float[np.ndarray, "6"]:
-        """The body of maximum likelihood, by local search from a start; see :meth:`cost`."""
+        """The body of maximum likelihood, by one local search, or until searches on both sides in turns, this one first, gain nothing.
+
+        Seen from one side, a farther, higher and wider body looks almost the same: on this ridge a simplex collapses.
+        """
         from ._outline_kernels import search_outline
 
-        simplex = np.vstack([start, start + _STEP_M * np.diag([1, 1, 0.5, 0.5, -1, -1])])
-        search_outline(simplex, _MAX_STEPS, _NEAR_M, _ALIKE, opening, bounds_m, *self._told)
-        best: Float[np.ndarray, "6"] = simplex[0]
+        once, side, gain, least = not side, side or 1, np.inf, self.cost(best, opening, bounds_m)
+        while gain > _ALIKE:
+            simplex = np.vstack([best, best + side * _STEP_M * np.diag([1, 1, 0.5, 0.5, -1, -1])])
+            search_outline(simplex, _MAX_STEPS, _NEAR_M, _ALIKE, opening, bounds_m, *self._told)
+            best, side, before = simplex[0], -side, least
+            gain = 0.0 if once else before - (least := self.cost(best, opening, bounds_m))
         return best
 
     def log_likelihood(self, body: Float[np.ndarray, "6"], opening: float) -> Float[np.ndarray, "views"]:
-        """Log-likelihood ratio of a body against no body, of each view [nat].
+        """Log-likelihood ratio of a body (x, y of the axis, both radii, both heights [m]) against no body, of each view [nat].
 
-        Parameters
-        ----------
-        body
-            x, y of the axis, lower and upper radius, lower and upper height [m].
-        opening
-            Fraction of the radius inside which there is no evidence.
+        ``opening`` is the fraction of the radius inside which there is no evidence.
         """
         from ._outline_kernels import outline_ratios
 
@@ -267,8 +268,7 @@ def fit_bodies(
         # Results nearer than half of the minimum radius belong to the same maximum.
         if any(kind == opening and np.hypot(*(best - end)[:2]) < 0.5 * _MIN_RADIUS_M for end, kind in ends):
             continue
-        # Restart with a new simplex: the first one may have collapsed before the maximum.
-        best = outlines.search(best, opening, bounds_m)
+        best = outlines.search(best, opening, bounds_m, side=-1)
         ends.append((best, opening))
         bodies += _bodies(outlines, best, opening, bounds_m, views[0].window_px)
     return sorted(bodies, key=lambda body: -body.evidence)
@@ -302,7 +302,7 @@ def fit_beside(
         See :func:`body_bounds_m`.
     """
     outlines = _Outlines(views, np.array([*start[:2], 0.5 * (start[4] + start[5])]))
-    best = outlines.search(start, _OPEN[0], bounds_m)
+    best = outlines.search(start, _OPEN[0], bounds_m, side=1)
     return _bodies(outlines, best, _OPEN[0], bounds_m, views[0].window_px)
 
 

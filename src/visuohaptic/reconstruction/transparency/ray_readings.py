@@ -332,3 +332,33 @@ def surface_ratios(
         image[chosen] = np.log(prior * (1 + views[at]) / (prior + sums[at, reading]))
         found.append(image)
     return found
+
+
+def passing_evidence(
+    codes: Sequence[UInt16[np.ndarray, "*n"]],
+    weights: Float[np.ndarray, "views"],
+    tables: Float32[np.ndarray, "kinds n"],
+) -> float:
+    """Log-likelihood ratio of a body behind which something is read, with a rate of which nothing is known, against an opaque one [nat].
+
+    A black body is read nowhere or on itself. A reading at the surface that other views see behind it, or farther, is wrong, and as
+    frequent as one beyond a surface of the same context.
+
+    Parameters
+    ----------
+    codes
+        Codes of the rays of each view that pass the body and end behind it.
+    weights
+        Weight of each view, in independent views.
+    tables
+        See :func:`reading_tables` [nat].
+    """
+    from scipy.special import betaln
+
+    wrong = (KINDS[0] * np.exp(-tables[0].reshape(CONTEXTS, 5)[:, 1:]))[:, FAR - SAME]
+    counts = [(len(code), np.count_nonzero(code % 5 <= FAR), wrong[code // 5].sum()) for code in codes]
+    number, behind, mistaken = weights @ np.array(counts, np.float64)
+    if number == 0:
+        return 0.0
+    rate, rest = mistaken / number, number - behind
+    return float(betaln(behind + 1, rest + 1) - behind * np.log(rate) - rest * np.log1p(-rate))

@@ -9,12 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Float32, Int
 
 from ...core.files import write_text
 from ...io.depth.depth_sequence import DepthFrame
+from ..fusion.depth_noise import DepthNoise
 from ..fusion.volume import SpaceGrid
 from .outline_fit import UprightBody
+from .ray_evidence import RayEvidence
+from .ray_readings import RayImage, passing_evidence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,44 +152,36 @@ def body_voxels(body: UprightBody, grid: SpaceGrid) -> Int[np.ndarray, "n 3"]:
     return cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)]
 
 
-def shows_behind(frames: Sequence[DepthFrame], body: UprightBody) -> bool:
-    """Whether more of the readings towards the upper half of a body lie behind it than in it.
-
-    What can be read through glass lies behind it, except for dirt and highlights; what can be read of an opaque object of
-    which readings are missing lies on it. The lower half is not used: below it, the surface on which it stands is in its outline.
+def seen_behind(
+    body: UprightBody,
+    rays: RayEvidence,
+    images: Sequence[RayImage],
+    tables: Float32[np.ndarray, "kinds n"],
+    noise: DepthNoise,
+    stride: int,
+    voxel_m: float,
+) -> float:
+    """Evidence that what is behind a body is read through it, of the rays farther inside its outline than half a matching window [nat].
 
     Parameters
     ----------
-    frames
-        Views of one camera.
     body
         The body.
+    rays, images, tables
+        Rays of all views, their readings, and the log-likelihood ratios of these; see :func:`.ray_readings.passing_evidence`.
+    noise, stride
+        Camera, in whose matching window readings count as one and, at the outline, are also of what is beside; its pixels per pixel of the views.
+    voxel_m
+        Spacing of the points of the body [m].
     """
-    import cv2
-
-    low_m, high_m = body.height_m
-    turn = np.linspace(0, 2 * np.pi, 24)
-    half = np.array([[0.5 * sum(body.radius_m), 0.5 * (low_m + high_m)], [body.radius_m[1], high_m]])
-    ring = [
-        body.axis_m[0] + np.outer(half[:, 0], np.cos(turn)),
-        body.axis_m[1] + np.outer(half[:, 0], np.sin(turn)),
-    ]
-    circles_m = np.stack([*ring, np.repeat(half[:, 1:], len(turn), axis=1)], axis=-1).reshape(-1, 3)
-    behind = inside = 0
-    for frame in frames:
-        local = frame.T_world_camera.inverse().apply(circles_m)
-        if local[:, 2].min() < 0.05:
-            continue
-        outline = np.zeros(frame.depth_m.shape, np.uint8)
-        pixels = cv2.convexHull(frame.camera.project(local).astype(np.float32))
-        cv2.fillConvexPoly(outline, np.rint(pixels).astype(np.int32), 1)
-        rows, columns = np.nonzero((outline > 0) & np.isfinite(frame.depth_m))
-        rays = frame.camera.rays(np.column_stack([columns, rows]).astype(np.float64))
-        depth_m = frame.depth_m[rows, columns].astype(np.float64)
-        held = body.contains(frame.T_world_camera.apply(rays * depth_m[:, None]))
-        inside += int(held.sum())
-        behind += int((~held & (depth_m > np.median(local[:, 2]))).sum())
-    return behind > inside
+    points_m, middle_m = body.points_m(voxel_m), np.array([[*body.axis_m, np.mean(body.height_m)]])
+    away_m = [float(frame.T_world_camera.inverse().apply(middle_m)[0, 2]) for frame in rays.frames]
+    window_px = noise.window_px(rays.frames[0].camera.focal_px, stride)
+    edge_m = 0.5 * window_px / rays.frames[0].camera.focal_px * float(np.median(away_m))
+    inner_m, codes = points_m[body.contains(points_m, -edge_m)], []
+    for k, (image, limit_m) in enumerate(zip(images, rays.limit_m, strict=True)):
+        codes.append(image.code[rays.passed(k, inner_m, 0.0) & (limit_m > away_m[k])])
+    return passing_evidence(codes, rays.weights / window_px**2, tables)
 
 
 def outer_voxels(inside: Bool[np.ndarray, "x y z"]) -> Int[np.ndarray, "n 3"]:
