@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from visuohaptic import deformation
 from visuohaptic.cli.main import main
+from visuohaptic.deformation.maps import GraspCurve, SqueezeResult
 
 TUBE = """\
 name: tube
@@ -204,3 +206,18 @@ def test_squeezes_that_cannot_be_are_one_line(
     error = capsys.readouterr().err
     assert said in error
     assert error.count("\n") == 1
+
+
+def test_a_curve_without_any_point_says_why(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reason = "the walls touch before a deformation of 0.2 m, at (0, 0, 0.1) m"
+    none, where = np.zeros(0), np.array([0.03, 0.0, 0.1])
+    curve = GraspCurve(*[none] * 7, where, -where, False, reason, copies=1, nodes=9, iterations=3)
+    found = SqueezeResult(curve, 4e3, 4e2, np.nan, 5e7, np.nan, np.nan, 0.0)
+    monkeypatch.setattr(deformation, "squeeze", lambda *_, **__: found)
+    assert main(["squeeze", "cup", "--around", "8", "--plot", str(tmp_path / "curve.png")]) == 0
+    said = capsys.readouterr().out
+    assert f"4000 N/m ± 10 % at rest\nno point of the curve was reached\nends early: {reason}" in said
+    assert "elastic" not in said
+    assert (tmp_path / "curve.png").stat().st_size > 1000

@@ -41,6 +41,8 @@ class SqueezeResult:
     def remarks(self) -> tuple[str, ...]:
         """Summary for display."""
         curve, found = self.curve, []
+        if not len(curve.force_N):
+            return ("no point of the curve was reached", f"ends early: {curve.reason}")
         if np.isfinite(self.linear_to_N):
             found.append(f"linear to {self.linear_to_N:.3g} N (within {100 * LINEAR_FRACTION:.0f} %)")
         else:

@@ -84,8 +84,8 @@ def _report(args: Any, result: dict[str, Any], remarks: tuple[str, ...]) -> None
     args.report(
         f"{result['name']} at ({x:.0f}, {y:.0f}, {z:.0f}) mm: {result['stiffness_N_per_m']:.0f} N/m ± {share:.0f} % at rest"
     )
-    # Three digits of the largest deformation: that of glass is below a micrometre.
-    digits = max(2, 2 - math.floor(math.log10(1e3 * max(result["deformation_m"]))))
+    # Three digits of the largest deformation: that of glass is below a micrometre. No point may have been reached.
+    digits = max(2, 2 - math.floor(math.log10(1e3 * max(result["deformation_m"], default=1.0))))
     for depth, force in zip(result["deformation_m"], result["force_N"], strict=True):
         args.report(f"{1e3 * depth:{digits + 4}.{digits}f} mm  {force:8.2f} N")
     for line in (*remarks, *(f"note: {note}" for note in result["notes"])):
