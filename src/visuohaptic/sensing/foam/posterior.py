@@ -182,10 +182,8 @@ class EdgePosterior:
         onset = np.where(deflected & ~grown, _ONSET, 1.0)
         moved = np.nan_to_num(delta - self.last_m)
         same = foam & self._foam & (np.abs(moved) < reach)
-        cleared = foam & ~self._foam
-        filter_runs(
-            runs, onset, moved, self._s, strip.pixel_m, same, cleared, own, stay, self._wrong, self._best
-        )
+        again = same, foam & ~self._foam, own, stay, self._wrong, self._best
+        filter_runs(runs, onset, moved, self._s, strip.pixel_m, *again)
         # A contact that is hidden is expected to be there afterwards.
         self._pressed = np.where(foam, deflected, self._pressed)
         # How an edge came to its place is known only where there was foam before.
