@@ -127,7 +127,7 @@ def test_the_bound_is_none_above_the_best_plan():
     told = []
     best = make_plan(problem, limits=SearchLimits(budget_s=60.0, gap=0.0, found=told.append))
     assert best.answer == "optimal"
-    # The first plan is told while better ones are searched: it can be driven, too.
+    # The first plan is given while better ones are searched: it can be driven, too.
     (first,) = told
     assert faults(problem, first) == []
     assert best.cost_s <= first.cost_s * (1 + 1e-9)

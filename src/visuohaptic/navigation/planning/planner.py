@@ -63,19 +63,19 @@ def plan_in_domain(
     costs, limits = costs or PushCosts(), limits or SearchLimits()
     load_kernels()
     deadline = Deadline.after(limits.budget_s)
-    said, told = report_costs or costs, limits.found
+    said, receive = report_costs or costs, limits.found
     start = grid_from_world(problem.map, problem.start_m)
     goal = grid_from_world(problem.map, problem.goal_m)
     begin = escape(domain, start) if not problem.robot.footprint_m else start
     if begin is None:
         return Plan(False, reason=_stuck(domain, start), proved=True, name=name)
 
-    def tell(first: SearchResult) -> None:
+    def report(first: SearchResult) -> None:
         plan = assemble(problem, domain, first, said, name=name, begin=begin, deadline=deadline)
-        if told is not None and plan.reachable:
-            told(plan)
+        if receive is not None and plan.reachable:
+            receive(plan)
 
-    limits = replace(limits, budget_s=SEARCH_FRACTION * limits.budget_s, found=tell if told else None)
+    limits = replace(limits, budget_s=SEARCH_FRACTION * limits.budget_s, found=report if receive else None)
     result = search_pushes(domain, begin, goal, costs, limits, active=active, oblique=oblique)
     plan = assemble(problem, domain, result, said, name=name, begin=begin, deadline=deadline)
     if plan.reachable or not (problem.robot.footprint_m and result.found) or deadline.passed:

@@ -42,7 +42,7 @@ def make_plan(
     problem
         Map, objects, robot, start and goal.
     costs, limits
-        Cost parameters that the dissertation leaves open; limits of the search, and who is told its first plan.
+        Cost parameters that the dissertation leaves open; limits of the search, which may receive its first plan.
 
     Examples
     --------
