@@ -81,8 +81,6 @@ def table(data: FeatureSet, groups: dict[str, Any] | None = None) -> list[dict[s
             }
         )
     five = data.of_classes(FIVE, GROUPS if groups is None else groups)
-    from visuohaptic.recognition.trees import train_tree
-
     rows.append(
         {
             "name": "training again with a pruning that is known",
