@@ -58,9 +58,8 @@ def recording(tmp_path_factory):
     folder = tmp_path_factory.mktemp("start")
     virtual, rng = VirtualSensor(law=LAW, rig=SensorRig().half_size()), np.random.default_rng(2)
     renderer = virtual.renderer()
-    rest = rest_scene(virtual.geometry)
-    images = [with_tag(renderer.render(rest, rng=rng), virtual) for _ in range(5)]
-    images += [renderer.render(rest, rng=rng) for _ in range(20)]
+    images = list(renderer.repeated(rest_scene(virtual.geometry), 25, rng=rng))
+    images[:5] = [with_tag(image, virtual) for image in images[:5]]
     known: dict[float, float] = {}
     for sample in presses(LOADS_M, PressShape.LARGE_PLATE, virtual.geometry):
         known[round(sample.depth_m, 6)] = sample.force_N

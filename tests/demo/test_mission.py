@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -26,6 +27,7 @@ from visuohaptic.demo import (
     complete_the_bottle,
     filled_container,
     probe_chapters,
+    push_demo,
     recognise_the_bottle,
     run_chapters,
     run_mission,
@@ -43,6 +45,7 @@ from visuohaptic.demo.served import place_bottle, robot_at_table
 from visuohaptic.recognition.touch import container_outline, wall_from_stiffness
 from visuohaptic.reconstruction import SurfaceMesh
 from visuohaptic.simulation import FaultKind
+from visuohaptic.simulation.foam import SensorRig
 from visuohaptic.simulation.mobile import cylinder
 from visuohaptic.simulation.tabletop import DeformableContainer
 from visuohaptic.tasks import FetchRequest
@@ -366,7 +369,10 @@ def test_the_beam_reads_known_loads(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_foam_tags_one_thing(tmp_path: Path) -> None:
+def test_the_foam_tags_one_thing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # A camera of half the resolution, as where figures are reproduced quickly.
+    smaller = partial(push_demo.VirtualSensor, rig=SensorRig().half_size())
+    monkeypatch.setattr(push_demo, "VirtualSensor", smaller)
     story = run_mission(tmp_path, part="foam", seed=1, quick=True)
     assert story.complete, story.summary()
     assert not story.wrong_claims
