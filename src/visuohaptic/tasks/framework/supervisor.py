@@ -11,7 +11,7 @@ The supervisor is independent of the tasks. It wraps the parts of a robot and it
   that raises the force further, because it came from elsewhere, is no retreat.
 - A reading is *fresh* if its own time is newer than before and its content is not a frozen copy. While a part
   moves, its own state and every sensor in use must be fresh; otherwise the part is held, and resumes when they are. A force
-  that cannot be read since a contact does not hold the retreat from it: pressed foam may be unreadable until then.
+  that cannot be read since a contact is waited for as long after the retreat from it begins: foam may be pressed until then.
 - Fingers may always open and every part may always stop, whatever is read, so that nothing stays clamped.
 - A clock that jumps, or a hold that lasts too long, is permanent: every later reading or command raises
   :class:`~visuohaptic.core.errors.DeviceError`, which ends a task with its text as the reason.
@@ -286,19 +286,17 @@ class SupervisorCore(Closing):
             return ""
         max_age_s = self.limits.max_age_s
         presses = self._presses(motion)
-        frees = presses is not None and motion.part.retreats(presses)
-        # Foam that is pressed until its image cannot be read is read again after a retreat only.
-        blind = frees and self._unread and self._force[1] >= EXCESS * self.limits.max_force_N
+        retreats = presses is not None and motion.part.retreats(presses)
+        frees = self._overload and retreats
+        # Foam that is pressed until its image cannot be read is read again once the retreat has begun.
+        blind = retreats and self._unread and self._force[1] >= EXCESS * self.limits.max_force_N
         for stream in self._streams.values():
             own, in_use = stream.name == motion.part.name, stream.read_s >= motion.since_s - max_age_s
-            if not own and (not in_use or stream.name in self._motions):
-                continue
-            if not own and frees and (self._overload or (blind and stream.name == FORCE)):
+            if not own and (frees or not in_use or stream.name in self._motions):
                 continue
             # A stream that was not read yet may be read soon; one that was read and is not fresh has failed.
-            from_s = (
-                max(stream.fresh_s, motion.since_s) if stream.read_s == stream.fresh_s else stream.fresh_s
-            )
+            soon = stream.read_s == stream.fresh_s or (blind and stream.name == FORCE)
+            from_s = max(stream.fresh_s, motion.since_s) if soon else stream.fresh_s
             if now_s - from_s >= max_age_s:
                 return f"{stream.name} has not been updated for {now_s - from_s:.2f} s"
         if motion.part.name not in self._streams and now_s - motion.since_s >= max_age_s:
