@@ -18,7 +18,7 @@ def _written(folder: Path, text: str) -> Path:
 
 @pytest.mark.parametrize(
     "text",
-    ["a,b\n1,2\n", "\ufeffa;b\r\n\r\n1; 2\r\n", '"a","b"\n"1","2"\n', " a , b \n \n1,2\n"],
+    ["a,b\n1,2\n", "a\tb\n1\t2\n", "\ufeffa;b\r\n\r\n1; 2\r\n", '"a","b"\n"1","2"\n', " a , b \n \n1,2\n"],
 )
 def test_separators_quotes_marks_and_empty_lines(tmp_path: Path, text: str) -> None:
     names, rows = read_csv(_written(tmp_path, text), ("a",))
@@ -43,6 +43,7 @@ def test_names_are_folded_and_comments_skipped_on_request(tmp_path: Path) -> Non
         ("b\n1\n", "header: found columns b; missing: a"),
         ("a,b\n1\n", "line 2: found 1 fields, expected 2"),
         ("a\nx\n", "line 2, a: found 'x', expected a number"),
+        ("a;b\n1,5;2\n", "line 2, a: found '1,5', expected a number with a decimal point"),
         ("a\ninf\n", "line 2, a: found 'inf', expected a finite number"),
         ("a\n\xff\n" * 2, "line 2, a: found"),
     ],

@@ -53,7 +53,8 @@ class CsvRow:
         try:
             value = float(text)
         except ValueError:
-            raise self.problem(f"found {text[:60]!r}, expected a number", name) from None
+            expected = "a number with a decimal point" if "," in text else "a number"
+            raise self.problem(f"found {text[:60]!r}, expected {expected}", name) from None
         if not math.isfinite(value):
             raise self.problem(f"found {text!r}, expected a finite number", name)
         return value
@@ -107,7 +108,7 @@ def read_csv(
     allow_empty: bool = False,
     error: type[InputError] = InputError,
 ) -> tuple[list[str], Iterator[CsvRow]]:
-    """Column names and rows of a CSV table in UTF-8, separated by commas or semicolons.
+    """Column names and rows of a CSV table in UTF-8, separated by commas, semicolons or tabs.
 
     Parameters
     ----------
@@ -139,7 +140,7 @@ def read_csv(
     path = Path(path)
     text = read_text(path, max_bytes, error=error)
     head = text.partition("\n")[0]
-    reader = csv.reader(_split(text), delimiter=";" if head.count(";") > head.count(",") else ",")
+    reader = csv.reader(_split(text), delimiter=max(",;\t", key=head.count))
 
     def lines() -> Iterator[list[str]]:
         try:
