@@ -31,6 +31,7 @@ from ...core.robots import (
 from ._sensor_rules import (
     MAX_RATIO,
     MIN_RATIO,
+    FRESH_s,
     HOLD_s,
     SPEED_m_s,
     TouchReader,
@@ -47,6 +48,9 @@ from ._sensor_rules import (
 LIFT_m, SQUEEZE_m = 0.02, 0.01
 #: Maximum motion of a stopped part [m], [rad], and tolerance of a reached position [m].
 STILL_m, STILL_rad, REACHED_m = 0.002, 0.01, 0.002
+#: Maximum distance of the reported point from the centre of a turn on the spot [m], and tolerance of a reported speed
+#: against the reported path, both of which tasks use as they are.
+BESIDE_m, MISMATCH = 0.04, 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,6 +223,16 @@ def _holds(
     return rule("it holds after stop()", drift_m < max_drift_m, f"{1e3 * drift_m:.3g} mm in half a second")
 
 
+def _next_state(base: MobileBase, wait: Callable[[float], None]) -> BaseState:
+    """The first state measured from now on; the newest one if none arrives in time."""
+    before = base.state()
+    for _ in range(10):
+        wait(0.1 * FRESH_s)
+        if (state := base.state()).t_s > before.t_s:
+            return state
+    return before
+
+
 def _base_rules(base: MobileBase, wait: Callable[[float], None], motion: bool) -> Iterator[tuple[str, str]]:
     start = base.state()
     yield rule("state() is a BaseState", isinstance(start, BaseState), type(start).__name__)
@@ -236,6 +250,9 @@ def _base_rules(base: MobileBase, wait: Callable[[float], None], motion: bool) -
         angle = wrap_angle(angle)
     turns = "a positive turn rate turns counter-clockwise, in radians, until the next command"
     yield _between(turns, angle, TURN_rad_s * HOLD_s, "rad")
+    beside_m = math.hypot(turned.x_m - still.x_m, turned.y_m - still.y_m) / abs(2.0 * math.sin(0.5 * angle))
+    found = f"it turned about a point {beside_m:.2g} m from the one reported"
+    yield rule("x_m and y_m are those of the point about which it turns", beside_m < BESIDE_m, found)
     base.stop()
     wait(1.0)
     aligned = base.state()
@@ -250,7 +267,15 @@ def _base_rules(base: MobileBase, wait: Callable[[float], None], motion: bool) -
     found = f"a way along ({way[0]:.3g}, {way[1]:.3g}) m at a heading of {aligned.heading_rad:.3g} rad"
     yield rule("it drives where its heading points", way @ heading > 0.9 * np.hypot(*way), found)
     yield _between("speed_m_s is what it drives", half.speed_m_s, SPEED_m_s, "m/s")
+    path_m = math.hypot(driven.x_m - half.x_m, driven.y_m - half.y_m)
+    expected_m = 0.5 * (half.speed_m_s + driven.speed_m_s) * (driven.t_s - half.t_s)
+    found = f"{path_m:.4g} m driven where its speed gives {expected_m:.4g} m"
+    yield rule("its speed and its path agree", abs(path_m - expected_m) < MISMATCH * expected_m, found)
     base.stop()
+    wait(FRESH_s)
+    stopping = _next_state(base, wait)
+    found = f"{stopping.speed_m_s:.3g} m/s {FRESH_s} s after stop()"
+    yield rule("a command acts in time", stopping.speed_m_s < (1.0 - MISMATCH) * driven.speed_m_s, found)
     wait(1.0)
     rest = base.state()
     wait(0.5)
