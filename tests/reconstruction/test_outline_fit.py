@@ -31,6 +31,7 @@ from visuohaptic.reconstruction.transparency.ray_readings import (
     NEAR,
     SAME,
     RayImage,
+    agreement_evidence,
     passing_evidence,
 )
 
@@ -415,9 +416,12 @@ def test_a_second_body_by_the_rays_that_miss_the_first_is_a_region_of_its_own():
         assert np.hypot(*(region.centroid_m[:2] - region.body.axis_m)) < grid.voxel_m
 
 
-@pytest.mark.parametrize("opaque", [False, True])
-def test_a_place_is_tested_with_the_rates_of_the_rays_beside_it(opaque):
-    """A vessel in a tenth of what eight views know raises the rates that it is compared with; an opaque body lets nothing pass."""
+@pytest.mark.parametrize("body", ["clear", "black", "mirror"])
+def test_a_place_is_tested_with_the_rates_of_the_rays_beside_it(body):
+    """A vessel in a tenth of what eight views know raises the rates that it is compared with; an opaque body lets nothing pass.
+
+    Half of what is read in a mirror agrees with no other view.
+    """
     rng, (rows, columns) = np.random.default_rng(5), np.mgrid[0:120, 0:160]
     known = np.hypot(columns - 80, rows - 60) < 34
     frames, images = [], []
@@ -429,8 +433,9 @@ def test_a_place_is_tested_with_the_rates_of_the_rays_beside_it(opaque):
         dropped = rng.random(glass.shape) < np.where(glass, 0.5, 0.02)
         limit_m = np.where(known, np.float32(2.0), np.float32(0.0))
         # What remains of the readings lies behind a clear body, or on an opaque one.
-        read = np.where(dropped, DROPPED, np.where(glass & opaque, NEAR, SAME))
-        reading = np.where(known, read, 0).astype(np.uint8)
+        read = np.where(dropped, DROPPED, np.where(glass & (body == "black"), NEAR, SAME))
+        alone = glass & (body == "mirror") & (rng.random(glass.shape) < 0.5)
+        reading = np.where(known & ~alone, read, 0).astype(np.uint8)
         frames.append(DepthFrame(0.0, np.full(glass.shape, np.float32(2.0)), None, pose, CAMERA))
         images.append(
             RayImage(reading, reading.astype(np.uint16), 2.0 * known.astype(np.float32), limit_m, known)
@@ -441,7 +446,10 @@ def test_a_place_is_tested_with_the_rates_of_the_rays_beside_it(opaque):
     detector._rays = replace(detector._rays, frames=frames, weights=np.ones(8, np.float32), limit_m=limit_m)
     detector._sum(limit_m > 0, first=True)
     peak = tuple(int(k) for k in np.unravel_index(detector.evidence.argmax(), detector.grid.shape))
-    if opaque:
+    if body == "mirror":
+        assert not detector._take_held_out(limit_m)
+        return
+    if body == "black":
         # What remains of the readings of a black body is on it, so that no rates of other rays make it glass.
         assert not detector._take(peak)
         return
@@ -472,6 +480,29 @@ def test_an_opaque_body_reads_what_is_behind_it_no_more_often_than_misreadings(p
     assert found == pytest.approx(np.log(clear), abs=1e-3)
     assert (found > 9.6) is glass
     assert passing_evidence([code[:0] for code in codes], weights, tables) == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(
+    ("inside", "beside", "alone"),
+    [
+        ((3.0, 27.0), (12.0, 88.0), False),
+        ((4.0, 26.0), (10.0, 90.0), False),
+        ((15.0, 15.0), (10.0, 90.0), True),
+    ],
+)
+def test_surfaces_behind_a_body_are_unknown_as_often_as_beside_it(inside, beside, alone):
+    """Ratio of the probabilities with one rate and with two, both uniform: against integrals in steps."""
+    rate = (np.arange(20000) + 0.5) / 20000
+
+    def mean(unknown, known):
+        return np.log(np.mean(np.exp(unknown * np.log(rate) + known * np.log(1 - rate))))
+
+    ratio = mean(*np.add(inside, beside)) - mean(*inside) - mean(*beside)
+    found = agreement_evidence(np.array([inside, beside]))
+    assert found == pytest.approx(
+        min(ratio, 0.0) if inside[0] / inside[1] > beside[0] / beside[1] else 0.0, abs=1e-3
+    )
+    assert (found < 0) is alone
 
 
 def bottle_views(rng: np.random.Generator, shift_m: float) -> list[OutlineView]:

@@ -19,12 +19,11 @@ of an arbitrary window, and bounded: no single view is decisive, and views count
 The sum over views is a log-likelihood ratio. The probability that it exceeds log(N / a) at any of N places without glass is
 at most a (Markov's inequality, Bonferroni), for any number of views: a is the false-alarm rate that the user specifies.
 
-A wide vessel that few views see has no single place with so much evidence. A place where glass is more probable than not is therefore
-tested as a whole: its likelihood ratio in a view is that of all windows inside the outline of a body, with the same bounds.
-
-A part has to exceed the threshold also with the rates that the surface behind it has of its own (:func:`.ray_readings.surface_ratios`). Its
-position and radii follow from the outlines (:mod:`.outline_fit`, :mod:`.outline_rings`). The extent of a part is the same sum with
-e = 0.85: this many rays still pass a round glass at 1.03 of its radius, 2/pi asin(1/1.03). Parts, by falling evidence, explain their rays.
+A wide vessel that few views see has no single place with so much evidence. A place where glass is more probable than not is therefore tested as
+a whole: its likelihood ratio in a view is that of all windows inside the outline of a body, with the same bounds. A part has to exceed the
+threshold also with the rates that the surface behind it has of its own (:func:`.ray_readings.surface_ratios`), and views have to agree on
+what is behind it (:func:`.regions.agreed_behind`). Its position follows from the outlines (:mod:`.outline_fit`, :mod:`.outline_rings`), its
+extent is the same sum with e = 0.85: this many rays still pass a round glass at 1.03 of its radius. Parts, strongest first, explain their rays.
 """
 
 from __future__ import annotations
@@ -63,7 +62,7 @@ from .ray_readings import (
     surface_ratios,
     window_ratios,
 )
-from .regions import TransparentRegion, body_voxels, region_of, seen_behind
+from .regions import TransparentRegion, agreed_behind, body_voxels, region_of, seen_behind
 from .search_report import SearchReport, next_eye
 from .view_geometry import ray_stride, thinned, view_graph
 
@@ -314,8 +313,10 @@ class EvidenceDetector:
         rays, body_m, size_m = self._rays, body.points_m(self.grid.voxel_m), 2 * self.settings.radius_m
         through = np.stack([rays.passed(k, body_m, self.grid.voxel_m) for k in range(self.used)])
         added = surface_ratios(rays.frames, self._images, through, rays.limit_m > 0, self._tables, size_m)
+        agreed = agreed_behind(body, rays, self._images, self.noise, self._stride, self.grid.voxel_m)
         views = self._outline_views(added)
-        return float(body_evidence(without_body(views, first.shape_m) if first else views, body).sum())
+        views = without_body(views, first.shape_m) if first else views
+        return float(body_evidence(views, body).sum()) + agreed
 
     @property
     def _min_voxels(self) -> float:

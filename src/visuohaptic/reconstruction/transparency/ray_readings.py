@@ -362,3 +362,22 @@ def passing_evidence(
         return 0.0
     rate, rest = mistaken / number, number - behind
     return float(betaln(behind + 1, rest + 1) - behind * np.log(rate) - rest * np.log1p(-rate))
+
+
+def agreement_evidence(counts: Float[np.ndarray, "2 2"]) -> float:
+    """Log-likelihood ratio of one rate of unknown surfaces inside and beside a body, against a higher rate inside; at most 0 [nat].
+
+    Rates have uniform priors. Where it would be positive, nothing is known of an opaque body on whose surface views agree.
+
+    Parameters
+    ----------
+    counts
+        Independent rays inside and beside (rows) at whose ends the surface is unknown and known (columns).
+    """
+    from scipy.special import betaln
+
+    inside, beside = counts
+    if inside[0] * beside[1] <= beside[0] * inside[1]:
+        return 0.0
+    one, two = betaln(*(inside + beside + 1)), betaln(*(inside + 1)) + betaln(*(beside + 1))
+    return min(float(one - two), 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from ..fusion.depth_noise import DepthNoise
 from ..fusion.volume import SpaceGrid
 from .outline_fit import UprightBody
 from .ray_evidence import RayEvidence
-from .ray_readings import RayImage, passing_evidence
+from .ray_readings import RayImage, agreement_evidence, passing_evidence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,14 +175,53 @@ def seen_behind(
     voxel_m
         Spacing of the points of the body [m].
     """
+    window_px, away_m, inner = _inner_rays(body, rays, noise, stride, voxel_m)
+    codes = [
+        image.code[inside & (limit_m > there_m)]
+        for image, inside, limit_m, there_m in zip(images, inner, rays.limit_m, away_m, strict=True)
+    ]
+    return passing_evidence(codes, rays.weights / window_px**2, tables)
+
+
+def agreed_behind(
+    body: UprightBody,
+    rays: RayEvidence,
+    images: Sequence[RayImage],
+    noise: DepthNoise,
+    stride: int,
+    voxel_m: float,
+) -> float:
+    """Evidence that views agree on what is behind a body as often as on what is beside it; at most 0 [nat].
+
+    Other views see past glass, whereas the readings at a mirror agree in no two views.
+
+    Parameters
+    ----------
+    body, rays, images, noise, stride, voxel_m
+        As of :func:`seen_behind`; the rays beside the outline are those in a ring of two windows, two windows from these.
+    """
+    import cv2
+
+    window_px, _, inner = _inner_rays(body, rays, noise, stride, voxel_m)
+    squares = [np.ones((4 * k * math.ceil(window_px) + 1,) * 2, np.uint8) for k in (1, 2)]
+    counts = np.zeros((2, 2))
+    for image, inside, weight in zip(images, inner, rays.weights / window_px**2, strict=True):
+        near, far = (cv2.dilate(inside.astype(np.uint8), square) > 0 for square in squares)
+        for row, chosen in zip(counts, (inside, far & ~near), strict=True):
+            row += weight * np.bincount(image.code[chosen] % 5 > 0, minlength=2)
+    return agreement_evidence(counts)
+
+
+def _inner_rays(
+    body: UprightBody, rays: RayEvidence, noise: DepthNoise, stride: int, voxel_m: float
+) -> tuple[float, list[float], list[Bool[np.ndarray, "h w"]]]:
+    """Matching window [px], depth of the middle of a body in each view [m], and the rays farther inside its outline than half a window."""
     points_m, middle_m = body.points_m(voxel_m), np.array([[*body.axis_m, np.mean(body.height_m)]])
     away_m = [float(frame.T_world_camera.inverse().apply(middle_m)[0, 2]) for frame in rays.frames]
-    window_px = noise.window_px(rays.frames[0].camera.focal_px, stride)
-    edge_m = 0.5 * window_px / rays.frames[0].camera.focal_px * float(np.median(away_m))
-    inner_m, codes = points_m[body.contains(points_m, -edge_m)], []
-    for k, (image, limit_m) in enumerate(zip(images, rays.limit_m, strict=True)):
-        codes.append(image.code[rays.passed(k, inner_m, 0.0) & (limit_m > away_m[k])])
-    return passing_evidence(codes, rays.weights / window_px**2, tables)
+    focal_px = rays.frames[0].camera.focal_px
+    window_px = noise.window_px(focal_px, stride)
+    inner_m = points_m[body.contains(points_m, -0.5 * window_px / focal_px * float(np.median(away_m)))]
+    return window_px, away_m, [rays.passed(k, inner_m, 0.0) for k in range(len(away_m))]
 
 
 def outer_voxels(inside: Bool[np.ndarray, "x y z"]) -> Int[np.ndarray, "n 3"]:
