@@ -62,7 +62,7 @@ def test_the_pinched_tube_softens_and_stiffens_as_other_codes_say():
         # mesh and straight lines between seven points.
         assert np.interp(millimetres / 1e3, depth, force) == pytest.approx(newton, rel=0.04)
     # A path ends at the load that is asked for, and says so when its iterations are used up.
-    ended = follow_displacement(shell, load, list(path.control_m), until_load=float(path.load[1]))
+    ended = follow_displacement(shell, load, list(path.control_m), until_load=0.999 * float(path.load[1]))
     assert ended.complete
     np.testing.assert_allclose(ended.load, path.load[:2], rtol=1e-9)
     few = follow_displacement(shell, load, list(path.control_m), max_iterations=path.points[0].iterations + 2)
