@@ -188,3 +188,9 @@ def test_a_wall_that_snaps_through_has_no_curvature(linear: float) -> None:
     found = fit_curve(d, np.where(d <= 0.003, 900.0, -900.0) * d)
     assert found.i_N_per_m > 0 > found.I_N_per_m
     assert np.isnan(found.curvature).all()
+
+
+@pytest.mark.parametrize(("d", "f"), [([], []), ([0.001, 0.002], [1.0]), ([0.001, np.nan], [1.0, 2.0])])
+def test_what_is_no_curve_is_refused_in_one_line(d: list[float], f: list[float]) -> None:
+    with pytest.raises(InputError, match="curve"):
+        check_curve(np.array(d), np.array(f))

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtri
 
-from ...core.errors import InputError
+from ...core import InputError, finite_array
 from .readings import TouchNoise
 
 #: False alarms of a curve: one in a thousand files of a hundred curves.
@@ -39,11 +39,12 @@ def check_curve(
     Raises
     ------
     InputError
-        The force stays zero over a travel that neither the noise nor the stiffness beyond it explains; or it differs between
+        Not two arrays of finite numbers, or empty; the force stays zero over a travel that neither the noise nor the stiffness beyond it explains; or it differs between
         closing and opening.
     """
     noise = TouchNoise() if noise is None else noise
-    d, f = np.asarray(deformation_m, dtype=float), np.asarray(force_N, dtype=float)
+    d = finite_array("curve", deformation_m, None, field="deformation_m")
+    f = finite_array("curve", force_N, len(d), field="force_N")
     above_N = _hysteresis(d, f, noise)
     if above_N:
         raise InputError(
