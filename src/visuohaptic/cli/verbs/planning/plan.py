@@ -25,6 +25,7 @@ example: visuohaptic plan office.yaml --objects objects.yaml --robot robot.yaml 
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +38,7 @@ from ..._console import NO_RESULT
 if TYPE_CHECKING:
     from ....navigation.problem import Plan, PlanningProblem
 
+_log = logging.getLogger(__name__)
 #: Modules with kernels of the verb, the last needed first.
 KERNELS = (
     "navigation.pushing._push_kernels",
@@ -75,6 +77,10 @@ def add_arguments(add: Any) -> None:
     )
 
 
+def _announce(plan: Plan) -> None:
+    _log.info("first plan: %.1f s; better ones are searched", plan.cost_s)
+
+
 def run(args: Any) -> dict[str, Any]:
     """Plan; returns the mapping that ``--json`` prints."""
     import numpy as np
@@ -110,10 +116,8 @@ def run(args: Any) -> dict[str, Any]:
     if args.explore is not None:
         return _explore(args, problem)
     budget_s = args.budget * (PROOF_BUDGETS if args.prove else 1.0)
-    limits = search.SearchLimits(
-        budget_s, 0.0 if args.prove else search.SearchLimits().gap, int(args.memory * 1e6)
-    )
-
+    gap = 0.0 if args.prove else search.SearchLimits().gap
+    limits = search.SearchLimits(budget_s, gap, int(args.memory * 1e6), found=_announce)
     costs = PushCosts(on_route_s=args.keep_routes)
     plans = (
         planning.alternatives(problem, costs, limits)
