@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 __all__ = ["add_seeds", "seeds_of"]
 
@@ -12,8 +13,14 @@ def seeds_of(kind: str, count: int, first: int = 0) -> list[int]:
     return [2 * index + (kind == "closed") for index in range(first, first + count)]
 
 
-def add_seeds(parser: argparse.ArgumentParser, count: int, what: str = "seeds") -> None:
-    """``--seeds``, ``--first`` and ``--count``."""
+def add_seeds(
+    parser: argparse.ArgumentParser, count: int, what: str = "seeds", *, resumes: bool = False
+) -> None:
+    """``--seeds``, ``--first`` and ``--count``; ``--report`` of a campaign that resumes."""
     parser.add_argument("--seeds", choices=("open", "closed"), default="open", help="even or odd")
     parser.add_argument("--first", type=int, default=0, help="number of the first one among these (0)")
     parser.add_argument("--count", type=int, default=count, help=f"number of {what} ({count})")
+    if resumes:
+        parser.add_argument(
+            "--report", type=Path, help="JSON lines with all rows; an interrupted campaign is continued"
+        )

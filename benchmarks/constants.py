@@ -203,7 +203,7 @@ class Project:
             by = _failed(seen["output"])
             if "crashed" in seen["marks"]:
                 result, why = "crashed", "import"
-            elif seen["code"] is None:
+            elif seen["code"] in (None, 3):
                 result, why = "undecided", f"longer than {self.seconds:g} s"
             elif "loaded" not in seen["marks"]:
                 result, why = "undecided", "the tests did not import the changed module"

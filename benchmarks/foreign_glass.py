@@ -92,12 +92,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    add_seeds(parser, 12, "scenes")
+    add_seeds(parser, 12, "scenes", resumes=True)
     parser.add_argument(
         "--views", type=int, nargs="+", default=[24, 12, 8], help=f"numbers of views, at most {VIEWS}"
-    )
-    parser.add_argument(
-        "--report", type=Path, help="JSON lines with all rows; an interrupted campaign is continued"
     )
     arguments = parser.parse_args()
     use_one_thread()

@@ -206,10 +206,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    add_seeds(parser, 8, "containers of each class, and of none")
-    parser.add_argument(
-        "--report", type=Path, help="file with a line for every container; goes on from there"
-    )
+    add_seeds(parser, 8, "containers of each class, and of none", resumes=True)
     args = parser.parse_args()
     for row in run(seeds_of(args.seeds, args.count, args.first), args.report):
         parts = "  ".join(f"{100 * part:3.0f}" for part in row["claimed"])
