@@ -133,9 +133,8 @@ class VideoSource(RecordedSource):
         for packet in container.demux(stream):
             try:
                 frames = packet.decode()
-            except (
-                ValueError
-            ) as error:  # also av.error.InvalidDataError; a corrupted header may name no codec
+            except ValueError as error:
+                # Also av.error.InvalidDataError: a corrupted header may name no codec.
                 _log.warning("packet at stamp %s skipped (%s)", packet.pts, error)
                 continue
             yield from frames

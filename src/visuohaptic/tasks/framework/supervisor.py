@@ -26,14 +26,12 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 from ...core.errors import DeviceError
 from ...core.ranges import POSITIVE, Ranged
 from ...core.resources import Closing
 from ._motion import PartMotion, Stream, SupervisedPart
 
-RequestT = TypeVar("RequestT")
 Point = tuple[float, float, float]
 #: Rate of the checks by the supervisor's own thread [Hz].
 CHECK_RATE_HZ = 50.0
