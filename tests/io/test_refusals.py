@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import tracemalloc
 import wave
 import zlib
 from collections.abc import Callable, Sequence
@@ -205,8 +206,9 @@ def _exr(
     window: tuple[int, int, int, int] = (0, 5, 1, 6),
     place: int = 0,
     short: int = 0,
+    zeros: int = 0,
 ) -> bytes:
-    """Two rows of two pixels: half floats 0 and floats 1.5, 2.5, 3.5, 4.5 in one block."""
+    """Two rows of two pixels: half floats 0 and floats 1.5, 2.5, 3.5, 4.5 in one block, ``zeros`` too long."""
     listed = b"".join(
         name.encode() + b"\0" + struct.pack("<iIii", kind, 0, step, step) for name, kind, step in channels
     )
@@ -220,7 +222,7 @@ def _exr(
         data += name.encode() + b"\0type\0" + struct.pack("<I", len(value)) + value
     data += b"\0"
     rows = [struct.pack("<2H2f", 0, 0, *values) for values in ((1.5, 2.5), (3.5, 4.5))]
-    blocks = rows if packing in (0, 1, 2) else [b"".join(rows)]
+    blocks = rows if packing in (0, 1, 2) else [b"".join(rows) + bytes(zeros)]
     for k, raw in enumerate(blocks):
         if packing:
             values = np.frombuffer(raw[0::2] + raw[1::2], np.uint8).astype(int)
@@ -263,6 +265,18 @@ def test_a_damaged_exr_is_refused(data: bytes, said: str) -> None:
     with pytest.raises(InputError) as caught:
         decode_exr(data, "a.exr")
     assert said in str(caught.value)
+
+
+def test_a_block_that_unpacks_to_far_more_than_its_rows_is_refused_before_memory_is_taken() -> None:
+    bomb = _exr(packing=3, zeros=1 << 24)  # 16 MiB in 16 KiB
+    assert len(bomb) < 1 << 16
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match="is a damaged OpenEXR file"):
+            decode_exr(bomb, "a.exr")
+        assert tracemalloc.get_traced_memory()[1] < 1 << 18
+    finally:
+        tracemalloc.stop()
 
 
 def test_an_image_of_many_bytes_and_one_of_a_wrong_checksum_are_refused() -> None:

@@ -144,12 +144,12 @@ def _read_rows(data: bytes, header: _Header, where: str) -> Float[np.ndarray, "r
 
 
 def _unpacked(packed: bytes, compression: int, size: int) -> bytes:
-    if (
-        compression == 0 or len(packed) == size
-    ):  # blocks that compression would enlarge are stored uncompressed
+    if compression == 0 or len(packed) == size:  # stored: compression would have enlarged the block
         raw = packed
-    else:
-        raw = _run_lengths(packed, size) if compression == 1 else zlib.decompress(packed, bufsize=size)
+    elif compression == 1:
+        raw = _run_lengths(packed, size)
+    else:  # one more byte reveals that the declared size is exceeded
+        raw = zlib.decompressobj().decompress(packed, size + 1)
     if len(raw) != size:
         raise ValueError(f"{len(raw)} bytes in a block of {size}")
     return raw if raw is packed else _restored(np.frombuffer(raw, np.uint8)).tobytes()
