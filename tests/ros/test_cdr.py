@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from visuohaptic.core import InputError
 from visuohaptic.io.ros._ros_definitions import _PARTS
@@ -92,6 +92,26 @@ def test_bytes_of_rosbags_are_read(name: str, little: bool) -> None:
         theirs = for_rosbags(kind, name, random_message(np.random.default_rng(seed), kind, name))
         raw = bytes(STORE.serialize_cdr(theirs, name, little_endian=little))
         assert same(decode(raw, kind), theirs)
+
+
+@pytest.mark.parametrize("little", [True, False])
+def test_every_primitive_alone_and_in_a_row_has_the_bytes_of_rosbags(little: bool) -> None:
+    """Also those that no supported message has as a single value, such as int64."""
+    plain = ("bool", "byte", "char", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
+    text = "".join(
+        f"uint8 before_{kind}\n{kind} one_{kind}\n{kind}[] row_{kind}\n"
+        for kind in (*plain, "float32", "float64")
+    )
+    name = "some_msgs/msg/Plain"
+    kind, store = parse_definition(name, text), get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(text, name))
+    for seed in range(4):
+        message = random_message(np.random.default_rng(seed), kind, name)
+        theirs = store.types[name](**message)
+        raw = bytes(store.serialize_cdr(theirs, name, little_endian=little))
+        assert same(decode(raw, kind), theirs)
+        if little:
+            assert encode(message, kind) == raw
 
 
 @settings(max_examples=150, deadline=None)

@@ -16,28 +16,26 @@ import numpy as np
 from ...core.errors import InputError
 from .message_types import Field, MessageType, Shape
 
-#: Primitive type -> NumPy's code; all ROS implementations write little-endian.
+#: Primitive type -> its code in both ``struct`` and NumPy, of equal size in both; all ROS implementations write
+#: little-endian.
 _CODES = {
-    "bool": "u1",
-    "byte": "u1",
-    "char": "u1",
-    "int8": "i1",
-    "uint8": "u1",
-    "int16": "i2",
-    "uint16": "u2",
-    "int32": "i4",
-    "uint32": "u4",
-    "int64": "i8",
-    "uint64": "u8",
-    "float32": "f4",
-    "float64": "f8",
+    "bool": "B",
+    "byte": "B",
+    "char": "B",
+    "int8": "b",
+    "uint8": "B",
+    "int16": "h",
+    "uint16": "H",
+    "int32": "i",
+    "uint32": "I",
+    "int64": "q",
+    "uint64": "Q",
+    "float32": "f",
+    "float64": "d",
 }
 _LITTLE = {kind: np.dtype("<" + code) for kind, code in _CODES.items()}
 _BIG = {kind: np.dtype(">" + code) for kind, code in _CODES.items()}
-_STRUCTS = {
-    order: {kind: struct.Struct(order + np.dtype(code).char) for kind, code in _CODES.items()}
-    for order in "<>"
-}
+_STRUCTS = {order: {kind: struct.Struct(order + code) for kind, code in _CODES.items()} for order in "<>"}
 _HEADER = b"\x00\x01\x00\x00"
 
 
