@@ -65,7 +65,7 @@ def test_picture(tmp_path: Path, found: StiffnessMap) -> None:
 
 
 def test_bad_names_and_damaged_files_are_refused(tmp_path: Path, found: StiffnessMap) -> None:
-    with pytest.raises(InputError, match=r"\.npz, \.vtu, \.glb"):
+    with pytest.raises(InputError, match=r"\.npz, \.vtu or \.glb"):
         save_map(tmp_path / "map.stl", found)
     save_map(tmp_path / "map.npz", found)
     data = (tmp_path / "map.npz").read_bytes()

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pytest
 
 from visuohaptic.core import InputError
+from visuohaptic.core.files import ramp_colours
 from visuohaptic.deformation.shapes import load_object
 from visuohaptic.grasping import GraspTask, confirm_grasp, plan_map
 from visuohaptic.grasping.confirm import pinch_at
-from visuohaptic.grasping.plots import plot_plan, score_colours
+from visuohaptic.grasping.plots import plot_plan
 
 from .objects import tube_map
 
 
-def test_colours_go_from_dark_to_yellow() -> None:
-    found = score_colours(np.array([0.0, 1.0, 0.5, 0.125, np.nan, -1.0, 2.0]))
-    dark, yellow = [68, 1, 84], [253, 231, 37]
-    assert found.tolist() == [dark, yellow, [33, 145, 140], [64, 42, 112], dark, dark, yellow]
+def test_a_ramp_is_viridis_between_its_colours() -> None:
+    fraction = np.array([0.0, 1.0, 0.5, 0.125, np.nan, -1.0, 2.0])
+    viridis = matplotlib.colormaps["viridis"](np.nan_to_num(fraction).clip(0, 1), bytes=True)[:, :3]
+    found = ramp_colours(fraction)
+    np.testing.assert_allclose(found, viridis, atol=10)
+    assert found[[0, 4, 5]].tolist() == [[68, 1, 84]] * 3
+    assert ramp_colours(np.array([0.25]), np.array([[0.0, 0, 0], [0, 200, 8]])).tolist() == [[0, 50, 2]]
 
 
 def test_a_picture_has_a_column_for_each_plan(tmp_path: Path) -> None:

@@ -93,7 +93,7 @@ def test_kinds_do_not_mix(tmp_path: Path) -> None:
         table.write(PROFILES[0])
         with pytest.raises(InputError, match="found a Wrench, expected ForceProfile as before"):
             table.write(wrench)
-    with pytest.raises(InputError, match=r"found '.xlsx', expected .csv or .parquet"):
+    with pytest.raises(InputError, match=r"found suffix '\.xlsx', expected \.csv or \.parquet"):
         TableWriter(tmp_path / "a.xlsx")
 
 

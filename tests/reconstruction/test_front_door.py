@@ -10,6 +10,7 @@ from itertools import combinations
 import cv2
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from visuohaptic.core import InputError
 from visuohaptic.core.camera import Camera, Pose
@@ -112,7 +113,7 @@ def test_figures_are_written_and_show_both_kinds_of_surface(bottle, tmp_path):
     assert ((saturation < 10) & dark).mean() > 0.02
     plot_reconstruction(bottle, tmp_path / "scene.svg")
     assert (tmp_path / "scene.svg").stat().st_size > 10_000
-    with pytest.raises(InputError, match=r"found suffix '.xyz', expected one of .png, .pdf, .svg"):
+    with pytest.raises(InputError, match=r"found suffix '.xyz', expected .png, .pdf or .svg"):
         plot_completion(completion, tmp_path / "completed.xyz")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["completed.png", "scene.svg"]
 
@@ -122,10 +123,10 @@ def test_no_label_of_a_flat_scene_covers_another(bottle, tmp_path, monkeypatch):
     corners_m = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.08, 0.1)])
     table = SurfaceMesh(corners_m, np.array([[0, 2, 6], [1, 3, 7]]))
     drawn = []
-    monkeypatch.setattr(plots, "_save", lambda figure, path: drawn.append(figure))
+    monkeypatch.setattr(plots, "save_figure", lambda path, figure: drawn.append(figure))
     plot_reconstruction(replace(bottle, surface=table), tmp_path / "table.png")
     (figure,) = drawn
-    figure.canvas.draw()
+    FigureCanvasAgg(figure).draw()
     boxes = []
     for axis in (getattr(axes, f"{name}axis") for axes in figure.axes[:2] for name in "xyz"):
         shown = [tick.label1 for tick in axis.get_major_ticks() if tick.label1.get_text()]

@@ -169,8 +169,8 @@ def run_sensor(
     tables = [path for name in ("csv", "parquet") if (path := getattr(args, name, None))]
     plot: Path | None = getattr(args, "plot", None)
     run = SensorRun(out=[str(path) for path in (args.out, *tables, plot) if path])
-    if plot is not None and plot.suffix.lower() not in (".png", ".pdf", ".svg"):
-        raise InputError(plot, f"found suffix {plot.suffix!r}, expected .png, .pdf or .svg")
+    if plot is not None:
+        files.check_target(plot, files.FIGURE_SUFFIXES)
     drawn: list[tuple[float, Mapping[str, Any], str]] = []
     events: list[core.Event] = []
     with ExitStack() as stack:
@@ -243,8 +243,7 @@ def _save_plot(
         for label, names in charts[0].items()
     }
     figure = report.traces_over_time(np.array(times_s), panels, reasons=reasons, events=events, title=title)
-    with files.atomic_path(path) as temporary:
-        figure.savefig(temporary, format=path.suffix[1:].lower(), dpi=150)
+    files.save_figure(path, figure, dpi=150)
 
 
 def force_text(profile: core.ForceProfile) -> str:

@@ -26,7 +26,6 @@ from .planner import multi_contact as multi_contact
 from .planner import plan_grasps as plan_grasps
 from .planner import plan_map as plan_map
 from .plots import plot_plan as plot_plan
-from .plots import score_colours as score_colours
 from .rim import rim_grasps as rim_grasps
 from .score import GraspScores as GraspScores
 from .score import ScoreParameters as ScoreParameters

@@ -7,27 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, UInt8
 
-from ..core.files import atomic_path
-from ..deformation.maps.map_file import check_suffix
+from ..core.files import draw_surface, frame_box, new_figure, ramp_colours, save_figure
 from .planner import GraspPlan
-
-#: From bad to good, with uniform steps of lightness.
-_COLOURS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], float)
-
-
-def score_colours(score: Float[np.ndarray, "v"]) -> UInt8[np.ndarray, "v 3"]:
-    """Colours of a score: dark is 0, yellow is 1.
-
-    Parameters
-    ----------
-    score
-        Score of each vertex, 0 to 1.
-    """
-    place = np.clip(np.nan_to_num(score), 0, 1) * (len(_COLOURS) - 1)
-    out = np.stack([np.interp(place, np.arange(len(_COLOURS)), _COLOURS[:, k]) for k in range(3)], axis=1)
-    return out.round().astype(np.uint8)
 
 
 def plot_plan(path: Path | str, plans: Sequence[tuple[str, GraspPlan]]) -> None:
@@ -40,34 +22,29 @@ def plot_plan(path: Path | str, plans: Sequence[tuple[str, GraspPlan]]) -> None:
     plans
         Titles and plans, one column each: the object above, its scores over the height below.
     """
-    path = Path(path)
-    check_suffix(None, path)
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(4.6 * len(plans), 8.5), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure, views = new_figure(
+        2, len(plans), size=(4.6 * len(plans), 8.5), layout="constrained", projection="3d"
+    )
     for column, (title, plan) in enumerate(plans):
-        _draw_object(figure.add_subplot(2, len(plans), column + 1, projection="3d"), title, plan)
+        _draw_object(views[column], title, plan)
+        views[len(plans) + column].remove()
         axes = figure.add_subplot(2, len(plans), len(plans) + column + 1)
         _draw_profile(axes, plan)
         if column == 0:
             axes.set_ylabel("height [mm]")
             axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, fontsize=8)
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=120)
+    save_figure(path, figure)
 
 
 def _draw_object(axes: Any, title: str, plan: GraspPlan) -> None:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     points = plan.surface.vertices_m * 1e3
     faces = np.asarray(plan.surface.faces)
-    shade = score_colours(plan.scores.pair)[faces].mean(axis=1) / 255
+    shade = ramp_colours(plan.scores.pair)[faces].mean(axis=1) / 255
     low, high = points[np.unique(faces)].min(axis=0), points[np.unique(faces)].max(axis=0)
-    axes.add_collection3d(Poly3DCollection(points[faces], facecolors=shade, edgecolors="none"))
+    draw_surface(axes, points[faces], shade)
     reach = 0.28 * float((high - low)[:2].max())
     for rank, grasp in enumerate(plan.grasps):
         for place, force in ((grasp.first_m, grasp.direction), (grasp.second_m, -grasp.direction)):
@@ -76,11 +53,7 @@ def _draw_object(axes: Any, title: str, plan: GraspPlan) -> None:
             axes.quiver(*start, *(tip - start), color="crimson", lw=2.2 if rank == 0 else 1.0)
             if rank == 0:
                 axes.text(*(start - 0.4 * reach * force), "1", color="crimson", ha="center", va="center")
-    setters = (axes.set_xlim, axes.set_ylim, axes.set_zlim)
-    for setter, a, b in zip(setters, low - reach, high + reach, strict=True):
-        setter(a, b)
-    axes.set_box_aspect(np.maximum(high - low + 2 * reach, 1e-3))
-    axes.view_init(elev=15, azim=-60)
+    frame_box(axes, low - reach, high + reach)
     axes.set_axis_off()
     best = f"best score {plan.grasps[0].score:.2f}" if plan.grasps else "no grasp"
     axes.set_title(f"{title}\n{best}")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core import InputError, from_dict, to_dict
-from ..core.files import load_json, write_text
+from ..core.files import check_target, load_json, write_text
 from .data import FeatureSet, SqueezedObject, TouchProtocol, load_feature_set, save_feature_set
 from .touch import HapticModel, ModelSettings, class_statistics, fit_model, learn_from_curves, with_prior
 from .trees import ClassificationTree, load_tree, tree_mapping
@@ -90,9 +90,7 @@ def save_classifier(path: Path | str, found: Classifier) -> None:
     found
         Classifier.
     """
-    path = Path(path)
-    if path.suffix != ".json":
-        raise InputError(path, f"found suffix {path.suffix!r}, expected .json")
+    path = check_target(path, (".json",))
     if found.data is not None:
         save_feature_set(path.with_suffix(".npz"), found.data)
     card = _Card(

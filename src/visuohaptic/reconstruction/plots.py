@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..core import InputError, atomic_path
+from ..core.files import FIGURE_SUFFIXES, check_target, draw_surface, frame_box, new_figure, save_figure
 from .body_completion import BodyCompletion
 from .completion.surface_completion import Completion
 from .mesh import SurfaceMesh
 from .pipeline import Reconstruction
 
-_SUFFIXES = (".png", ".pdf", ".svg")
 #: Azimuths of the two views of an object, and their elevation [deg].
 _AZIMUTHS_DEG, _ELEVATION_DEG = (-60.0, 30.0), 20.0
 #: Number of mesh vertices along the longest edge of a drawn scene; more are not visible in a figure.
@@ -52,7 +51,7 @@ def plot_completion(completion: Completion | BodyCompletion, path: Path | str) -
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    path = _checked(path)
+    path = check_target(path, FIGURE_SUFFIXES)
     mesh = completion.completed()
     sigma_mm = 1e3 * completion.sigma_m(mesh.vertices_m)[mesh.faces].mean(axis=1)
     seen = sigma_mm <= 1e3 * completion.visual_sigma_m
@@ -66,13 +65,13 @@ def plot_completion(completion: Completion | BodyCompletion, path: Path | str) -
     low_m, high_m = own_m.min(axis=0), own_m.max(axis=0)
     room_m = 0.5 * float((high_m - low_m).max())
     figure, views = _figure()
-    for axes in views:
-        _draw(axes, mesh, colors, low_m - room_m, high_m + room_m)
+    for axes, azimuth_deg in zip(views, _AZIMUTHS_DEG, strict=True):
+        _draw(axes, azimuth_deg, mesh, colors, low_m - room_m, high_m + room_m)
         axes.scatter(*(1e3 * contacts_m.T), color="crimson", s=18, depthshade=False, zorder=3)
     figure.colorbar(scale, ax=views, label="standard deviation [mm]", shrink=0.7)
     error_mm = 1e3 * completion.expected_error_m()
     figure.suptitle(f"{len(completion.touches)} touches, expected error {error_mm:.1f} mm")
-    _save(figure, path)
+    save_figure(path, figure)
 
 
 def plot_reconstruction(found: Reconstruction, path: Path | str) -> None:
@@ -90,69 +89,51 @@ def plot_reconstruction(found: Reconstruction, path: Path | str) -> None:
     InputError
         As of :func:`plot_completion`.
     """
-    path = _checked(path)
+    path = check_target(path, FIGURE_SUFFIXES)
     figure, views = _figure()
     low_m, high_m = found.surface.vertices_m.min(axis=0), found.surface.vertices_m.max(axis=0)
     mesh = found.surface.welded(float((high_m - low_m).max()) / _DRAWN_VERTICES)
     colors = np.broadcast_to(_GREY, (len(mesh.faces), 4))
-    for axes in views:
-        _draw(axes, mesh, colors, low_m, high_m)
+    for axes, azimuth_deg in zip(views, _AZIMUTHS_DEG, strict=True):
+        _draw(axes, azimuth_deg, mesh, colors, low_m, high_m)
         points = axes.scatter(*(1e3 * found.points_m.T), c=found.scores, s=4, cmap="viridis", zorder=3)
     if found.regions:
         figure.colorbar(points, ax=views, label="score of transparency", shrink=0.7)
     figure.suptitle(f"{len(found.regions)} transparent parts in {found.search.views} views")
-    _save(figure, path)
-
-
-def _checked(path: Path | str) -> Path:
-    path = Path(path)
-    if path.suffix not in _SUFFIXES:
-        raise InputError(path, f"found suffix {path.suffix!r}, expected one of {', '.join(_SUFFIXES)}")
-    return path
+    save_figure(path, figure)
 
 
 def _figure() -> tuple[Any, list[Any]]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
+    figure, views = new_figure(1, 2, size=(11.0, 4.6), projection="3d")
     # The automatic layout ignores the labels of 3D axes.
-    figure = Figure(figsize=(11.0, 4.6), layout=ConstrainedLayoutEngine(wspace=0.15))
-    FigureCanvasAgg(figure)
-    views = [figure.add_subplot(1, 2, k + 1, projection="3d") for k in range(2)]
-    for axes, azimuth_deg in zip(views, _AZIMUTHS_DEG, strict=True):
-        axes.view_init(elev=_ELEVATION_DEG, azim=azimuth_deg)
+    figure.set_layout_engine("constrained", wspace=0.15)
+    for axes in views:
         axes.computed_zorder = False  # draw points over surfaces
-    return figure, views
+    return figure, list(views)
 
 
 def _draw(
     axes: Any,
+    azimuth_deg: float,
     mesh: SurfaceMesh,
     colors: Float[np.ndarray, "f 4"],
     low_m: Float[np.ndarray, "3"],
     high_m: Float[np.ndarray, "3"],
 ) -> None:
     """Draw the shaded triangles of a mesh inside a box, in millimetres."""
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
     centres_m = mesh.vertices_m[mesh.faces].mean(axis=1)
     chosen = np.flatnonzero(((centres_m >= low_m) & (centres_m <= high_m)).all(axis=1))
     shade = 0.75 + 0.25 * mesh.face_normals[chosen] @ np.array([0.48, -0.6, 0.64])
     shaded = np.column_stack([colors[chosen, :3] * shade[:, None], colors[chosen, 3]])
     triangles = 1e3 * mesh.vertices_m[mesh.faces[chosen]]
-    axes.add_collection3d(Poly3DCollection(triangles, facecolors=shaded, edgecolors="none"))
-    for name, low, high in zip("xyz", 1e3 * low_m, 1e3 * high_m, strict=True):
-        getattr(axes, f"set_{name}lim")(low, high)
+    draw_surface(axes, triangles, shaded)
+    frame_box(
+        axes, 1e3 * low_m, 1e3 * high_m, azimuth_deg=azimuth_deg, elevation_deg=_ELEVATION_DEG, zoom=0.85
+    )
+    for name in "xyz":
         getattr(axes, f"set_{name}label")(f"{name} [mm]", labelpad=6 if name == "z" else 18)
     edges_m = np.maximum(high_m - low_m, 1e-3)
     # Limit the number of tick labels by the length of the edge.
     for name, part in zip("xyz", edges_m / edges_m.max(), strict=True):
         axes.locator_params(axis=name, nbins=max(1, round(4 * float(part))))
     axes.tick_params(labelsize=8)
-    axes.set_box_aspect(edges_m, zoom=0.85)
-
-
-def _save(figure: Any, path: Path) -> None:
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=120)

@@ -22,5 +22,4 @@ from .run_tables import tag_text as tag_text
 from .style import COLOURS as COLOURS
 from .style import CYCLE as CYCLE
 from .style import draw_axes as draw_axes
-from .style import new_figure as new_figure
 from .style import styled as styled

@@ -15,7 +15,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..core import ErrorBudget, Event, ForceProfile, InputError
-from .style import COLOURS, CYCLE, new_figure, styled
+from ..core.files import new_figure
+from .style import COLOURS, CYCLE, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Int8
 
+from ..core.files import new_figure
 from ..core.objects import HapticTag
 from .run_tables import tag_text
-from .style import COLOURS, new_figure, styled
+from .style import COLOURS, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

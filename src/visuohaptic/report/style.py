@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import wraps
-from typing import TYPE_CHECKING, Any, ParamSpec
+from typing import TYPE_CHECKING, ParamSpec
+
+from ..core.files import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -83,31 +85,3 @@ def draw_axes(
     figure, axes = new_figure(rows, columns, size=size)
     draw(*axes)
     return figure
-
-
-def new_figure(
-    rows: int,
-    columns: int,
-    *,
-    size: tuple[float, float],
-    sharex: bool = False,
-    height_ratios: Sequence[float] | None = None,
-) -> tuple[Figure, tuple[Any, ...]]:
-    """Create a figure that is not registered in matplotlib's global list.
-
-    Parameters
-    ----------
-    rows, columns
-        Number of axes.
-    size
-        Width and height [in].
-    sharex
-        Share one x axis.
-    height_ratios
-        Height ratios of the rows.
-    """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=size)
-    axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex, height_ratios=height_ratios)
-    return figure, tuple(axes.ravel())

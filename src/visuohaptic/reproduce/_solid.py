@@ -3,31 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ..core.files import draw_surface, frame_box
 
 _LIGHT = np.array([0.45, -0.65, 0.6]) / np.linalg.norm([0.45, -0.65, 0.6])
-
-
-def figure_3d(rows: int, columns: int, *, size: tuple[float, float]) -> tuple[Figure, np.ndarray]:
-    """A figure with ``rows x columns`` 3D axes.
-
-    Parameters
-    ----------
-    rows, columns, size
-        As of :func:`.new_figure`.
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=size, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(rows, columns, squeeze=False, subplot_kw={"projection": "3d"})
-    return figure, axes
 
 
 def shaded(axes: Any, mesh: Any, colour: str | np.ndarray, *, alpha: float = 1.0) -> None:
@@ -46,7 +28,6 @@ def shaded(axes: Any, mesh: Any, colour: str | np.ndarray, *, alpha: float = 1.0
     """
     from matplotlib import colormaps
     from matplotlib.colors import to_rgb
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     points, faces = np.asarray(mesh.vertices_m, dtype=float), np.asarray(mesh.faces)
     if not len(faces):
@@ -61,7 +42,7 @@ def shaded(axes: Any, mesh: Any, colour: str | np.ndarray, *, alpha: float = 1.0
         values = np.clip(np.nan_to_num(np.asarray(colour, dtype=float)[faces].mean(axis=1)), 0, 1)
         base = colormaps["viridis"](values)[:, :3]
     rgba = np.column_stack([base * light[:, None], np.full(len(faces), alpha)])
-    axes.add_collection3d(Poly3DCollection(1e3 * corners, facecolors=rgba, edgecolors="none"))
+    draw_surface(axes, 1e3 * corners, rgba)
 
 
 def frame_3d(
@@ -86,8 +67,5 @@ def frame_3d(
         Enlargement.
     """
     low, high = 1e3 * np.asarray(low_m, dtype=float), 1e3 * np.asarray(high_m, dtype=float)
-    for setter, a, b in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), low, high, strict=True):
-        setter(a, b)
-    axes.set_box_aspect(np.maximum(high - low, 1e-3), zoom=zoom)
-    axes.view_init(elev=elev, azim=-60)
+    frame_box(axes, low, high, elevation_deg=elev, zoom=zoom)
     axes.set_axis_off()

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.errors import CalibrationError
+from ..core.files import new_figure, save_figure
 from ..sensing.foam.finger import FingerReading, FingerSensor
 from ..simulation.foam.outline import Outline
 from ..simulation.tabletop import GraspObject, GripperTruth, VirtualGripper
@@ -97,10 +98,7 @@ def plot_squeeze(found: Sequence[Squeeze], path: Path | str) -> None:
     path
         Output image.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8.0, 4.8), layout="constrained")
-    axes = figure.subplots(1, 2, width_ratios=(3, 2))
+    figure, axes = new_figure(1, 2, size=(8.0, 4.8), layout="constrained")
     for index, one in enumerate(found):
         colour = f"C{index}"
         truth, profile = one.truth.front_rest_m, one.reading.profile
@@ -116,7 +114,7 @@ def plot_squeeze(found: Sequence[Squeeze], path: Path | str) -> None:
     axes[1].set(xlabel="pressure [kPa]", ylabel="s [mm]", title="pressure")
     for axis in axes:
         axis.grid(alpha=0.3)
-    figure.savefig(path, dpi=130)
+    save_figure(path, figure, dpi=130)
 
 
 def stiffness_N_per_m(found: Sequence[Squeeze]) -> float:

@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core import StiffnessMap, VisuohapticError
+from ..core.files import ramp_colours
 from ..deformation import Contents, ShellObject, object_map
 from ..deformation.maps.map_file import colours
 from ..grasping import GraspTask, confirm_grasp, grasp_scores, predicted_shape
 from ..grasping.planner import GraspPlan, plan_grasps, plan_map
-from ..grasping.plots import score_colours
 from .access_control import reported
 from .server import markdown_text
 from .stage import Stage, hit_face
@@ -211,7 +211,7 @@ class ObjectView:
             scores = self._scores()
             found = scores.pair if shade == "grasp score" else getattr(scores, shade)
             text = f"{shade} from 0 (dark) to 1 (yellow) at {self.force_N:g} N; best {found.max():.2f}"
-            tint = score_colours(found)
+            tint = ramp_colours(found)
         self._stage.get("legend").content = f"**{markdown_text(self.title)}**: {text}"
         self._stage.mesh("object", self.surface.vertices_m, self.surface.faces, tint, self._clicked)
 

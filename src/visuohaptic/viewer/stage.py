@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ..core.errors import needs
+from ..core.files import ramp_colours
 from .access_control import reported
 
 #: Pale to dark red: darker is worse.
@@ -201,8 +202,7 @@ def scale_colours(values: Float[np.ndarray, "v"], low: float, high: float) -> UI
     low, high
         Ends of the scale, in the unit of the values.
     """
-    fraction = np.clip((values - low) / max(high - low, 1e-300), 0, 1)
-    place = np.nan_to_num(fraction) * (len(_SCALE) - 1)
-    out = np.stack([np.interp(place, np.arange(len(_SCALE)), _SCALE[:, k]) for k in range(3)], axis=1)
-    out[~np.isfinite(values)] = 150.0
-    return out.round().astype(np.uint8)
+    fraction = (values - low) / max(high - low, 1e-300)
+    found = ramp_colours(fraction, _SCALE)
+    found[~np.isfinite(values)] = 150
+    return found

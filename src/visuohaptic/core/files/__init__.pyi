@@ -7,6 +7,12 @@ from .csv_table import check_columns as check_columns
 from .csv_table import is_number as is_number
 from .csv_table import read_csv as read_csv
 from .csv_table import write_csv as write_csv
+from .figures import FIGURE_SUFFIXES as FIGURE_SUFFIXES
+from .figures import draw_surface as draw_surface
+from .figures import frame_box as frame_box
+from .figures import new_figure as new_figure
+from .figures import ramp_colours as ramp_colours
+from .figures import save_figure as save_figure
 from .image_header import MAX_PIXELS as MAX_PIXELS
 from .image_header import check_image_size as check_image_size
 from .image_header import image_size as image_size
@@ -28,6 +34,7 @@ from .regular import MAX_DATA_BYTES as MAX_DATA_BYTES
 from .regular import MAX_FILE_BYTES as MAX_FILE_BYTES
 from .regular import MAX_TEXT_BYTES as MAX_TEXT_BYTES
 from .regular import check_name as check_name
+from .regular import check_target as check_target
 from .regular import file_size as file_size
 from .regular import read_bytes as read_bytes
 from .regular import read_head as read_head

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import stat
+from collections.abc import Sequence
 from difflib import get_close_matches
 from itertools import islice
 from pathlib import Path
@@ -55,24 +56,35 @@ def file_size(path: Path | str, max_bytes: int | None = None, *, error: type[Inp
     return found.st_size
 
 
-def check_target(path: Path | str) -> None:
+def check_target(path: Path | str, suffixes: Sequence[str] = ()) -> Path:
     """Reject the name of a file to write that is in use by something else: it would be replaced (``/dev/null``, too).
 
     Parameters
     ----------
     path
         File that is created or replaced; symbolic links are followed.
+    suffixes
+        Suffixes of formats that can be written, in lower case; any by default.
+
+    Returns
+    -------
+    Path
+        The same.
 
     Raises
     ------
     InputError
-        The folder does not exist, or ``path`` is a folder, pipe, device or socket, or cannot be a name.
+        Another suffix, the folder does not exist, or ``path`` is a folder, pipe, device or socket, or cannot be a name.
     """
     path = check_name(path)
+    if suffixes and path.suffix.lower() not in suffixes:
+        expected = " or ".join(part for part in (", ".join(suffixes[:-1]), suffixes[-1]) if part)
+        raise InputError(path, f"found suffix {path.suffix!r}, expected {expected}")
     if not path.parent.is_dir():
         raise InputError(path, "its folder does not exist", remedy=f"create {path.parent}")
     if path.exists() and not path.is_file():
         raise InputError(path, f"is {_kind(path.stat().st_mode)}, expected the name of a file to write")
+    return path
 
 
 def check_name(path: Path | str) -> Path:

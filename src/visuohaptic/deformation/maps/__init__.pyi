@@ -27,7 +27,7 @@ from .grasp_patterns import GraspCoupling as GraspCoupling
 from .grasp_patterns import contact_loads as contact_loads
 from .grasp_patterns import couple as couple
 from .grasp_patterns import own_compliance as own_compliance
-from .map_file import check_suffix as check_suffix
+from .map_file import MAP_SUFFIXES as MAP_SUFFIXES
 from .map_file import colours as colours
 from .map_file import load_map as load_map
 from .map_file import plot_map as plot_map

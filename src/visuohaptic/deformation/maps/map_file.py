@@ -11,39 +11,11 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from ...core import InputError, StiffnessMap, atomic_path, read_npz
+from ...core.files import check_target, draw_surface, frame_box, new_figure, ramp_colours, save_figure
 
 _ARRAYS = ("vertices_m", "faces", "stiffness_N_per_m", "stiffness_sigma_N_per_m")
-#: From soft to stiff: viridis, which is perceptually uniform.
-_COLOURS = np.array(
-    [[68, 1, 84], [65, 68, 135], [42, 120, 142], [34, 168, 132], [122, 209, 81], [253, 231, 37]], float
-)
-
-#: File suffixes of maps and figures.
-MAP_SUFFIXES, PLOT_SUFFIXES = (".npz", ".vtu", ".glb"), (".png", ".pdf", ".svg")
-
-
-def check_suffix(out: Path | None, plot: Path | None) -> None:
-    """Reject file names that cannot be written, before the computation starts.
-
-    Parameters
-    ----------
-    out
-        Map to write, .npz, .vtu or .glb; None for none.
-    plot
-        Figure to write, .png, .pdf or .svg; None for none.
-
-    Raises
-    ------
-    InputError
-        An unknown suffix, or a folder that does not exist.
-    """
-    for path, known in ((out, MAP_SUFFIXES), (plot, PLOT_SUFFIXES)):
-        if path is None:
-            continue
-        if path.suffix.lower() not in known:
-            raise InputError(path, f"found suffix {path.suffix!r}, expected one of {', '.join(known)}")
-        if not path.parent.is_dir():
-            raise InputError(path, "its folder does not exist", remedy=f"create {path.parent}")
+#: File suffixes of maps.
+MAP_SUFFIXES = (".npz", ".vtu", ".glb")
 
 
 def save_map(path: Path | str, found: StiffnessMap) -> None:
@@ -56,8 +28,7 @@ def save_map(path: Path | str, found: StiffnessMap) -> None:
     found
         Map.
     """
-    path = Path(path)
-    check_suffix(path, None)
+    path = check_target(path, MAP_SUFFIXES)
     writers = {".npz": _save_npz, ".vtu": _save_vtu, ".glb": _save_glb}
     with atomic_path(path) as temporary:
         writers[path.suffix.lower()](temporary, found)
@@ -105,9 +76,7 @@ def colours(stiffness_N_per_m: Float[np.ndarray, "v"]) -> UInt8[np.ndarray, "v 3
     """
     value, low, high = _logarithm(stiffness_N_per_m)
     fraction = np.nan_to_num((value - low) / max(high - low, 1e-12), nan=1.0, posinf=1.0)
-    place = np.clip(fraction, 0, 1) * (len(_COLOURS) - 1)
-    out = np.stack([np.interp(place, np.arange(len(_COLOURS)), _COLOURS[:, k]) for k in range(3)], axis=1)
-    return out.round().astype(np.uint8)
+    return ramp_colours(fraction)
 
 
 def plot_map(path: Path | str, found: StiffnessMap, title: str = "") -> None:
@@ -128,28 +97,20 @@ def plot_map(path: Path | str, found: StiffnessMap, title: str = "") -> None:
     >>> from visuohaptic.deformation.shapes import load_object
     >>> plot_map("stiffness.png", object_map(load_object("cup", around=32), band=False))
     """
-    check_suffix(None, Path(path))
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LogNorm
-    from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     points_mm = found.vertices_m * 1e3
     shade = colours(found.stiffness_N_per_m)[found.faces].mean(axis=1) / 255
-    figure = Figure(figsize=(10, 5), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure, views = new_figure(1, 3, size=(10, 5), layout="constrained", projection="3d")
     low, high = points_mm.min(axis=0), points_mm.max(axis=0)
-    for column, azimuth in ((1, -60), (2, 30)):
-        axes = figure.add_subplot(1, 3, column, projection="3d")
-        axes.add_collection3d(Poly3DCollection(points_mm[found.faces], facecolors=shade, edgecolors="none"))
-        for setter, a, b in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), low, high, strict=True):
-            setter(a, b)
-        axes.set_box_aspect(np.maximum(high - low, 1e-3))
-        axes.view_init(elev=15, azim=azimuth)
+    for axes, azimuth in zip(views, (-60, 30), strict=False):
+        draw_surface(axes, points_mm[found.faces], shade)
+        frame_box(axes, low, high, azimuth_deg=azimuth)
         axes.set_xlabel("x [mm]")
         axes.set_ylabel("y [mm]")
         axes.locator_params(axis="x", nbins=3)
         axes.locator_params(axis="y", nbins=3)
+    views[2].remove()
     axes = figure.add_subplot(1, 3, 3)
     use = np.isfinite(found.stiffness_N_per_m)
     stiffness = 1e-3 * found.stiffness_N_per_m[use]
@@ -162,8 +123,7 @@ def plot_map(path: Path | str, found: StiffnessMap, title: str = "") -> None:
     axes.set_ylabel("height [mm]")
     axes.grid(alpha=0.3)
     figure.suptitle(title)
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=120)
+    save_figure(path, figure)
 
 
 def _save_npz(path: Path, found: StiffnessMap) -> None:

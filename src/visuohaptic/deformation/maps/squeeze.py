@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.errors import InputError
-from ...core.files import atomic_path, write_text
+from ...core.files import new_figure, save_figure, write_text
 from ...core.ranges import POSITIVE, check_numbers, within
 from ..nonlinear.contents import Contents
 from ..shapes.mesher import ShellObject
@@ -191,12 +191,7 @@ def plot_squeeze(path: Path | str, found: SqueezeResult, title: str = "") -> Non
     title
         Title of the figure.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6, 4), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
+    figure, (axes,) = new_figure(1, 1, size=(6, 4), layout="constrained")
     depth = np.r_[0.0, found.curve.deformation_m]
     force = np.r_[0.0, found.curve.force_N]
     spread = found.stiffness_sigma_N_per_m / found.stiffness_N_per_m
@@ -211,5 +206,4 @@ def plot_squeeze(path: Path | str, found: SqueezeResult, title: str = "") -> Non
     axes.set(xlabel="deformation of one side [mm]", ylabel="force of one tip [N]", title=title)
     axes.set_ylim(0, 1.1 * max(float(force.max()) * (1 + spread), 1e-3))
     axes.legend()
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=120)
+    save_figure(path, figure)

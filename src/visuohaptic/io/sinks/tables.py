@@ -12,7 +12,7 @@ import numpy as np
 
 from ...core import Closing, ErrorBudget, ForceProfile, Wrench
 from ...core.errors import InputError, needs
-from ...core.files import PartFile, atomic_path, csv_line
+from ...core.files import PartFile, atomic_path, check_target, csv_line
 
 _BUDGET = tuple(part.name for part in fields(ErrorBudget))
 FORCE_COLUMNS = ("t_s", "valid", "reason", "force_N", "force_sigma_N", "contacts", *_BUDGET)
@@ -66,9 +66,7 @@ class TableWriter(Closing):
     """
 
     def __init__(self, path: Path | str) -> None:
-        self.path = Path(path)
-        if self.path.suffix not in (".csv", ".parquet"):
-            raise InputError(path, f"found {self.path.suffix!r}, expected .csv or .parquet")
+        self.path = check_target(path, (".csv", ".parquet"))
         self._schema: Any = None
         if self.path.suffix == ".parquet":
             arrow()

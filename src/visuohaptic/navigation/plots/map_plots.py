@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...core.files import new_figure
 from ..graph import NavigationGraph, Regions
 from ..grid.cost_grid import GridLayers
 
@@ -26,13 +27,12 @@ def plot_navigation(regions: Regions) -> Figure:
         Regions with their layers and graph.
     """
     from matplotlib.colors import hsv_to_rgb
-    from matplotlib.figure import Figure
 
     layers, graph = regions.layers, regions.graph
     width_m, height_m = layers.map.size_m
     tall = height_m > 0.8 * width_m
-    figure = Figure(figsize=(12, 6.2) if tall else (9, 10), dpi=130, layout="constrained")
-    left, right = figure.subplots(1, 2) if tall else figure.subplots(2, 1)
+    rows, columns, size = (1, 2, (12.0, 6.2)) if tall else (2, 1, (9.0, 10.0))
+    figure, (left, right) = new_figure(rows, columns, size=size, layout="constrained")
     _walls(left, layers)
     distance = np.where(layers.distance_m > 0, layers.distance_m, np.nan)
     shown = left.imshow(distance, origin="lower", cmap="Greens", vmin=0, vmax=float(np.nanpercentile(distance, 99.5)) if np.isfinite(distance).any() else 1.0)  # fmt: skip

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...core import atomic_path, rotation_2d
+from ...core import rotation_2d
+from ...core.files import new_figure, save_figure
 from ..problem import Plan, PlanningProblem
 
 #: Margin around the plan: at least this [m], or this fraction of its greater extent.
@@ -46,15 +47,15 @@ def plot_path_plan(
     ... )
     >>> plot_path_plan(problem, make_plan(problem), "plan.png")
     """
-    from matplotlib.figure import Figure
     from matplotlib.patches import Polygon
     from matplotlib.transforms import Affine2D
 
     grid = problem.map
     low_m, high_m = _view(problem, plan)
     wide_m, tall_m = high_m - low_m
-    figure = Figure(figsize=(8, 8 * max(0.4, min(2.5, tall_m / wide_m))), layout="constrained")
-    axes = figure.add_subplot(aspect="equal")
+    size = (8, 8 * max(0.4, min(2.5, tall_m / wide_m)))
+    figure, (axes,) = new_figure(1, 1, size=size, layout="constrained")
+    axes.set_aspect("equal")
     shade = np.where(grid.cells < 0, 0.8, 1.0 - np.clip(grid.cells, 0, 100) / 100.0)
     width, height = grid.size_m
     x, y, yaw = grid.origin
@@ -94,8 +95,7 @@ def plot_path_plan(
     handles, labels = axes.get_legend_handles_labels()
     first = {label: handle for handle, label in zip(handles[::-1], labels[::-1], strict=True)}
     figure.legend([*first.values()][::-1], [*first][::-1], loc="outside lower center", ncols=4, fontsize=8)
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=120)
+    save_figure(path, figure)
 
 
 def _poses(plan: Plan) -> list[tuple[float, float, float]]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...core import InputError, atomic_path, read_npz
+from ...core.files import check_target
 from .prior import Entry, VisualPrior
 from .prior_evidence import PriorSettings
 from .shape import DESCRIPTOR_LENGTH, ShapeViews
@@ -30,9 +31,7 @@ def save_prior(path: Path | str, prior: VisualPrior) -> None:
     prior
         Visual prior.
     """
-    path = Path(path)
-    if path.suffix != ".npz":
-        raise InputError(path, f"found suffix {path.suffix!r}, expected .npz")
+    path = check_target(path, (".npz",))
     entries = list(prior.entries.items())
     images = [one for _, entry in entries for one in entry.images]
     shapes = [entry.shape for _, entry in entries if entry.shape is not None]

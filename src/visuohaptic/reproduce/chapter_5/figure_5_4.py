@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from ...core.files import new_figure
 from ...reconstruction.fusion.depth_fusion import TsdfVolume
 from ...simulation.tabletop.glass_scenes import glass_scene
-from .._solid import figure_3d, frame_3d, shaded
+from .._solid import frame_3d, shaded
 from ..output import Columns, Output
 from ..worlds.virtual_glass import HIGH_M, LOW_M, detected, judged, rendered
 
@@ -52,8 +53,8 @@ def run(out: Output) -> None:
         "x_m": [r.centroid_m[0] for r in regions] or [np.nan], "y_m": [r.centroid_m[1] for r in regions] or [np.nan],
         "z_m": [r.centroid_m[2] for r in regions] or [np.nan], "volume_m3": [r.volume_m3 for r in regions] or [np.nan],
     })  # fmt: skip
-    figure, axes = figure_3d(1, 3, size=(15.0, 4.2))
-    for axis, title in zip(axes[0], ("a  fused surface", "b  with transparency", "c  truth"), strict=True):
+    figure, axes = new_figure(1, 3, size=(15.0, 4.2), layout="constrained", projection="3d")
+    for axis, title in zip(axes, ("a  fused surface", "b  with transparency", "c  truth"), strict=True):
         axis.set_title(title)
         frame_3d(axis, (-0.4, -0.4, 0.0), (0.4, 0.4, 0.3), elev=25, zoom=1.9)
     used = mesh.vertices_m[mesh.faces].mean(axis=1)
@@ -61,13 +62,13 @@ def run(out: Output) -> None:
     from ...reconstruction.mesh import SurfaceMesh
 
     opaque = SurfaceMesh(mesh.vertices_m, mesh.faces[keep])
-    for axis in axes[0, :2]:
+    for axis in axes[:2]:
         shaded(axis, opaque, "#c8564b")
     for region in regions:
-        shaded(axes[0, 1], SurfaceMesh(region.hull_m, region.faces), "#f0d21e", alpha=0.75)
+        shaded(axes[1], SurfaceMesh(region.hull_m, region.faces), "#f0d21e", alpha=0.75)
     for points, clear in walls:
-        axes[0, 2].scatter(*(1e3 * points[clear]).T, s=1.5, color="#56b4e9")
-        axes[0, 2].scatter(*(1e3 * points[~clear]).T, s=1.5, color="#c8564b")
+        axes[2].scatter(*(1e3 * points[clear]).T, s=1.5, color="#56b4e9")
+        axes[2].scatter(*(1e3 * points[~clear]).T, s=1.5, color="#c8564b")
     out.picture("reconstruction", figure, dpi=80)
     for part in ("opaque", "transparent"):
         fractions = [s for p, s in zip(rows["part"], rows["reconstructed"], strict=True) if p == part]

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from ...core.files import new_figure
 from ...core.geometry import rotation_2d
 from ...io.depth.depth_sequence import DepthFrame
 from ...reconstruction.mesh import SurfaceMesh
 from ...simulation.tabletop.glass_scenes import SCENE_KINDS, glass_scene
-from .._solid import figure_3d, frame_3d, shaded
+from .._solid import frame_3d, shaded
 from ..output import Columns, Output
 from ..worlds.virtual_glass import detected, judged, rendered
 
@@ -29,9 +30,15 @@ def run(out: Output) -> None:
         Receives the table ``scenes``, picture ``transparency``, and the comparisons; its seed and size are used.
     """
     kinds = SCENE_KINDS[2:3] if out.quick else SCENE_KINDS
-    figure, axes = figure_3d(1 if len(kinds) == 1 else 2, max(1, len(kinds) // 2), size=(11.0, 9.0))
+    figure, axes = new_figure(
+        1 if len(kinds) == 1 else 2,
+        max(1, len(kinds) // 2),
+        size=(11.0, 9.0),
+        layout="constrained",
+        projection="3d",
+    )
     rows = Columns("kind method objects found false f1")
-    for number, (kind, axis) in enumerate(zip(kinds, axes.ravel(), strict=True)):
+    for number, (kind, axis) in enumerate(zip(kinds, axes, strict=True)):
         scene = glass_scene(
             out.seed + 16 + number, kind=kind, arc_deg=105 if out.quick else 180, step_m=0.045
         )

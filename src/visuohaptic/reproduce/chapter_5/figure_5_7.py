@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from ...core.files import new_figure
 from ...reconstruction.completion import Completion, Touch
 from ...reconstruction.mesh import SurfaceMesh
 from ...simulation.tabletop.bottles import Bottle, random_bottle
-from .._solid import figure_3d, frame_3d, shaded
+from .._solid import frame_3d, shaded
 from ..output import Columns, Output
 from ..worlds.virtual_completion import SIGMA_M, errors_m, scene, true_points
 
@@ -31,7 +32,9 @@ def run(out: Output) -> None:
     """
     shown = SHOWN[:2] if out.quick else SHOWN
     names = "A" if out.quick else "ABC"
-    figure, axes = figure_3d(len(names), len(shown) + 2, size=(2.7 * (len(shown) + 2), 3.4 * len(names)))
+    columns = len(shown) + 2
+    size = (2.7 * columns, 3.4 * len(names))
+    figure, axes = new_figure(len(names), columns, size=size, layout="constrained", projection="3d")
     rows = Columns("object kind touches mse_mm2 largest_mm")
     better = []
     for row, name in enumerate(names):
@@ -41,7 +44,7 @@ def run(out: Output) -> None:
         better.append(mean[-1] / mean[0])
         for count, (_, _, errors, _) in zip(shown, found, strict=True):
             rows.add(name, bottle.kind, count, 1e6 * float(np.mean(errors**2)), 1e3 * float(errors.max()))
-        _draw(axes[row], name, bottle, found, shown)
+        _draw(axes[row * columns : (row + 1) * columns], name, bottle, found, shown)
     out.table("errors", rows)
     out.picture("completion", figure, dpi=75)
     out.compare(f"error after {shown[-1]} touches by that of the untouched surface, largest of the objects",

@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from ...core.files import draw_surface, new_figure
 from ...deformation import PinchPlane, load_object, object_map, side_vertex
 from ...deformation.maps.map_file import colours
 from ...grasping.confirm import confirm_grasp
-from .._solid import figure_3d, frame_3d, shaded
+from .._solid import frame_3d, shaded
 from ..output import Columns, Output
 
 FORCE_N, HEIGHT = 3.0, 0.9
@@ -30,10 +31,10 @@ def run(out: Output) -> None:
     """
     from matplotlib.colors import LogNorm, Normalize
 
-    figure, axes = figure_3d(1, 3, size=(11.0, 4.4))
+    figure, axes = new_figure(1, 3, size=(11.0, 4.4), layout="constrained", projection="3d")
     rows = Columns("model deformation_mm stiffness_N_per_m")
     moved = {}
-    for axis, name, letter in zip(axes[0, :2], ("cup", "cup-rim"), "ab", strict=True):
+    for axis, name, letter in zip(axes[:2], ("cup", "cup-rim"), "ab", strict=True):
         container = load_object(name, around=24 if out.quick else 40)
         vertex = side_vertex(container, "x+", HEIGHT * container.height_m)
         confirmation = confirm_grasp(container, vertex, FORCE_N, max_deformation_m=0.02)
@@ -52,16 +53,14 @@ def run(out: Output) -> None:
         _scale(figure, axis, "viridis", Normalize(0.0, 1e3 * float(amount.max())), "moved by [mm]")
     found = object_map(container, band=False)
     shade = colours(found.stiffness_N_per_m)[found.faces].mean(axis=1) / 255
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
     corners = 1e3 * found.vertices_m[found.faces]
-    axes[0, 2].add_collection3d(Poly3DCollection(corners, facecolors=shade, edgecolors="none"))
-    frame_3d(axes[0, 2], low, high, elev=20, zoom=1.05)
-    axes[0, 2].set_title("c  local stiffness of b", fontsize=10)
+    draw_surface(axes[2], corners, shade)
+    frame_3d(axes[2], low, high, elev=20, zoom=1.05)
+    axes[2].set_title("c  local stiffness of b", fontsize=10)
     used = np.isfinite(found.stiffness_N_per_m)
     # The scale of `colours`: logarithmic, from the 2nd to the 98th percentile.
     ends = np.exp(np.percentile(np.log(found.stiffness_N_per_m[used]), (2, 98)))
-    _scale(figure, axes[0, 2], "viridis", LogNorm(*ends), "stiffness [N/m]")
+    _scale(figure, axes[2], "viridis", LogNorm(*ends), "stiffness [N/m]")
     out.picture("deformation", figure, dpi=90)
     out.table("pinch", rows)
     out.table("map", {"x_m": found.vertices_m[used, 0], "y_m": found.vertices_m[used, 1],

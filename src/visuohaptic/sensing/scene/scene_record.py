@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...core import Frame, InputError, Pose
-from ...core.files import GrowingCsv
+from ...core import Frame, Pose
+from ...core.files import GrowingCsv, check_target
 from ...io.ros import ros_messages as ros
 
 if TYPE_CHECKING:
@@ -93,9 +93,7 @@ class SceneTable(GrowingCsv):
     """
 
     def __init__(self, path: Path | str) -> None:
-        if Path(path).suffix != ".csv":
-            raise InputError(path, f"found {Path(path).suffix!r}, expected .csv")
-        super().__init__(path, SCENE_COLUMNS)
+        super().__init__(check_target(path, (".csv",)), SCENE_COLUMNS)
 
     def write(self, reading: SceneReading) -> None:
         """Append one reading.

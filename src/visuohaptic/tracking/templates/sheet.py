@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from ...core import POSITIVE, InputError, check_choice, check_numbers, within
-from ...core.files import atomic_path, encode_image
+from ...core.files import atomic_path, check_target, encode_image
 from .template import TAG_CELLS, tag_image
 
 #: Width and height of supported papers [m].
@@ -120,16 +120,14 @@ def save_sheet(
     dpi
         Dots per inch of a PNG.
     """
-    path = Path(path)
+    path = check_target(path, (".pdf", ".png"))
     placed = lay_out(items, paper)
     if path.suffix.lower() == ".pdf":
         data = _pdf(placed, PAPERS_M[paper])
         widths = {place.item.label: place.item.width_m for place in placed}
-    elif path.suffix.lower() == ".png":
+    else:
         check_numbers("sheet", within(50, 2400), dpi=dpi)
         data, widths = _png(placed, PAPERS_M[paper], dpi)
-    else:
-        raise InputError(path, f"found {path.suffix!r}, expected .pdf or .png", field="suffix")
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)
     return widths

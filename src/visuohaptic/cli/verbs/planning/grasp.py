@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from .... import core, deformation, grasping
+from ....core import files
 from ....core.files.plain_json import picked
-from ....deformation import maps
 from ._container import add_container_arguments, read_container
 
 
@@ -59,7 +59,8 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Plan and report; returns the mapping that ``--json`` prints."""
-    maps.check_suffix(None, args.plot)
+    if args.plot:
+        files.check_target(args.plot, files.FIGURE_SUFFIXES)
     if args.several is not None and not 2 <= args.several <= args.count:
         raise core.InputError("--several", f"found {args.several}, expected 2 to {args.count}, the --count")
     begin = time.perf_counter()

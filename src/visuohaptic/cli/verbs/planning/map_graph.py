@@ -100,10 +100,9 @@ def run(args: Any) -> dict[str, Any]:
     if args.route is not None:
         result["route"] = _route(grid, limits, args.route, args.unknown_is_free)
     if args.plot:
-        from ....core.files import atomic_path
+        from ....core.files import save_figure
 
-        with atomic_path(folder / "navigation.png") as temporary:
-            plots.plot_navigation(regions).savefig(temporary)
+        save_figure(folder / "navigation.png", plots.plot_navigation(regions), dpi=130)
         written.append("navigation.png")
     return result
 

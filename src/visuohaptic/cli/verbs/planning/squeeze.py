@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from .... import core, deformation
+from ....core import files
 from ....core.files.plain_json import picked
 from ....deformation import maps
 from ._container import add_container_arguments, add_contents_arguments, read_container, read_contents
@@ -39,9 +40,10 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Compute and report; returns the mapping that ``--json`` prints."""
-    maps.check_suffix(None, args.plot)
-    if args.out and args.out.suffix.lower() != ".csv":
-        raise core.InputError(args.out, f"found suffix {args.out.suffix!r}, expected .csv")
+    if args.plot:
+        files.check_target(args.plot, files.FIGURE_SUFFIXES)
+    if args.out:
+        files.check_target(args.out, (".csv",))
     if args.at and args.height is not None:
         raise core.InputError("--height", "found with --at, expected one of them")
     begin = time.perf_counter()

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from .... import core, deformation
+from ....core import files
 from ....core.files.plain_json import picked, plain
 from ....deformation import maps
 from ._container import add_container_arguments, add_contents_arguments, read_container, read_contents
@@ -45,7 +46,10 @@ def run(args: Any) -> dict[str, Any]:
     """Compute and write; returns the mapping that ``--json`` prints."""
     import numpy as np
 
-    maps.check_suffix(args.out, args.plot)
+    if args.out:
+        files.check_target(args.out, maps.MAP_SUFFIXES)
+    if args.plot:
+        files.check_target(args.plot, files.FIGURE_SUFFIXES)
     begin = time.perf_counter()
     container = read_container(args)
     contents, inside = read_contents(args)

@@ -8,6 +8,7 @@ from typing import Any
 
 from .... import report
 from ....core.errors import InputError
+from ....core.files import check_target
 from ....core.files.plain_json import picked
 from ....io import sinks
 
@@ -48,8 +49,8 @@ def checked_reference(args: Any, path: Path) -> report.ForceRecord:
     """
     import numpy as np
 
-    if args.page and args.page.suffix.lower() not in (".html", ".htm"):
-        raise InputError(args.page, f"found suffix {args.page.suffix!r}, expected .html")
+    if args.page:
+        check_target(args.page, (".html", ".htm"))
     if args.offset is not None and not math.isfinite(args.offset):
         raise InputError("--offset", f"found {args.offset:g}, expected a finite time")
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ....core import MissingExtraError, atomic_path
+from ....core.files import new_figure, save_figure
 from .section import Section, section_material, sensitivity
 
 if TYPE_CHECKING:
@@ -91,24 +91,9 @@ def save_calibration_plot(calibration: FoamCalibration, path: Path | str) -> Non
     path
         File to write; its extension determines the format.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingExtraError("matplotlib", "plot", "drawing the calibration") from error
-    figure = Figure(figsize=(10, 4), layout="constrained")
-    FigureCanvasAgg(figure)
-    left, right = figure.subplots(1, 2)
+    figure, (left, right) = new_figure(1, 2, size=(10, 4), layout="constrained")
     draw_strain_stress(left, calibration)
     left.set_title("Strain and stress", fontsize=10)
     draw_sensitivity(right, calibration)
     right.set_title("Sensitivity to the image (d = 0.3 m, 70°, f = 1800 px)", fontsize=10)
-    with atomic_path(path) as temporary:
-        try:
-            figure.savefig(temporary, dpi=130)
-        except ValueError as error:
-            from ....core.errors import InputError
-
-            raise InputError(
-                path, f"cannot be written as an image ({error})", remedy="end it in .png"
-            ) from error
+    save_figure(path, figure, dpi=130)
