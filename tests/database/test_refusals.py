@@ -166,6 +166,8 @@ def test_objects_are_listed_by_what_is_asked(tmp_path: Path) -> None:
         assert [one.change for one in db.summaries()] == [db.last_change()] * 2
         assert db.changed(0) == ({"a": 1, "b": 1}, 1)
         assert db.changed(1) == ({}, 1)
+        db.add(VisuoHapticObject("c", name="Ölflasche"))
+        assert [[one.id for one in db.summaries(name=name)] for name in ("Öl", "ölF")] == [["c"]] * 2
 
 
 def test_features_of_one_kind_have_one_length(tmp_path: Path) -> None:

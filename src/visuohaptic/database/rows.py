@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from sqlalchemy import Connection, and_, bindparam, func, select
+from sqlalchemy import Connection, and_, bindparam, select
 
 from ..core import InputError, Provenance, VisuoHapticObject, cards
 from .merge import merge_objects
@@ -150,9 +150,9 @@ def summaries(connection: Connection, visual_class: str | None, name: str | None
     query = query.where(object_.c.deleted_s.is_(None)).order_by(object_.c.id)
     if visual_class is not None:
         query = query.where(object_.c.visual_class == visual_class)
-    if name is not None:
-        query = query.where(func.lower(object_.c.name).contains(name.lower(), autoescape=True))
-    return [Summary(*row) for row in connection.execute(query)]
+    found = [Summary(*row) for row in connection.execute(query)]
+    # Not by lower() of the database: SQLite knows only the letters of ASCII, PostgreSQL those of its locale.
+    return found if name is None else [one for one in found if name.casefold() in one.name.casefold()]
 
 
 def feature_vectors(
