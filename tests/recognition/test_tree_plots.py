@@ -19,8 +19,8 @@ from .worlds import synthetic
 
 def test_classes_are_most_like_themselves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     figures: list[Figure] = []
-    made = tree_plots.new_figure
-    monkeypatch.setattr(tree_plots, "new_figure", lambda *size: figures.append(made(*size)) or figures[-1])
+    made = tree_plots._figure
+    monkeypatch.setattr(tree_plots, "_figure", lambda *size: figures.append(made(*size)) or figures[-1])
     data = synthetic(10)
     found = class_correlation(data)
     np.testing.assert_allclose(found, found.T)

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from ..deformation.maps.map_file import check_suffix, new_figure, save_figure
+from ..core.files import atomic_path
+from ..deformation.maps.map_file import check_suffix
 from .planner import GraspPlan
 
 #: From bad to good, with uniform steps of lightness.
@@ -41,7 +42,11 @@ def plot_plan(path: Path | str, plans: Sequence[tuple[str, GraspPlan]]) -> None:
     """
     path = Path(path)
     check_suffix(None, path)
-    figure = new_figure(4.6 * len(plans), 8.5)
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4.6 * len(plans), 8.5), layout="constrained")
+    FigureCanvasAgg(figure)
     for column, (title, plan) in enumerate(plans):
         _draw_object(figure.add_subplot(2, len(plans), column + 1, projection="3d"), title, plan)
         axes = figure.add_subplot(2, len(plans), len(plans) + column + 1)
@@ -49,7 +54,8 @@ def plot_plan(path: Path | str, plans: Sequence[tuple[str, GraspPlan]]) -> None:
         if column == 0:
             axes.set_ylabel("height [mm]")
             axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, fontsize=8)
-    save_figure(path, figure)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=120)
 
 
 def _draw_object(axes: Any, title: str, plan: GraspPlan) -> None:

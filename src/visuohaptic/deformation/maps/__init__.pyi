@@ -30,9 +30,7 @@ from .grasp_patterns import own_compliance as own_compliance
 from .map_file import check_suffix as check_suffix
 from .map_file import colours as colours
 from .map_file import load_map as load_map
-from .map_file import new_figure as new_figure
 from .map_file import plot_map as plot_map
-from .map_file import save_figure as save_figure
 from .map_file import save_map as save_map
 from .squeeze import SqueezeResult as SqueezeResult
 from .squeeze import plot_squeeze as plot_squeeze

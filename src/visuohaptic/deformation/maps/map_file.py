@@ -6,7 +6,6 @@ import base64
 import json
 import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -111,36 +110,6 @@ def colours(stiffness_N_per_m: Float[np.ndarray, "v"]) -> UInt8[np.ndarray, "v 3
     return out.round().astype(np.uint8)
 
 
-def new_figure(width_in: float, height_in: float) -> Any:
-    """An empty figure that needs no display.
-
-    Parameters
-    ----------
-    width_in, height_in
-        Size [inch].
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width_in, height_in), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def save_figure(path: Path | str, figure: Any) -> None:
-    """Write a figure atomically.
-
-    Parameters
-    ----------
-    path
-        File to write.
-    figure
-        Of :func:`new_figure`.
-    """
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=120)
-
-
 def plot_map(path: Path | str, found: StiffnessMap, title: str = "") -> None:
     """Plot two views and the profile over the height, like figure 6.5.
 
@@ -160,12 +129,15 @@ def plot_map(path: Path | str, found: StiffnessMap, title: str = "") -> None:
     >>> plot_map("stiffness.png", object_map(load_object("cup", around=32), band=False))
     """
     check_suffix(None, Path(path))
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LogNorm
+    from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     points_mm = found.vertices_m * 1e3
     shade = colours(found.stiffness_N_per_m)[found.faces].mean(axis=1) / 255
-    figure = new_figure(10, 5)
+    figure = Figure(figsize=(10, 5), layout="constrained")
+    FigureCanvasAgg(figure)
     low, high = points_mm.min(axis=0), points_mm.max(axis=0)
     for column, azimuth in ((1, -60), (2, 30)):
         axes = figure.add_subplot(1, 3, column, projection="3d")
@@ -190,7 +162,8 @@ def plot_map(path: Path | str, found: StiffnessMap, title: str = "") -> None:
     axes.set_ylabel("height [mm]")
     axes.grid(alpha=0.3)
     figure.suptitle(title)
-    save_figure(path, figure)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=120)
 
 
 def _save_npz(path: Path, found: StiffnessMap) -> None:

@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from ...core.errors import InputError
-from ...core.files import write_text
+from ...core.files import atomic_path, write_text
 from ...core.ranges import POSITIVE, check_numbers, within
 from ..nonlinear.contents import Contents
 from ..shapes.mesher import ShellObject
 from ..shells.shell_material import YIELD_Pa
 from .confidence_band import stiffness_band
 from .grasp_curves import GraspCurve, PinchPlane, nearest_vertex, side_vertex
-from .map_file import new_figure, save_figure
 
 #: Relative deviation of the secant stiffness from the initial stiffness, above which the curve is not linear.
 LINEAR_FRACTION = 0.1
@@ -192,7 +191,11 @@ def plot_squeeze(path: Path | str, found: SqueezeResult, title: str = "") -> Non
     title
         Title of the figure.
     """
-    figure = new_figure(6, 4)
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6, 4), layout="constrained")
+    FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     depth = np.r_[0.0, found.curve.deformation_m]
     force = np.r_[0.0, found.curve.force_N]
@@ -208,4 +211,5 @@ def plot_squeeze(path: Path | str, found: SqueezeResult, title: str = "") -> Non
     axes.set(xlabel="deformation of one side [mm]", ylabel="force of one tip [N]", title=title)
     axes.set_ylim(0, 1.1 * max(float(force.max()) * (1 + spread), 1e-3))
     axes.legend()
-    save_figure(path, figure)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=120)

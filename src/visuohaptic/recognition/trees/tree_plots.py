@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...deformation.maps.map_file import new_figure, save_figure
+from ...core.files import atomic_path
 from ..data import HEIGHTS, FeatureSet
 from .tree_nodes import ClassificationTree, feature_name, scaled_features
 
@@ -52,12 +52,13 @@ def plot_tree(path: Path | str, tree: ClassificationTree, data: FeatureSet | Non
     >>> data = FeatureSet.of_stiffness(stiffness, width, ["cup"] * 3 + ["bottle"] * 3)
     >>> plot_tree("tree.png", train_tree(data, folds=3), data)
     """
-    figure = new_figure(12 if data is not None else 7, 5.5)
+    figure = _figure(12 if data is not None else 7, 5.5)
     axes = figure.subplots(1, 2 if data is not None else 1, squeeze=False)[0]
     _draw_tree(axes[-1], tree)
     if data is not None:
         _draw_features(axes[0], tree, data)
-    save_figure(path, figure)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=120)
 
 
 def plot_correlation(path: Path | str, data: FeatureSet, scheme: str = "centre") -> None:
@@ -72,7 +73,7 @@ def plot_correlation(path: Path | str, data: FeatureSet, scheme: str = "centre")
     scheme
         Of the features.
     """
-    figure = new_figure(6.5, 5.5)
+    figure = _figure(6.5, 5.5)
     axes = figure.subplots()
     values = class_correlation(data, scheme)
     shown = axes.imshow(values, vmin=-1, vmax=1, cmap="RdBu_r")
@@ -83,7 +84,17 @@ def plot_correlation(path: Path | str, data: FeatureSet, scheme: str = "centre")
             ink = "white" if abs(value) > 0.7 else "black"
             axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=7, color=ink)
     figure.colorbar(shown, ax=axes, label="correlation")
-    save_figure(path, figure)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=120)
+
+
+def _figure(width: float, height: float) -> Any:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
 
 
 def _draw_tree(axes: Any, tree: ClassificationTree) -> None:
