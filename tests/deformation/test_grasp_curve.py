@@ -87,8 +87,6 @@ def test_forces_are_the_inverse_of_deformations() -> None:
     back = grasp_curve(container, side="y+", force_N=there.force_N.tolist())
     assert back.complete
     np.testing.assert_allclose(back.deformation_m, there.deformation_m, rtol=1e-3)
-    assert there.force_at(0.003) == pytest.approx(there.force_N[1])
-    assert np.isnan(there.force_at(0.007))
 
 
 def test_more_liquid_is_stiffer_and_pressure_rises() -> None:

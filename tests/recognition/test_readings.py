@@ -165,6 +165,19 @@ def test_a_curve_that_starts_before_contact_is_refused() -> None:
     # Walls that resist less at first, up to a membrane, and one that snaps through.
     for force in (900 * d, 1e5 * d**1.5, 5e5 * d**2, 2e8 * d**3, np.where(d <= 0.003, 900.0, -900.0) * d):
         assert not refused(d, force, "")
+    late = 3000.0 * np.maximum(d - 0.002, 0)
+    with pytest.raises(InputError, match="the force is zero up to"):
+        fit_curve(d, late)
+    assert fit_curve(d, late, from_contact=True).i_N_per_m < 1000
+
+
+@pytest.mark.parametrize("stiffness", [20e3, 1e5])
+def test_the_noise_of_a_stiff_wall_does_not_look_like_opening(stiffness: float) -> None:
+    """Up to 20 N it moves by twice to ten times the noise of the deformation, so that samples seem to go back."""
+    d = np.linspace(0, 20 / stiffness, 41)[1:]
+    assert not refused(d, stiffness * d, "")
+    loop = np.r_[np.linspace(0, 0.001, 30), np.linspace(0.001, 0, 30)]
+    assert not refused(loop, stiffness * loop, "", draws=40)
 
 
 def test_a_curve_that_opens_again_is_refused_unless_the_wall_is_elastic(tmp_path: Path) -> None:

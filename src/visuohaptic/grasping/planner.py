@@ -131,7 +131,7 @@ def plan_grasps(
         if not (even and place in known):
             known[place] = confirm_grasp(
                 container,
-                grasp.vertex if tips is None else _pair(tips, grasp.vertex),
+                grasp.vertex if tips is None else tips.take([grasp.vertex]),
                 grasp.force_N,
                 contents=contents,
                 headspace_m3=headspace,
@@ -158,13 +158,6 @@ def _wall_m(container: ShellObject) -> Float[np.ndarray, "v"]:
     out = np.full(len(mesh.vertices_m), np.inf)
     np.minimum.at(out, mesh.faces, np.asarray(mesh.thickness_m)[:, None])
     return out
-
-
-def _pair(tips: DualTips, vertex: int) -> DualTips:
-    some = [vertex]
-    return DualTips(
-        tips.first[some], tips.second[some], tips.weights[some], tips.direction[some], tips.valid[some]
-    )
 
 
 def plan_map(

@@ -53,4 +53,4 @@ def read_curve(
     at = np.arange(STEP_m, way[-1], STEP_m)
     d = at + rng.normal(0, NOISE_m, len(at))
     f = force(at) + rng.normal(0, NOISE_N, len(at))
-    return d, f, fit_curve(d, f)
+    return d, f, fit_curve(d, f, from_contact=True)

@@ -51,23 +51,6 @@ class GraspCurve:
     nodes: int  #: number of computed vertices
     iterations: int  #: Newton iterations
 
-    def force_at(self, deformation_m: float) -> float:
-        """Force [N] at a mean deformation of both tips, by monotone interpolation between the points.
-
-        NaN beyond the last point.
-
-        Parameters
-        ----------
-        deformation_m
-            Mean deformation of both tips [m].
-        """
-        from scipy.interpolate import PchipInterpolator
-
-        d, f = np.r_[0.0, self.deformation_m], np.r_[0.0, self.force_N]
-        if len(d) < 2 or not (np.diff(d) > 0).all():
-            return float("nan")
-        return float(PchipInterpolator(d, f, extrapolate=False)(deformation_m))
-
 
 class PinchPlane:
     """All pinches of an object along one direction: their common data are computed once.

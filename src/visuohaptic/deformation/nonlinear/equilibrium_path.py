@@ -43,15 +43,3 @@ class EquilibriumPath:
     def iterations(self) -> int:
         """Newton iterations of the whole path."""
         return sum(point.iterations for point in self.points)
-
-    def position_m(self, vertex: int, axis: int) -> Float[np.ndarray, "k"]:
-        """Position of one vertex at each point of the path [m].
-
-        Parameters
-        ----------
-        vertex
-            Number of the vertex.
-        axis
-            0, 1 or 2 for x, y or z.
-        """
-        return np.array([point.state.points_m[vertex, axis] for point in self.points])

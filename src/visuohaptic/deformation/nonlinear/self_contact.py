@@ -63,7 +63,7 @@ class SelfContactGuard:
         ends = self.rest_m[self.edges]
         self._cell_m = float(np.mean(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)))
         found = opposing_points(mesh, axis_point_m=container.axis_point_m)
-        self._across = DualTips(*(getattr(found, name)[found.valid] for name in DualTips.__slots__))
+        self._across = found.take(found.valid)
         self._min_m = np.minimum(
             min(float(self.wall_m.max()), TOUCH_m), REST_FRACTION * wall_gap_m(self.rest_m, self._across)
         )

@@ -8,7 +8,7 @@ distance by which the tips approach per newton. The stiffness is force per defor
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,16 @@ class DualTips:
 
     def __len__(self) -> int:
         return len(self.first)
+
+    def take(self, chosen: Any) -> DualTips:
+        """Some of the pairs.
+
+        Parameters
+        ----------
+        chosen
+            Numbers of the pairs, or a mask.
+        """
+        return DualTips(*(getattr(self, name)[chosen] for name in self.__slots__))
 
 
 def opposing_points(
@@ -92,7 +102,7 @@ def antipodal_points(mesh: ShellMesh, *, max_slant_rad: float) -> DualTips:
         ]
     )
     valid = tips.valid & (slants > np.cos(max_slant_rad)).all(axis=0)
-    return DualTips(tips.first, tips.second, tips.weights, tips.direction, valid)
+    return replace(tips, valid=valid)
 
 
 def _across(mesh: ShellMesh, first: Int[np.ndarray, "m"], axis_m: Float[np.ndarray, "m 2"]) -> DualTips:
@@ -221,7 +231,6 @@ def dual_tip_map(model: ShellModel, tips: DualTips | None = None) -> Float[np.nd
     low = np.where(only, np.minimum(tips.first, other), tips.first)
     high = np.where(only, np.maximum(tips.first, other), -1)
     _, chosen, inverse = np.unique(low * (model.nodes + 1) + high + 1, return_index=True, return_inverse=True)
-    some = DualTips(*(getattr(tips, name)[chosen] for name in DualTips.__slots__))
-    compliance = dual_tip_compliance(model, some)[inverse]
+    compliance = dual_tip_compliance(model, tips.take(chosen))[inverse]
     with np.errstate(divide="ignore"):
         return np.where(tips.valid, 2.0 / compliance, np.nan)

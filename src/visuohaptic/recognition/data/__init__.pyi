@@ -1,6 +1,5 @@
 from .compressions import Compression as Compression
 from .compressions import read_compressions as read_compressions
-from .curve_check import check_curve as check_curve
 from .curve_file import SqueezedObject as SqueezedObject
 from .curve_file import read_curves as read_curves
 from .curve_file import read_squeezed as read_squeezed
@@ -22,5 +21,6 @@ from .protocol import travel_seconds as travel_seconds
 from .readings import CurveCoefficients as CurveCoefficients
 from .readings import TouchNoise as TouchNoise
 from .readings import TouchReading as TouchReading
+from .readings import check_curve as check_curve
 from .readings import fit_curve as fit_curve
 from .readings import stiffness_grid as stiffness_grid

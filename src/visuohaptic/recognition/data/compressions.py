@@ -74,7 +74,7 @@ class Compression:
         if self.force_N is not None:
             way = np.linspace(0.0, self.displacement_m, len(self.force_N))
             try:
-                found = fit_curve(way, self.force_N)
+                found = fit_curve(way, self.force_N, from_contact=True)  # folded walls are no membranes
             except InputError as error:
                 raise InputError("forces.csv", error.problem, field=f"print {self.name}") from error
             out.append(TouchReading(CURVE, "x", (found, None), object_height_m=self.height_m))

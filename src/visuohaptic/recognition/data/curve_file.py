@@ -11,7 +11,6 @@ import numpy as np
 
 from ...core.errors import InputError
 from ...core.files import CsvRow, check_columns, read_csv
-from .curve_check import check_curve
 from .places import HEIGHTS, SIDES
 from .readings import CurveCoefficients, TouchNoise, TouchReading, fit_curve
 
@@ -104,7 +103,6 @@ def _touches(path: Path, samples: list[_Sample], noise: TouchNoise | None) -> tu
     for (curve, height, side), rows in curves.items():
         d, f = np.array([(one.deformation_m, one.force_N) for one in rows]).T
         try:
-            check_curve(d, f, noise)
             found = fit_curve(d, f, noise)
         except InputError as error:
             raise InputError(

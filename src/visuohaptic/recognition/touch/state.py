@@ -291,7 +291,10 @@ def _read(curve: StateCurve, noise: TouchNoise, rng: np.random.Generator) -> np.
     f = np.interp(d, np.r_[0.0, curve.deformation_m], np.r_[0.0, curve.force_N])
     try:
         fit = fit_curve(
-            d + rng.normal(0, noise.deformation_m, len(d)), f + rng.normal(0, noise.force_N, len(d)), noise
+            d + rng.normal(0, noise.deformation_m, len(d)),
+            f + rng.normal(0, noise.force_N, len(d)),
+            noise,
+            from_contact=True,
         )
     except InputError:
         return None

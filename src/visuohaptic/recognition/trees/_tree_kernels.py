@@ -56,25 +56,6 @@ def best_splits(
 
 
 @kernel
-def partition_order(order: np.ndarray, goes_left: np.ndarray, left: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sorted objects (p, k) of both children; the first has ``left`` objects of the node."""
-    features, count = order.shape
-    first = np.empty((features, left), order.dtype)
-    second = np.empty((features, count - left), order.dtype)
-    for f in range(features):
-        a, b = 0, 0
-        for place in range(count):
-            row = order[f, place]
-            if goes_left[row]:
-                first[f, a] = row
-                a += 1
-            else:
-                second[f, b] = row
-                b += 1
-    return first, second
-
-
-@kernel
 def cut_nodes(
     feature: np.ndarray, left: np.ndarray, right: np.ndarray, error: np.ndarray, cost: float
 ) -> np.ndarray:

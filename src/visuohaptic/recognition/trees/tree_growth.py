@@ -144,7 +144,7 @@ def grown(
     alpha
         Cost of a leaf, relative to the weight of all objects.
     """
-    from ._tree_kernels import best_splits, partition_order
+    from ._tree_kernels import best_splits
 
     if not 0 <= reuse < 1:
         raise InputError("reuse", f"found {reuse}, expected 0 to less than 1")
@@ -170,10 +170,10 @@ def grown(
                 decrease, best = again, float(again.max())
         # Among equal splits, the widest gap is the most robust to measurement noise.
         feature = int(np.argmax(np.where(decrease >= best - _MIN, gap, -1.0)))
-        left = columns[feature] <= threshold[feature]
-        both = partition_order(order, left, int(np.count_nonzero(left[rows])))
+        left = (columns[feature] <= threshold[feature])[order]
         below = touched | {touch[feature]}
-        nodes[here] = [feature, threshold[feature], grow(both[0], below), grow(both[1], below)]
+        low, high = (grow(order[side].reshape(len(order), -1), below) for side in (left, ~left))
+        nodes[here] = [feature, threshold[feature], low, high]
         return here
 
     grow(np.argsort(columns, axis=1).astype(np.int32), frozenset(scaling_touches(scheme)))

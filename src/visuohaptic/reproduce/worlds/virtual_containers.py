@@ -239,7 +239,9 @@ def explore_container(specimen: RealObject, rng: np.random.Generator) -> Any:
     def touch(height: int, axis: str) -> TouchReading:
         column = 0 if axis == "x" else 2
         sides = [
-            fit_curve(*draw_curve(float(specimen.stiffness_N_per_m[height - 1, column + k]), rng))
+            fit_curve(
+                *draw_curve(float(specimen.stiffness_N_per_m[height - 1, column + k]), rng), from_contact=True
+            )
             for k in (0, 1)
         ]
         width = float(specimen.width_m[height - 1, column // 2]) + rng.normal(0, np.sqrt(2) * NOISE_m)

@@ -104,7 +104,7 @@ def curve_fit(curve: SqueezeCurve) -> CurveCoefficients:
     curve
         Squeeze at several force levels.
     """
-    return fit_curve(np.maximum(curve.deformation_m, 0.0), curve.force_N, NOISE)
+    return fit_curve(np.maximum(curve.deformation_m, 0.0), curve.force_N, NOISE, from_contact=True)
 
 
 def correct_by_squeezes(
