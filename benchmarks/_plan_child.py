@@ -228,7 +228,7 @@ def _route(request: dict[str, Any]) -> dict[str, Any]:
     from visuohaptic.navigation.graph import assign_regions, build_graph
     from visuohaptic.navigation.grid import SpeedLimits, grid_layers
     from visuohaptic.navigation.planning import extend_graph
-    from visuohaptic.navigation.problem import ManipulationNode
+    from visuohaptic.navigation.problem import push_node
 
     problem = problem_of(request["problem"])
     layers = grid_layers(problem.map, SpeedLimits(problem.robot.radius_m))
@@ -239,7 +239,7 @@ def _route(request: dict[str, Any]) -> dict[str, Any]:
         chords = _chords(path)
         joined: list[list[float]] = []
         if problem.objects:
-            nodes = [ManipulationNode(obj) for obj in problem.objects]
+            nodes = [push_node(obj, problem.robot) for obj in problem.objects]
             joint = extend_graph(graph, assign_regions(layers, graph), problem.robot, nodes)
             save_joint_route_graph(path, joint)
             without = {tuple(chord) for chord in chords}

@@ -137,11 +137,11 @@ def run_planning() -> None:
     from visuohaptic.navigation.grid import SpeedLimits, grid_layers
     from visuohaptic.navigation.planning import extend_graph, make_plan, plan_off_centre_pushes
     from visuohaptic.navigation.problem import (
-        ManipulationNode,
         MovableObject,
         PlanningProblem,
         PushMode,
         RobotModel,
+        push_node,
     )
     from visuohaptic.rigs import ROBOT, STOOL, rooms, with_objects
 
@@ -157,7 +157,7 @@ def run_planning() -> None:
     make_plan(replace(problem, objects=(replace(item, push=PushMode.SIDEWARD),)))
     layers = grid_layers(map, SpeedLimits(ROBOT.radius_m))
     graph = build_graph(layers)
-    joint = extend_graph(graph, assign_regions(layers, graph), ROBOT, [ManipulationNode(item)])
+    joint = extend_graph(graph, assign_regions(layers, graph), ROBOT, [push_node(item, ROBOT)])
     task_pieces(joint, joint.visual.nodes + len(joint.added))
 
 

@@ -22,7 +22,7 @@ from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.graph import assign_regions, build_graph
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
 from visuohaptic.navigation.planning import alternatives, extend_graph, make_plan
-from visuohaptic.navigation.problem import ManipulationNode, MovableObject, PlanningProblem
+from visuohaptic.navigation.problem import MovableObject, PlanningProblem, push_node
 
 from .harness import cpu_seconds, median
 
@@ -135,7 +135,7 @@ def many_objects_row(folder: Path) -> dict[str, Any]:
     layers = grid_layers(with_objects(grid, objects), SpeedLimits(ROBOT.radius_m))
     graph = build_graph(layers)
     regions = assign_regions(layers, graph)
-    kinds = [ManipulationNode(item) for item in objects]
+    kinds = [push_node(item, ROBOT) for item in objects]
     spent_s = cpu_seconds(lambda: extend_graph(graph, regions, ROBOT, kinds))
     return {
         "name": "50 tagged objects added",

@@ -21,7 +21,7 @@ from visuohaptic.navigation.planning.exploration import (
     upper_bound,
 )
 from visuohaptic.navigation.planning.exploration import orienteering as search
-from visuohaptic.navigation.problem import ManipulationNode, MovableObject, PlanningProblem, PushCosts
+from visuohaptic.navigation.problem import MovableObject, PlanningProblem, PushCosts, push_node
 
 from .plan_scenes import ROBOT, box, rooms, with_objects
 
@@ -64,7 +64,7 @@ def truth(floor):
     layers = grid_layers(floor.map, SpeedLimits(ROBOT.radius_m))
     visual = build_graph(layers)
     moves = HapticTag(fixed=False, explored=1)
-    nodes = [ManipulationNode(replace(item, tag=moves)) for item in floor.objects[:4]]
+    nodes = [push_node(replace(item, tag=moves), ROBOT) for item in floor.objects[:4]]
     return ids, times, extend_graph(visual, assign_regions(layers, visual), ROBOT, nodes)
 
 

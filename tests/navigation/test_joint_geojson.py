@@ -17,7 +17,7 @@ from visuohaptic.navigation.files import save_joint_route_graph, save_route_grap
 from visuohaptic.navigation.graph import assign_regions, build_graph
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
 from visuohaptic.navigation.planning import extend_graph
-from visuohaptic.navigation.problem import ManipulationNode, Passage, PassageNode, TransparencyNode
+from visuohaptic.navigation.problem import NodeType, Passage, passage_node, push_node
 
 from .plan_scenes import ROBOT, box, office
 
@@ -81,10 +81,10 @@ def joint():
     wing = box(*problem.objects[0].centre_m, 0.45)
     glass = box(*graph.node_m[0], 0.3, 0.3)
     kinds = [
-        *(ManipulationNode(item, 0.15) for item in problem.objects),
-        PassageNode(Passage("wing", wing, "door_push")),
-        PassageNode(Passage("slide", outline, "door_sliding")),
-        TransparencyNode("glass", glass),
+        *(push_node(item, ROBOT, 0.15) for item in problem.objects),
+        passage_node(Passage("wing", wing, "door_push"), ROBOT),
+        passage_node(Passage("slide", outline, "door_sliding"), ROBOT),
+        NodeType("glass", glass),
     ]
     return extend_graph(graph, assign_regions(layers, graph), ROBOT, kinds)
 
@@ -127,7 +127,7 @@ def test_every_drive_to_an_object_keeps_clear_of_the_walls(tmp_path, seed):
     problem = problem_of(described(world, 0.05))
     layers = grid_layers(problem.map, SpeedLimits(problem.robot.radius_m))
     graph = build_graph(layers)
-    kinds = [ManipulationNode(item) for item in problem.objects]
+    kinds = [push_node(item, problem.robot) for item in problem.objects]
     joint = extend_graph(graph, assign_regions(layers, graph), problem.robot, kinds)
     save_joint_route_graph(path, joint)
     features = json.loads(path.read_text())["features"]

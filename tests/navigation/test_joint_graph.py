@@ -16,12 +16,12 @@ from visuohaptic.navigation.graph import assign_regions, build_graph
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
 from visuohaptic.navigation.planning import extend_graph
 from visuohaptic.navigation.problem import (
-    ManipulationNode,
+    NodeType,
     Passage,
     PassageKind,
-    PassageNode,
-    TransparencyNode,
     is_door_wing,
+    passage_node,
+    push_node,
 )
 
 from .plan_scenes import ROBOT, box, office
@@ -39,13 +39,13 @@ def scene():
 @pytest.fixture(scope="module")
 def joint(scene):
     problem, graph, regions = scene
-    return extend_graph(graph, regions, ROBOT, [ManipulationNode(item, 0.15) for item in problem.objects])
+    return extend_graph(graph, regions, ROBOT, [push_node(item, ROBOT, 0.15) for item in problem.objects])
 
 
 def test_the_visual_graph_is_extended_and_not_modified(scene):
     problem, graph, regions = scene
     before = [graph.edges.copy(), graph.edge_cost_s.copy(), regions.seed.copy(), regions.potential.copy()]
-    extend_graph(graph, regions, ROBOT, [ManipulationNode(item) for item in problem.objects])
+    extend_graph(graph, regions, ROBOT, [push_node(item, ROBOT) for item in problem.objects])
     after = [graph.edges, graph.edge_cost_s, regions.seed, regions.potential]
     assert all((a == b).all() for a, b in zip(before, after, strict=True))
 
@@ -116,7 +116,7 @@ def test_glass_closes_edges(scene):
     problem, graph, regions = scene
     cell = graph.edge_path(0)[len(graph.edge_path(0)) // 2]
     place = problem.map.world_from_cell(cell)
-    glass = TransparencyNode("vitrine", box(*place, 0.2))
+    glass = NodeType("vitrine", box(*place, 0.2))
     joint = extend_graph(graph, regions, ROBOT, [glass])
     node = joint.node("vitrine")
     assert 0 in node.blocked_edges
@@ -157,8 +157,8 @@ def test_doors_and_waiting_have_times_and_risks():
     draws = np.minimum(np.random.default_rng(0).exponential(200.0, 200_000), 300.0)
     assert lift.total_s == pytest.approx(draws.mean(), rel=0.01)
     assert lift.failure_probability == pytest.approx((draws == 300.0).mean(), abs=0.005)
-    node = PassageNode(Passage("it", outline, PassageKind.DOOR_PUSH))
-    assert (node.task_s(ROBOT), node.planner) == (wing.total_s, "push door")
+    node = passage_node(Passage("it", outline, PassageKind.DOOR_PUSH), ROBOT)
+    assert (node.task_s, node.planner) == (wing.total_s, "push door")
 
 
 def test_the_route_graph_names_operations(joint, tmp_path):

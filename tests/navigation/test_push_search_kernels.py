@@ -8,7 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from shapely import Point, Polygon
 
-from visuohaptic.navigation.planning._joint_kernels import cell_meets_polygon, free_object
+from visuohaptic.navigation.planning.object_cells import clear_cells, fill_cells
 from visuohaptic.navigation.planning.search._push_search_kernels import descend, free_push_length
 from visuohaptic.navigation.planning.search._travel_kernels import (
     FAR,
@@ -126,9 +126,10 @@ def test_distances_and_touches_agree_with_shapely():
         r, c = int(rng.integers(patch.shape[0])), int(rng.integers(patch.shape[1]))
         expected = body.distance(Point(c + column + 0.5, r + row + 0.5))
         assert patch[r, c] == pytest.approx(expected, abs=1e-5)
-        meets = cell_meets_polygon(7, 7, outline)
+        filled = np.zeros((14, 14), np.bool_)
+        fill_cells(filled, outline)
         square = Polygon([(7, 7), (8, 7), (8, 8), (7, 8)])
-        assert meets == (body.intersection(square).area > 1e-9)
+        assert filled[7, 7] == (body.intersection(square).area > 1e-9)
     shape = box(0, 0, 2.0)
     assert disc_touches_at(shape, 1.0, 0.0, 0.5, 10.0) == pytest.approx(1.5)
 
@@ -225,9 +226,9 @@ def test_an_object_leaves_neither_cells_nor_crumbs_and_takes_no_wall_along():
             # A mapper's object: a little larger than its outline.
             occupied[r, c] = body.distance(Point(c + 0.5, r + 0.5)) < 0.6
     alone = occupied.copy()
-    free_object(alone, outline, 0, 0)
+    clear_cells(alone, outline)
     assert not alone.any()
     occupied[:, 20:22] = True  # a wall that passes beside it
-    free_object(occupied, outline, 0, 0)
+    clear_cells(occupied, outline)
     kept = [r for r in range(30) if not body.buffer(0.01).intersects(Point(21.5, r + 0.5))]
     assert occupied[kept, 21].all()

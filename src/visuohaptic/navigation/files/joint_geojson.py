@@ -49,7 +49,7 @@ def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = 
                 "metadata": {
                     "object": node.kind.id,
                     "seconds": float(node.task_s),
-                    "failure_probability": float(node.kind.failure_probability(joint.robot)),
+                    "failure_probability": float(node.kind.failure_probability),
                 },
             }
         }

@@ -4,7 +4,6 @@ from .exploration import exploration_tour as exploration_tour
 from .joint_builder import extend_graph as extend_graph
 from .joint_graph import JointGraph as JointGraph
 from .joint_graph import JointNode as JointNode
-from .joint_graph import NodeType as NodeType
 from .object_cells import clear_cells as clear_cells
 from .object_cells import fill_cells as fill_cells
 from .off_centre_push import OffCentrePush as OffCentrePush

@@ -10,11 +10,11 @@ from jaxtyping import Bool, Float, Float32, Int, Int32
 from ..graph.navigation_graph import NavigationGraph
 from ..graph.regions import Regions
 from ..grid.cost_grid import OBSTACLE_FROM, window_distance
-from ..problem.planning_problem import RobotModel
+from ..problem.node_types import NodeType
+from ..problem.robot_model import RobotModel
 from ..pushing._outline_kernels import distance_patch
-from ._joint_kernels import free_object
-from .joint_graph import JointGraph, JointNode, NodeType, costs_between
-from .object_cells import window_around
+from .joint_graph import JointGraph, JointNode, costs_between
+from .object_cells import clear_cells, window_around
 from .search import _travel_kernels
 from .search._push_search_kernels import descend
 from .search._travel_kernels import FAR, UNITS
@@ -46,7 +46,7 @@ def extend_graph(
     robot.check_disc("the joint graph is made")
     builder = _Builder(visual, regions, robot)
     added = tuple(builder.node(kind, visual.nodes + index) for index, kind in enumerate(kinds))
-    return JointGraph(visual, regions, robot, added)
+    return JointGraph(visual, regions, added)
 
 
 class _Builder:
@@ -54,7 +54,7 @@ class _Builder:
 
     def __init__(self, visual: NavigationGraph, regions: Regions, robot: RobotModel) -> None:
 
-        self.visual, self.regions, self.robot = visual, regions, robot
+        self.visual, self.regions = visual, regions
         self.map = regions.layers.map
         self.radius = robot.radius_m / self.map.resolution_m * (1 - 1e-9)
         self.slow = robot.v_max_m_s / robot.v_min_m_s
@@ -74,7 +74,7 @@ class _Builder:
         wide, narrow = (
             window_around(self.map.shape, outline, reach) for reach in (margin + 3.0 * self.radius, margin)
         )
-        task_s = kind.task_s(self.robot)
+        task_s = kind.task_s
         none = np.zeros(0, np.int32)
         nothing = JointNode(kind, number, (-1, -1), none, np.zeros(0), task_s, none, none)
         part, seeds = self.map.cells[wide], self.regions.seed[narrow]
@@ -83,7 +83,7 @@ class _Builder:
         # 1 and 2: distances without the object.
         unknown_blocks = not self.regions.layers.unknown_is_free
         occupied = (part >= OBSTACLE_FROM) | (unknown_blocks & (part < 0))
-        free_object(occupied, outline, wide[0].start, wide[1].start)
+        clear_cells(occupied, outline - (wide[1].start, wide[0].start))
         distance = window_distance(occupied, wide, self.map.shape, outside_blocks=unknown_blocks)
         (i0, i1), (j0, j1) = (
             (n.start - w.start, n.stop - w.start) for n, w in zip(narrow, wide, strict=True)
@@ -170,4 +170,4 @@ class _Builder:
             )
         centre = np.floor(outline.mean(axis=0)).astype(int)
         cell, none = (int(centre[1]), int(centre[0])), np.zeros(0, np.int32)
-        return JointNode(kind, number, cell, none, np.zeros(0), kind.task_s(self.robot), cells, closed)
+        return JointNode(kind, number, cell, none, np.zeros(0), kind.task_s, cells, closed)

@@ -1,58 +1,18 @@
 """The visuo-haptic graph: the visual graph and its haptic extension (Alt 2016, Sec. 4.2.1).
 
-The visual graph is extended, never modified. Each further kind of node is a small
-class: see :class:`NodeType`, and ``node_types.py`` for the existing kinds.
+The visual graph is extended, never modified; ``node_types.py`` has the kinds of nodes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int32
 
 from ...core.errors import InputError
 from ..graph import NavigationGraph, Regions
-from ..problem.planning_problem import RobotModel
-
-
-class NodeType(Protocol):
-    """Interface of a kind of node; ``planner`` names its local planner."""
-
-    @property
-    def id(self) -> str:
-        """Name on the map."""
-
-    @property
-    def planner(self) -> str:
-        """Local planner that is started when the robot enters the node's region."""
-
-    @property
-    def outline_m(self) -> Float[np.ndarray, "p 2"]:
-        """Outline on the floor, map frame."""
-
-    @property
-    def in_map(self) -> bool:
-        """Whether the map contains it as occupied cells (an object) or not (glass)."""
-
-    def task_s(self, robot: RobotModel) -> float:
-        """Time of its task [s]; infinite if the passage cannot be used.
-
-        Parameters
-        ----------
-        robot
-            Model of the platform.
-        """
-
-    def failure_probability(self, robot: RobotModel) -> float:
-        """Probability that the task fails.
-
-        Parameters
-        ----------
-        robot
-            Model of the platform.
-        """
+from ..problem.node_types import NodeType
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +45,6 @@ class JointGraph:
 
     visual: NavigationGraph
     regions: Regions
-    robot: RobotModel
     added: tuple[JointNode, ...] = ()
 
     def node(self, id: str) -> JointNode:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from ._joint_kernels import free_object
+#: Distance from an object's outline within which spurious components are searched [cells].
+SPURIOUS_REACH_CELLS = 1.25
 
 
 def window_around(
@@ -27,11 +28,11 @@ def window_around(
     return slice(first[0], last[0]), slice(first[1], last[1])
 
 
-def _touched(outline: Float[np.ndarray, "p 2"], window: tuple[slice, slice]) -> Bool[np.ndarray, "r c"]:
-    """Cells of a window whose square overlaps the interior of the outline."""
+def _touched(outline: Float[np.ndarray, "p 2"], cells: Int[np.ndarray, "2 *n"]) -> Bool[np.ndarray, "*n"]:
+    """Whether the square of each cell (row, column) overlaps the interior of the outline."""
     import shapely
 
-    r, c = np.mgrid[window]
+    r, c = cells
     body = shapely.Polygon(outline).buffer(-1e-6)  # exclude squares that only touch the outline
     shapely.prepare(body)
     return np.asarray(shapely.intersects(body, shapely.box(c, r, c + 1, r + 1)))
@@ -48,11 +49,25 @@ def clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.nd
         Corners in grid coordinates [cells].
     """
 
+    import cv2
+    import shapely
+
     window = window_around(occupied.shape, outline, 4.0)
-    part = np.ascontiguousarray(occupied[window])
-    if part.size:
-        free_object(part, outline, window[0].start, window[1].start)
-        occupied[window] = part
+    part = occupied[window]
+    inside = np.argwhere(part)
+    if not len(inside):
+        return
+    cells = inside + np.array([side.start for side in window])
+    part[tuple(inside.T)] = ~_touched(outline, cells.T)
+    # What remains beside it and is not part of a wall: components that lie completely within the reach.
+    away = shapely.distance(shapely.Polygon(outline), shapely.points(cells[:, ::-1] + 0.5))
+    near = np.zeros(part.shape, dtype=bool)
+    near[tuple(inside.T)] = away <= SPURIOUS_REACH_CELLS
+    near &= part
+    labels = cv2.connectedComponents(near.astype(np.uint8), connectivity=8)[1]
+    rest = np.pad(part & ~near, 1, constant_values=True).astype(np.uint8)
+    beside = cv2.dilate(rest, np.ones((3, 3), np.uint8))[1:-1, 1:-1] > 0
+    part[near & ~np.isin(labels, labels[near & beside])] = False
 
 
 def fill_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
@@ -65,4 +80,4 @@ def fill_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.nda
     """
     window = window_around(occupied.shape, outline, 0.0)
     if occupied[window].size:
-        occupied[window] |= _touched(outline, window)
+        occupied[window] |= _touched(outline, np.mgrid[window])

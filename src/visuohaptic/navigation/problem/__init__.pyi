@@ -1,6 +1,7 @@
-from .node_types import ManipulationNode as ManipulationNode
-from .node_types import PassageNode as PassageNode
-from .node_types import TransparencyNode as TransparencyNode
+from .node_types import NodeType as NodeType
+from .node_types import nodes_of as nodes_of
+from .node_types import passage_node as passage_node
+from .node_types import push_node as push_node
 from .objects_file import areas_from_data as areas_from_data
 from .objects_file import glass_objects as glass_objects
 from .objects_file import load_areas as load_areas

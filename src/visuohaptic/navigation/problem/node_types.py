@@ -1,9 +1,9 @@
-"""Kinds of nodes of the joint graph: objects, glass, doors, elevators (Alt 2016, Sec. 4.2.1, 4.3.3, 4.3.4)."""
+"""Nodes of the joint graph: objects, glass, doors, elevators (Alt 2016, Sec. 4.2.1, 4.3.3, 4.3.4)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -22,135 +22,70 @@ PLANNERS = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ManipulationNode:
-    """An object that may be pushed aside."""
+class NodeType:
+    """A node of any kind; a further kind is a further function that makes one.
 
-    item: MovableObject
-    push_length_m: float = 0.5  #: assumed until a local planner has computed it
-    costs: PushCosts = field(default_factory=PushCosts)
-    planner: str = "direct push"
-    in_map: bool = True
+    By default the values are those of glass, which the robot never passes.
+    """
 
-    @property
-    def id(self) -> str:
-        """Id of the object."""
-        return self.item.id
-
-    @property
-    def outline_m(self) -> Float[np.ndarray, "p 2"]:
-        """Footprint."""
-        return self.item.footprint_m
-
-    def task_s(self, robot: RobotModel) -> float:
-        """Time of the assumed push, ``t_mani`` [s].
-
-        Parameters
-        ----------
-        robot
-            Model of the platform.
-        """
-        return push_cost(self.item.tag, self.push_length_m, robot, self.costs).total_s
-
-    def failure_probability(self, robot: RobotModel) -> float:
-        """Probability that one push fails.
-
-        Parameters
-        ----------
-        robot
-            Model of the platform.
-        """
-        return failure_probability(self.item.tag, self.push_length_m, robot, self.costs)
+    id: str  #: name on the map
+    outline_m: Float[np.ndarray, "p 2"]  #: on the floor, map frame
+    planner: str = "keep out"  #: local planner that is started when the robot enters the node's region
+    task_s: float = float("inf")  #: time of its task for one robot; infinite if it cannot be passed
+    failure_probability: float = 1.0  #: of the task, for the same robot
+    in_map: bool = False  #: whether the map contains it as occupied cells (an object) or not (glass)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TransparencyNode:
-    """An obstacle that is invisible to the laser: a safety region on apparently free cells, which is not entered."""
-
-    id: str
-    outline_m: Float[np.ndarray, "p 2"]
-    planner: str = "keep out"
-    in_map: bool = False
-
-    def task_s(self, robot: RobotModel) -> float:
-        """Infinite, because the region is not entered [s].
-
-        Parameters
-        ----------
-        robot
-            Model of the platform.
-        """
-        return float("inf")
-
-    def failure_probability(self, robot: RobotModel) -> float:
-        """Probability of a failure when driving through: 1.
-
-        Parameters
-        ----------
-        robot
-            Model of the platform.
-        """
-        return 1.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PassageNode:
-    """A door or an elevator."""
-
-    passage: Passage
-    in_map: bool = True
-
-    @property
-    def id(self) -> str:
-        """Id of the passage."""
-        return self.passage.id
-
-    @property
-    def outline_m(self) -> Float[np.ndarray, "p 2"]:
-        """Outline of the closed wing or of the threshold."""
-        return self.passage.footprint_m
-
-    @property
-    def planner(self) -> str:
-        """Local planner for the passage."""
-        return PLANNERS[self.passage.kind]
-
-    def task_s(self, robot: RobotModel) -> float:
-        """Expected time to pass; infinite if it cannot be passed [s].
-
-        Parameters
-        ----------
-        robot
-            Model of the platform.
-        """
-        return self.passage.cost(robot).total_s
-
-    def failure_probability(self, robot: RobotModel) -> float:
-        """Probability that it stays closed.
-
-        Parameters
-        ----------
-        robot
-            Model of the platform.
-        """
-        return self.passage.cost(robot).failure_probability
-
-
-def nodes_of(
-    objects: Iterable[MovableObject], passages: Iterable[Passage]
-) -> list[ManipulationNode | TransparencyNode | PassageNode]:
-    """Nodes for the entries of ``objects.yaml``; fixed objects and glass become safety regions.
+def push_node(
+    item: MovableObject, robot: RobotModel, push_length_m: float = 0.5, costs: PushCosts | None = None
+) -> NodeType:
+    """Node of an object that may be pushed aside.
 
     Parameters
     ----------
-    objects, passages
-        From :func:`~visuohaptic.navigation.problem.objects_file.load_objects` and ``load_passages``.
+    item
+        The object.
+    robot
+        Model of the platform.
+    push_length_m
+        Length of the push [m], assumed until a local planner has computed it.
+    costs
+        Weights of the cost; by default those of :class:`PushCosts`.
+    """
+    seconds = push_cost(item.tag, push_length_m, robot, costs).total_s
+    risk = failure_probability(item.tag, push_length_m, robot, costs)
+    return NodeType(item.id, item.footprint_m, f"{item.push} push", seconds, risk, True)
+
+
+def passage_node(passage: Passage, robot: RobotModel) -> NodeType:
+    """Node of a door or an elevator.
+
+    Parameters
+    ----------
+    passage
+        The passage.
+    robot
+        Model of the platform.
+    """
+    cost, planner = passage.cost(robot), PLANNERS[passage.kind]
+    return NodeType(passage.id, passage.footprint_m, planner, cost.total_s, cost.failure_probability, True)
+
+
+def nodes_of(
+    objects: Iterable[MovableObject], passages: Iterable[Passage], robot: RobotModel
+) -> list[NodeType]:
+    """Nodes of a map's objects, passages and glass, for ``extend_graph``.
+
+    Parameters
+    ----------
+    objects
+        Objects of the file; immovable ones are kept clear of, like glass.
+    passages
+        Doors and elevators of the file.
+    robot
+        Model of the platform.
     """
     return [
-        *(
-            TransparencyNode(o.id, o.footprint_m)
-            if o.known_immovable
-            else ManipulationNode(o, planner=f"{o.push} push")
-            for o in objects
-        ),
-        *(PassageNode(passage) for passage in passages),
+        *(NodeType(o.id, o.footprint_m) if o.known_immovable else push_node(o, robot) for o in objects),
+        *(passage_node(passage, robot) for passage in passages),
     ]

@@ -14,9 +14,7 @@ from ...io.maps.occupancy_map import OccupancyMap
 from .outlines import outline_of
 from .passages import Passage
 from .place_area import PlaceArea
-from .robot_model import RobotModel
-
-__all__ = ["MovableObject", "PlanningProblem", "PushMode", "RobotModel"]
+from .robot_model import RobotModel as RobotModel
 
 
 class PushMode(StrEnum):

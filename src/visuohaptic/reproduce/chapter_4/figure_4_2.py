@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.collections import LineCollection
 
 from ...navigation.planning import JointGraph, extend_graph
-from ...navigation.problem.node_types import ManipulationNode
+from ...navigation.problem.node_types import push_node
 from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT
 from .._building import OBJECTS, building, draw_map, regions_of, with_all
@@ -30,7 +30,7 @@ def run(out: Output) -> None:
     """
     empty, regions = regions_of(building()).graph, regions_of(with_all())
     graph = regions.graph
-    joint = extend_graph(graph, regions, ROBOT, [ManipulationNode(item) for item in OBJECTS])
+    joint = extend_graph(graph, regions, ROBOT, [push_node(item, ROBOT) for item in OBJECTS])
     benefit = [joint.benefit_s(item.id) for item in OBJECTS]
     out.table(
         "manipulation_nodes",

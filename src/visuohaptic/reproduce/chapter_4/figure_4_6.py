@@ -14,7 +14,7 @@ from matplotlib.collections import LineCollection
 
 from ...navigation.grid.footprints import find_footprints
 from ...navigation.planning import JointGraph, alternatives, extend_graph, make_plan
-from ...navigation.problem import ManipulationNode, Plan, PushCosts
+from ...navigation.problem import Plan, PushCosts, push_node
 from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT, office
 from .._building import draw_map, outline, regions_of
@@ -35,7 +35,7 @@ def run(out: Output) -> None:
     detached = make_plan(office((5.3, 3.6)))
     regions = regions_of(problem.map)
     joint = extend_graph(
-        regions.graph, regions, ROBOT, [ManipulationNode(item, 0.15) for item in problem.objects]
+        regions.graph, regions, ROBOT, [push_node(item, ROBOT, 0.15) for item in problem.objects]
     )
     candidates = find_footprints(problem.map)
     direct = [*push.pushes, *detached.pushes]

@@ -128,7 +128,9 @@ class LayersNode(MapNode):
         end, grid, objects, robot = self._end, self._grid(), self._objects, self._robot
         layers = grid_layers(grid, SpeedLimits(robot.radius_m, robot.v_max_m_s, robot.v_min_m_s))
         graph = build_graph(layers, spacing_m=self.parameters.spacing_m or None)
-        joint = extend_graph(graph, assign_regions(layers, graph), robot, nodes_of(objects, self._passages))
+        joint = extend_graph(
+            graph, assign_regions(layers, graph), robot, nodes_of(objects, self._passages, robot)
+        )
         frame = self._map.header.frame_id
         with TemporaryDirectory() as folder:
             path = Path(folder) / "route_graph.geojson"

@@ -79,11 +79,9 @@ def run(args: Any) -> dict[str, Any]:
     if args.objects is not None:
         import numpy as np
 
-        from ....navigation.problem.node_types import nodes_of
-
         robot = problem.RobotModel(args.radius_m, args.v_max_m_s, args.v_min_m_s)
         objects = problem.load_objects(args.objects)
-        nodes = nodes_of(objects, problem.load_passages(args.objects))
+        nodes = problem.nodes_of(objects, problem.load_passages(args.objects), robot)
         joint = planning.extend_graph(graph, regions, robot, nodes)
         files.save_joint_route_graph(folder / "joint_graph.geojson", joint, frame=args.frame)
         written.append("joint_graph.geojson")

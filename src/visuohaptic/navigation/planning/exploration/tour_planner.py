@@ -16,7 +16,7 @@ from ....core import POSITIVE, HapticTag, check_numbers
 from ...graph import assign_regions, build_graph
 from ...grid.cost_grid import SpeedLimits, grid_layers
 from ...problem import MovableObject, Plan, PlanningProblem, PushCosts, Task
-from ...problem.node_types import ManipulationNode, nodes_of
+from ...problem.node_types import nodes_of, push_node
 from ..drive_tasks import drive_tasks
 from ..joint_builder import extend_graph
 from ..search.domain_builder import build_search_domain
@@ -181,10 +181,8 @@ def _benefit(
     layers = grid_layers(problem.map, SpeedLimits(robot.radius_m, robot.v_max_m_s, robot.v_min_m_s))
     graph = build_graph(layers)
     known = [item for item in problem.objects if item.tag is not None]
-    assumed = [
-        ManipulationNode(replace(item, tag=MOVES), costs=costs) for item in problem.objects if item.id in ids
-    ]
-    nodes = [*nodes_of(known, problem.passages), *assumed]
+    assumed = (replace(item, tag=MOVES) for item in problem.objects if item.id in ids)
+    nodes = nodes_of(known, problem.passages, robot) + [push_node(o, robot, costs=costs) for o in assumed]
     joint = extend_graph(graph, assign_regions(layers, graph), robot, nodes)
     return expected_benefit(joint, ids, costs.unknown_movable, by_set=by_set)
 

@@ -19,16 +19,9 @@ from ...pushing._outline_kernels import clear_straight, distance_patch
 from ...pushing.push_model import PushModel
 from ._push_search_kernels import block_patch
 from ._travel_kernels import UNITS, nodes_around
-from .bodies import Body, grid_from_world, lower_window, world_from_grid
-
-__all__ = [
-    "CLEAR_SLACK_M",
-    "SearchDomain",
-    "full_speed_clearance",
-    "grid_from_world",
-    "joined_outlines",
-    "world_from_grid",
-]
+from .bodies import Body, lower_window
+from .bodies import grid_from_world as grid_from_world
+from .bodies import world_from_grid as world_from_grid
 
 #: Tolerance of a clearance for rounding errors of coordinates [m].
 CLEAR_SLACK_M = 1e-6
