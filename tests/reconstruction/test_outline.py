@@ -65,7 +65,7 @@ def test_what_stands_near_a_place_is_found_and_round_or_not(ratio: float) -> Non
     mesh = cone()
     across = AXIS + (mesh.vertices_m[:, :2] - AXIS) @ np.diag([1.0, ratio])
     mesh = SurfaceMesh(np.column_stack([across, mesh.vertices_m[:, 2]]), mesh.faces)
-    axis, ellipse = standing_object(mesh, AXIS + np.array([0.05, -0.04]), 0.12, 0.065)
+    axis, ellipse, _ = standing_object(mesh, AXIS + np.array([0.05, -0.04]), 0.12, 0.065)
     assert axis == pytest.approx(AXIS, abs=3e-4)
     assert ellipse == pytest.approx((1.0 - ratio) / (1.0 + ratio), abs=0.01)
     assert not np.isfinite(standing_object(mesh, AXIS + 1.0, 0.12, 0.065)[0]).any()

@@ -17,10 +17,12 @@ from ..core import Camera, Pose
 from ..deformation.maps.features import HEIGHTS
 from ..deformation.shapes.container import Base, ContainerDescription, WallSection, load_container
 from ..deformation.shells.fourier_shell import RevolutionShell
+from ..deformation.shells.shell_material import IsotropicMaterial
 from ..recognition import UNKNOWN, FeatureSet, load_feature_set
 from ..recognition.touch.outline_match import container_outline
 from ..simulation.tabletop import PET, Band, Bottle, Box, RefractingScene, Revolution, random_bottle
 from ..simulation.tabletop.deformable import GRAIN_FILL, WATER_FILL, BulkFill, DeformableContainer
+from ..simulation.tabletop.oval import OvalContainer, oval_container
 
 #: Class of the bottle on the table, to be recognised by the robot.
 CLASS = "bottle"
@@ -39,6 +41,8 @@ GROUPS = {"elliptic": ("elliptic", "isana")}
 PLACE = Pose(np.eye(3), np.array([0.5, 0.0, 0.0]))
 #: Density of PET [kg/m^3], and the thickness of the neck with its thread [m].
 DENSITY, NECK_M = 1380.0, 0.0012
+#: Thickness of the wall of a container of no class, before it is squeezed [m].
+WALL_M = 4e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +54,7 @@ class TableBottle:
     fill: float  #: fraction of the volume that is filled
     outline_m: Float[np.ndarray, "k 2"]  #: (radius, height) from the foot up
     foot_m: tuple[float, float]  #: position of the axis on the table
-    container: DeformableContainer
+    container: DeformableContainer | OvalContainer
     wall_m: float
     scene: RefractingScene
     transparent: bool = True
@@ -98,13 +102,14 @@ def filled_container(
     filling: BulkFill = WATER_FILL,
     material: str = "PET",
     neck_m: float = NECK_M,
-) -> DeformableContainer:
-    """Force-deformation curve of a round bottle with the given outline.
+    oval: tuple[float, float] = (1.0, 0.0),
+) -> DeformableContainer | OvalContainer:
+    """Force-deformation curve of a bottle with the given outline.
 
     Parameters
     ----------
     outline_m
-        Radius and height (k, 2) [m].
+        Radius and height (k, 2) [m]; the larger half-axis if it is not round.
     wall_m
         Thickness of the wall [m].
     closed
@@ -119,39 +124,49 @@ def filled_container(
         Name of its material.
     neck_m
         Thickness of the uppermost tenth, where it is larger than that of the wall [m].
+    oval
+        Ratio of the half-axes, 1 for a round one, and direction of the smaller one [rad].
     """
     z = np.linspace(outline_m[0, 1], outline_m[-1, 1], 81)
     r = np.interp(z, outline_m[:, 1], outline_m[:, 0])
     thickness = np.where(z > 0.9 * z[-1], max(neck_m, wall_m), wall_m)
     # A relative change of the modulus changes the force equally: represented by the thickness, by its third power.
-    shell = RevolutionShell(r, z, thickness * stiffer ** (1 / 3), rim_held=closed)
-    step = np.hypot(np.diff(r), np.diff(z))
-    area = 2 * math.pi * 0.5 * (r[1:] + r[:-1]) * step
+    felt, (squash, yaw_rad) = thickness * stiffer ** (1 / 3), oval
+    mean = (0.5 + 0.5 * squash) * r
+    step = np.hypot(np.diff(mean), np.diff(z))
+    area = 2 * math.pi * 0.5 * (mean[1:] + mean[:-1]) * step
     mass = DENSITY * float((area * 0.5 * (thickness[1:] + thickness[:-1])).sum())
+    if squash < 1.0:
+        return oval_container(
+            np.column_stack([r, z]), squash, felt, IsotropicMaterial.of(material), closed=closed, fill=fill,
+            filling=filling, yaw_rad=yaw_rad, mass_kg=mass,
+        )  # fmt: skip
+    shell = RevolutionShell(r, z, felt, rim_held=closed)
     return DeformableContainer.of_revolution(
         "closed" if closed else "open", shell, material, closed=closed, fill=fill, mass_kg=mass, max_m=0.01,
         filling=filling,
     )  # fmt: skip
 
 
-def container_of_outline(outline_m: Float[np.ndarray, "k 2"], wall_m: float = 4e-4) -> ContainerDescription:
-    """A round container of no class, as measured.
+def container_of_outline(outline_m: Float[np.ndarray, "k 2"], squash: float = 1.0) -> ContainerDescription:
+    """A container of no class, as measured.
 
     Parameters
     ----------
     outline_m
-        Radius and height [m], upwards.
-    wall_m
-        Thickness of its wall [m].
+        Radius and height [m], upwards; the half-axis along x if it is not round.
+    squash
+        Ratio of the half-axes along y and x.
     """
     z = np.linspace(outline_m[0, 1], outline_m[-1, 1], HEIGHTS + 1)
     radii = [(float(r), float(r)) for r in np.interp(z, outline_m[:, 1], outline_m[:, 0])]
+    across = None if squash == 1.0 else (squash * radii[0][0], squash * radii[0][0])
     step = float(z[1] - z[0])
     return ContainerDescription(
         name=UNKNOWN,
-        base=Base(radius=radii[0]),
+        base=Base(shape="ellipse" if across else "circle", radius=radii[0], radius_y=across),
         sections=[WallSection(height=(step, step), radius=radius) for radius in radii[1:]],
-        wall=(wall_m, wall_m),
+        wall=(WALL_M, WALL_M),
     )
 
 
@@ -169,7 +184,7 @@ def table_bottle(rng: np.random.Generator) -> TableBottle:
     fill = float(rng.uniform(0.05, 0.95)) if wet else 0.0
     foot = (float(rng.uniform(-0.02, 0.02)), float(rng.uniform(-0.02, 0.02)))
     container = filled_container(outline, wall, closed=bool(closed), fill=fill)
-    return _on_the_table(CLASS, (outline, wall, 1.0), (bool(closed), fill), container, (foot, rng))
+    return _on_the_table(CLASS, (outline, wall), (bool(closed), fill), container, (foot, rng))
 
 
 def random_table_bottle(rng: np.random.Generator, today: np.random.Generator) -> TableBottle:
@@ -188,7 +203,7 @@ def random_table_bottle(rng: np.random.Generator, today: np.random.Generator) ->
 def other_table_container(rng: np.random.Generator, today: np.random.Generator) -> TableBottle:
     """One of those of :func:`random_table_bottle`, or as probably an opaque container of any class or of none.
 
-    One that is not round is an elliptic solid for the camera; for the hand it is round, of its mean width.
+    All sections of one that is not round are similar ellipses.
 
     Parameters
     ----------
@@ -222,8 +237,9 @@ def _random_container(
     )
     closed, wet, dry = today.random(3) < (0.0 if name in CUPS else 0.5, 0.65, 0.25)
     fill = float(today.uniform(0.02, 1.0)) if wet else 0.0
+    turn = float(rng.uniform(0, math.pi)) if opaque else 0.0
     container = filled_container(
-        outline * (0.5 + 0.5 * squash, 1.0),
+        outline,
         wall,
         closed=bool(closed),
         fill=fill,
@@ -231,15 +247,16 @@ def _random_container(
         filling=GRAIN_FILL if dry else WATER_FILL,
         material="PET" if name == UNKNOWN else load_container(name).material,
         neck_m=0.0 if name in CUPS else NECK_M,
+        oval=(squash, turn),
     )
     name = next((group for group, members in GROUPS.items() if name in members), name)
     return _on_the_table(
         name if name in TAUGHT else UNKNOWN,
-        (outline, wall, squash),
+        (outline, wall),
         (bool(closed), fill),
         container,
         (foot, rng),
-        opaque=opaque,
+        opaque=(squash, turn) if opaque else None,
     )
 
 
@@ -255,15 +272,15 @@ def _variant(name: str, rng: np.random.Generator) -> tuple[Float[np.ndarray, "k 
 
 def _on_the_table(
     name: str,
-    shape: tuple[Float[np.ndarray, "k 2"], float, float],
+    shape: tuple[Float[np.ndarray, "k 2"], float],
     state: tuple[bool, float],
-    container: DeformableContainer,
+    container: DeformableContainer | OvalContainer,
     place: tuple[tuple[float, float], np.random.Generator],
     *,
-    opaque: bool = False,
+    opaque: tuple[float, float] | None = None,
 ) -> TableBottle:
-    """A bottle between a box and a can, in front of walls."""
-    (outline, wall, squash), (closed, fill), (foot, rng) = shape, state, place
+    """A bottle between a box and a can, in front of walls; an opaque one with the ratio of its widths, and its yaw [rad]."""
+    (outline, wall), (closed, fill), (foot, rng) = shape, state, place
     height = float(outline[-1, 1])
     body = Revolution(
         (*foot, 0.0),
@@ -274,8 +291,8 @@ def _on_the_table(
         fill=fill,
         bands=(Band(0.02, 0.3 * height), Band(height - 0.018, height + 0.002, albedo=0.6)),
     )
-    if opaque:
-        turn = float(rng.uniform(0, math.pi))
+    if opaque is not None:
+        squash, turn = opaque
         body = Revolution((*foot, 0.0), outline, "opaque", yaw_rad=turn, squash=squash)
     albedo = rng.uniform(0.4, 0.8, 2)
     side = float(rng.uniform(0, 2 * math.pi))
@@ -307,7 +324,7 @@ def _on_the_table(
         container,
         wall,
         RefractingScene((body, can), tuple(boxes)),
-        not opaque,
+        opaque is None,
     )
 
 

@@ -25,10 +25,11 @@ from .judge import Claim
 from .report import depth_picture, forces_figure, outline_figure
 from .results import ChapterResult, Illustration, Measure, counted, done, failed
 from .served import known_loads, place_bottle, rest_count, robot_at_table, view_count
-from .story import Mission
+from .story import Known, Mission
 
 if TYPE_CHECKING:
     from ..reconstruction.completion import Completion, Touch
+    from ..reconstruction.mesh import SurfaceMesh
     from ..reconstruction.pipeline import Reconstruction
 
 #: Region of interest on the table [m], and its voxels.
@@ -68,19 +69,16 @@ def zero_the_beam(mission: Mission) -> ChapterResult:
     mission
         Receives the zeroed sensor and the noise of its force.
     """
-    (loads, _), rows, sigmas, picture = known_loads(mission), [], [], None
+    (loads, _), rows = known_loads(mission), []
     with robot_at_table(mission, "beam") as bench:
         sensor, frames = _zeroed_probe(mission, bench)
         for frame, load in zip(frames, loads, strict=True):
             wrench = sensor.read(frame).reading.wrench
-            picture = frame.image
             if wrench.valid:
-                rows.append((load[:3], wrench.force_N))
-                sigmas.append(np.sqrt(np.diag(wrench.covariance)[:3]))
+                rows.append((load[:3], wrench.force_N, np.sqrt(np.diag(wrench.covariance)[:3])))
     if len(rows) < max(2, len(loads) // 2):
         return failed(f"{len(rows)} of {len(loads)} loads could be read")
-    true, read = (np.array(part) for part in zip(*rows, strict=True))
-    sigma = np.array(sigmas)
+    true, read, sigma = (np.array(part) for part in zip(*rows, strict=True))
     error = read - true
     # A probe measures the force along the rod's axis and across it: the worst axis counts. The loads are known:
     # with the declared variance as one more sample, the posterior mean of the reading variance is used (inverse gamma).
@@ -88,22 +86,16 @@ def zero_the_beam(mission: Mission) -> ChapterResult:
     mission.known.probe_sigma_N = float(spread.max())
     worst = float(np.max(np.abs(error) / sigma))
     rms = float(np.sqrt(np.mean(error**2)))
-    parts = [
+    return done(
+        f"the probe reads forces with a standard deviation of {1e3 * mission.known.probe_sigma_N:.0f} mN",
+        Claim("force", "probe", 0.0, rms, sigma=mission.known.probe_sigma_N),
         Measure("rms error of a force's component [N]", rms),
         Measure("standard deviation after these loads [N]", mission.known.probe_sigma_N),
         Measure("largest error in declared standard deviations", worst),
         Illustration(
             forces_figure(true, read, sigma), "Forces read from the bending rod, compared with those applied"
         ),
-    ]
-    if picture is not None:
-        parts.append(
-            Illustration(picture, "The last frame: the reference print at the clamp, two more along the rod")
-        )
-    return done(
-        f"the probe reads forces with a standard deviation of {1e3 * mission.known.probe_sigma_N:.0f} mN",
-        Claim("force", "probe", 0.0, rms, sigma=mission.known.probe_sigma_N),
-        *parts,
+        Illustration(frame.image, "The last frame: the reference print at the clamp, two more along the rod"),
     )
 
 
@@ -173,27 +165,48 @@ def find_the_glass(mission: Mission) -> ChapterResult:
 def _find_the_opaque(mission: Mission, found: Reconstruction, picture: Illustration) -> ChapterResult:
     """An object whose whole outline is seen where nothing is transparent."""
     known, bottle = mission.known, place_bottle(mission)
-    foot, ellipse = standing_object(found.surface, np.zeros(2), NEAR_M, REACH_M)
-    outline = measured_outline(axial_part(found.surface, foot, REACH_M), foot, REACH_M)
+    foot, ellipse, wide_rad = standing_object(found.surface, np.zeros(2), NEAR_M, REACH_M)
+    oval = (1.0 - ellipse) / (1.0 + ellipse), wide_rad
+    known.squash, known.wide_rad = oval if ellipse > MAX_ELLIPSE else (1.0, 0.0)
+    surface = _as_round(axial_part(found.surface, foot, REACH_M), foot, known)
+    outline = measured_outline(surface, foot, REACH_M)
     # Two slices may miss: a band without a wall is transparent, whether it is found or not.
     if not len(outline) or np.diff(outline[:, 1]).max() > 2.5 * SLICE_M:
         return failed("no view contradicts another: nothing transparent was found", picture)
     known.outline_m, known.bottle_at_m, known.outline_sigma_m = outline, foot, SURFACE_M
-    # Half of the error is common to all heights.
-    known.outline_errors = (
-        EDGE_M**2 * (0.5 * np.eye(len(outline)) + 0.5) / np.outer(outline[:, 0], outline[:, 0])
-    )
+    known.outline_errors = seen_errors(outline)
     known.belief = replace(known.belief, transparent=MISSED)
-    known.round = ellipse < MAX_ELLIPSE
-    if not known.round:
+    if known.squash < 1.0:
         flat = dict.fromkeys(("elliptic", UNKNOWN), 0.5)
         known.belief = replace(known.belief, classes=flat)
     return done(
-        f"{'a' if known.round else 'not a'} round opaque object, {1e3 * outline[-1, 1]:.0f} mm high",
+        f"{'an oval' if known.squash < 1.0 else 'a round'} opaque object, {1e3 * outline[-1, 1]:.0f} mm high",
         Claim("foot", "bottle", (float(foot[0]), float(foot[1])), bottle.foot_m, sigma=SURFACE_M),
         Claim("transparent", "bottle", False, bottle.transparent, probability=1.0 - MISSED),
         picture,
     )
+
+
+def seen_errors(outline_m: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k k"]:
+    """Covariance of the logarithms of the radii of an outline that is seen from all sides.
+
+    Parameters
+    ----------
+    outline_m
+        Radius and height [m].
+    """
+    # Half of the error is common to all heights.
+    return np.asarray(
+        EDGE_M**2 * (0.5 * np.eye(len(outline_m)) + 0.5) / np.outer(outline_m[:, 0], outline_m[:, 0])
+    )
+
+
+def _as_round(surface: SurfaceMesh, foot_m: np.ndarray, known: Known) -> SurfaceMesh:
+    """An oval object stretched across its larger width until it is round."""
+    across = np.array([-math.sin(known.wide_rad), math.cos(known.wide_rad)])
+    points_m = surface.vertices_m.copy()
+    points_m[:, :2] += np.outer((points_m[:, :2] - foot_m) @ across, (1.0 / known.squash - 1.0) * across)
+    return replace(surface, vertices_m=points_m)
 
 
 def complete_the_bottle(mission: Mission) -> ChapterResult:
@@ -205,8 +218,6 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
         Mission with the reconstruction and the beam sensor's noise; receives the outline.
     """
     known, bottle = mission.known, place_bottle(mission)
-    if not known.round:
-        return failed("its cross-section is no circle: the models of its contents do not hold")
     if known.belief.transparent < 0.5:
         return done(
             f"all of it is seen, {1e3 * known.outline_m[-1, 1]:.0f} mm high, up to {2e3 * known.outline_m[:, 0].max():.0f} mm wide",

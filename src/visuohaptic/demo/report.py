@@ -19,8 +19,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from ..grasping import GraspPlan
     from ..io.depth.depth_sequence import DepthFrame
     from ..reconstruction.pipeline import Reconstruction
+    from ..tasks.manipulation.grasp import LiftPlan
     from ..tasks.manipulation.squeeze_task import SqueezeCurve
     from .bottle import TableBottle
 
@@ -269,3 +271,67 @@ def belief_figure(history: Sequence[Mapping[str, float]], curve: SqueezeCurve) -
         right.set(xlabel="deformation of one side [mm]", ylabel="force of one finger [N]")
 
     return draw_axes(1, 2, draw, size=(8.6, 3.4))
+
+
+def grasp_figure(plan: GraspPlan, lift: LiftPlan, outline_m: np.ndarray, lifted: bool) -> Figure:
+    """Score and stiffness, unrolled, with the best grasp; and the bottle in the fingers.
+
+    Parameters
+    ----------
+    plan
+        Grasps with their map.
+    lift
+        The grasp as executed.
+    outline_m
+        Radius and height of the bottle [m].
+    lifted
+        Whether it was lifted.
+    """
+    from scipy.interpolate import griddata
+
+    from ..report.style import COLOURS, draw_axes
+
+    points, used = plan.surface.vertices_m, np.unique(plan.surface.faces)
+    around = np.degrees(np.arctan2(points[used, 1], points[used, 0]))
+    stiffness = 1e-3 * np.asarray(plan.surface.stiffness_N_per_m)[used]
+    # A rim that is a hundred times as stiff as the wall would leave one colour for the wall.
+    low, high = np.percentile(stiffness[np.isfinite(stiffness)], [2, 98])
+    fields: tuple[tuple[np.ndarray, str, dict[str, Any]], ...] = (
+        (plan.scores.pair[used], "score of both fingers", {}),
+        (stiffness, "stiffness [N/mm]", {"norm": "log", "vmin": low, "vmax": high}),
+    )
+    height_mm = 1e3 * points[used, 2]
+    at_deg_mm = np.meshgrid(np.arange(-180, 180, 5), np.linspace(height_mm.min(), height_mm.max(), 60))
+
+    def draw(*axes: Axes) -> None:
+        for at, (values, label, scale) in zip(axes, fields, strict=False):
+            field = griddata((around, height_mm), values, at_deg_mm, method="nearest", rescale=True)
+            shown = at.pcolormesh(*at_deg_mm, field, shading="nearest", rasterized=True, **scale)
+            at.figure.colorbar(shown, ax=at, extend="both" if scale else "neither")
+            at.set(xlabel="angle about the axis [deg]", ylabel="height [mm]", title=label)
+            at.grid(visible=False)
+            for place in (plan.grasps[0].first_m, plan.grasps[0].second_m):
+                angle = math.degrees(math.atan2(place[1], place[0]))
+                at.plot(angle, 1e3 * place[2], "o", ms=11, mfc="none", mew=2, color=COLOURS["orange"])
+        _draw_lift(axes[-1], lift, outline_m, lifted)
+
+    return draw_axes(1, 3, draw, size=(11.0, 4.2))
+
+
+def _draw_lift(axes: Axes, lift: LiftPlan, outline_m: np.ndarray, lifted: bool) -> None:
+    """Outline of the bottle on the table and lifted, and the fingers beside it."""
+    from matplotlib.patches import Rectangle
+
+    from ..report.style import COLOURS
+
+    up_mm = 1e3 * lift.lift_m if lifted else 0.0
+    radius_mm, height_mm = 1e3 * outline_m.T
+    for rise_mm, style, colour in ((0.0, "--", COLOURS["grey"]), (up_mm, "-", COLOURS["blue"])):
+        heights_mm = np.append(height_mm, height_mm[::-1]) + rise_mm
+        axes.plot(np.append(-radius_mm, radius_mm[::-1]), heights_mm, ls=style, color=colour)
+    grip_mm = 1e3 * lift.place.height_m
+    reach_mm = float(np.interp(grip_mm, height_mm, radius_mm))
+    for left_mm in (reach_mm, -reach_mm - 30.0):
+        axes.add_patch(Rectangle((left_mm, grip_mm + up_mm - 8.0), 30.0, 16.0, color="#d55e00", alpha=0.8))
+    axes.axhline(0, color=COLOURS["ink"], lw=0.8)
+    axes.set(xlabel="distance from the axis [mm]", ylabel="height above the table [mm]", aspect="equal")

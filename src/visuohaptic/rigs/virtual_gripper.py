@@ -195,8 +195,13 @@ class VirtualHand(KitchenTable):
 
     def _wall(self) -> Outline:
         """The deformed container's section in the frame of the finger."""
-        front_m, radius = self.finger.geometry.width_m, self._radius()
-        return Outline.disc((front_m + 0.5 * self._opening + self.deformation_m, 0.0), max(radius, 1e-3))
+        short_m = self._radius() - 0.5 * self._opening
+        return self._body(short_m, max(self._pinched().bend_at(self._height()), 1e-3))
+
+    def _body(self, short_m: float, bend_m: float) -> Outline:
+        """The wall at the finger: a disc of its curvature, with its undeformed surface ``short_m`` behind the foam's front."""
+        front_m = self.finger.geometry.width_m
+        return Outline.disc((front_m + bend_m - short_m + self.deformation_m, 0.0), bend_m)
 
     def _balance(self) -> None:
         """Press the foam until the deformations of wall and foam together match the opening of the fingers."""
@@ -210,26 +215,24 @@ class VirtualHand(KitchenTable):
             return
         steps = max(1, math.ceil(abs(short - self._short_m) / STEP_M))
         for reached in np.linspace(self._short_m, short, steps + 1)[1:]:
-            self._press(radius, float(reached))
+            self._press(float(reached))
 
-    def _press(self, radius_m: float, short_m: float) -> None:
+    def _press(self, short_m: float) -> None:
         """One step: deform the wall according to the foam's last stiffness, then press the foam.
 
         The remaining imbalance is left to the next step: pressing the foam too far and releasing it would
         be recorded as unloading.
         """
-        foam, height = short_m - self.deformation_m, self._height()
+        foam, height, felt = short_m - self.deformation_m, self._height(), self._pinched()
         before_m = self._short_m - self.deformation_m
         predicted_N = self.force_N + self._stiffness_N_per_m * (foam - before_m)
         low, high, deformed_m = 0.0, short_m, self.deformation_m
         for _ in range(40):
             wall = 0.5 * (low + high)
             rest_N = predicted_N - self._stiffness_N_per_m * (wall - deformed_m)
-            low, high = (low, wall) if self.container.force_at(height, wall) > rest_N else (wall, high)
+            low, high = (low, wall) if felt.force_at(height, wall) > rest_N else (wall, high)
         self.deformation_m, self._short_m = 0.5 * (low + high), short_m
-        front_m = self.finger.geometry.width_m
-        body = Outline.disc((front_m + radius_m - short_m + self.deformation_m, 0.0), radius_m)
-        state = self._strip.press([body])
+        state = self._strip.press([self._body(short_m, felt.bend_at(height))])
         moved_m, change_N = short_m - self.deformation_m - before_m, state.load_N - self.force_N
         bound = state.stiffness_N_per_m
         slope = change_N / moved_m if abs(moved_m) > 1e-9 else bound

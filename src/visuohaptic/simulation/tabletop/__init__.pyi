@@ -28,6 +28,8 @@ from .gripper_setup import GripperTruth as GripperTruth
 from .gripper_setup import gripper_look as gripper_look
 from .kitchen import FingerObservation as FingerObservation
 from .kitchen import KitchenTable as KitchenTable
+from .oval import OvalContainer as OvalContainer
+from .oval import oval_container as oval_container
 from .probe_cell import ProbeCell as ProbeCell
 from .refraction import AIR as AIR
 from .refraction import GLASS as GLASS

@@ -24,6 +24,8 @@ class BulkFill:
     solid: float  #: volume fraction of the grains
 
 
+#: Minimum volume of air, as a fraction of the container's: liquids and their container are slightly compressible.
+MIN_AIR = 0.01
 #: Rice has a density of 1450 kg/m^3, two fifths of its bulk volume are air.
 WATER_FILL, GRAIN_FILL = BulkFill(1000.0, 1.0), BulkFill(870.0, 0.6)
 
@@ -42,6 +44,9 @@ class DeformableContainer:
     force_N: Float[np.ndarray, "k m"]  #: of one tip
     mass_kg: float = 0.05
     friction: float = 0.6  #: with the foam of the fingers
+    bend_m: Float[np.ndarray, "k"] | None = (
+        None  #: radius of curvature under the tips; None: that of the wall
+    )
 
     def __post_init__(self) -> None:
         k, m = len(self.height_m), len(self.deformation_m)
@@ -108,11 +113,31 @@ class DeformableContainer:
         z, r = np.asarray(shell.height_m), np.asarray(shell.radius_m)
         volume = float(np.sum(0.5 * math.pi * (r[1:] ** 2 + r[:-1] ** 2) * np.diff(z)))
         if closed:
-            # Liquids and their container are slightly compressible: at least this fraction of air.
-            air = max(1.0 - filling.solid * fill, 0.01) * volume
+            air = max(1.0 - filling.solid * fill, MIN_AIR) * volume
             lost = 1.5 * math.pi * 2.0 * radius[:, None]
             force = force + AIR_PA * lost**2 * depth**3 / air
         return cls(name, height, radius, depth, force, mass_kg + filling.kg_per_m3 * fill * volume)
+
+    def turned(self, angle_rad: float) -> DeformableContainer:
+        """What fingers feel that close along a direction: the same in all of them.
+
+        Parameters
+        ----------
+        angle_rad
+            Direction [rad].
+        """
+        return self
+
+    def bend_at(self, height_m: float) -> float:
+        """Radius of curvature of the wall under the tips [m]; 0 below and above the object.
+
+        Parameters
+        ----------
+        height_m
+            Height above the foot [m].
+        """
+        bend = self.radius_m if self.bend_m is None else self.bend_m
+        return float(np.interp(height_m, self.height_m, bend, left=0.0, right=0.0))
 
     def radius_at(self, height_m: float) -> float:
         """Radius of the wall [m]; 0 below and above the object.

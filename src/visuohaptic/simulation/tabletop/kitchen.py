@@ -16,6 +16,7 @@ from ...core.measurement import GRAVITY_M_S2
 from ..rendering.blank_frames import BlankFrames
 from .arm import SimulatedArm
 from .deformable import DeformableContainer
+from .oval import OvalContainer
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +37,7 @@ class KitchenTable(BlankFrames, Gripper):
     The tip is the midpoint between the fingers; z of the base is height above the table.
     """
 
-    container: DeformableContainer
+    container: DeformableContainer | OvalContainer
     rng: np.random.Generator
     place_m: tuple[float, float] = (0.5, 0.0)
     open_m: float = 0.12
@@ -143,7 +144,12 @@ class KitchenTable(BlankFrames, Gripper):
     def _radius(self) -> float:
         tip = self.arm.true_pose().translation_m
         beside = math.hypot(tip[0] - self.place_m[0], tip[1] - self.place_m[1])
-        return 0.0 if self.fallen or beside > 0.01 else self.container.radius_at(self._height())
+        return 0.0 if self.fallen or beside > 0.01 else self._pinched().radius_at(self._height())
+
+    def _pinched(self) -> DeformableContainer:
+        """The container as felt by the fingers at their present angle."""
+        turn = self.arm.true_pose().rotation
+        return self.container.turned(math.atan2(turn[1, 0], turn[0, 0]))
 
     def _balance(self) -> None:
         """Force at which the compression of foam and wall equals the penetration of the fingers."""
@@ -152,19 +158,16 @@ class KitchenTable(BlankFrames, Gripper):
         if short <= 0:
             self.force_N = self.deformation_m = 0.0
             return
-        low, high = 0.0, short
+        low, high, felt = 0.0, short, self._pinched()
         for _ in range(40):
             wall = 0.5 * (low + high)
             foam = short - wall
-            if (
-                self.container.force_at(self._height(), wall)
-                > self.foam_N_per_m * foam + self.foam_N_per_m3 * foam**3
-            ):
+            if felt.force_at(self._height(), wall) > self.foam_N_per_m * foam + self.foam_N_per_m3 * foam**3:
                 high = wall
             else:
                 low = wall
         self.deformation_m = 0.5 * (low + high)
-        self.force_N = self.container.force_at(self._height(), self.deformation_m)
+        self.force_N = felt.force_at(self._height(), self.deformation_m)
 
     def _fall(self) -> None:
         if self.arm.t_s >= self.fall_at_s and not self.fallen:

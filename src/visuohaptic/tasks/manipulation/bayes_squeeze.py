@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
 
 from ...core.objects import StiffnessMap
 from ...recognition import HapticModel, touch_gains, update_belief
@@ -43,6 +42,8 @@ class BayesSqueezer:
     odds
         Prior odds factors of the classes, as from visual recognition; 1 for a class that is
         not listed.
+    yaw_rad
+        Direction of the axis x of the model in the base of the arm [rad].
     """
 
     model: HapticModel
@@ -51,6 +52,7 @@ class BayesSqueezer:
     rng: np.random.Generator
     samples: int = 32
     odds: Mapping[str, float] = field(default_factory=dict)
+    yaw_rad: float = 0.0
     readings: list[TouchReading] = field(default_factory=list)
     _requested: tuple[int, str] = (0, "x")
 
@@ -66,7 +68,8 @@ class BayesSqueezer:
             return None
         self._requested = max(gains, key=lambda touch: gains[touch][0] / gains[touch][1])
         level, axis = self._requested
-        return Place((level - 0.5) / self.levels * self.height_m, 0.0 if axis == "x" else 0.5 * math.pi)
+        angle_rad = math.remainder(self.yaw_rad + (0.0 if axis == "x" else 0.5 * math.pi), math.pi)
+        return Place((level - 0.5) / self.levels * self.height_m, angle_rad)
 
     def update(self, curve: SqueezeCurve) -> None:
         """Update the posterior with the squeeze at the requested place; both sides of a pinch are one reading.
@@ -110,9 +113,9 @@ def curve_fit(curve: SqueezeCurve) -> CurveCoefficients:
 def correct_by_squeezes(
     surface: StiffnessMap,
     curves: Sequence[SqueezeCurve],
-    outline_m: Float[np.ndarray, "k 2"],
     *,
     scale: float = 1.0,
+    yaw_rad: float = 0.0,
 ) -> StiffnessMap:
     """Correct the stiffness map of a class by squeezes of one object of the class.
 
@@ -122,18 +125,17 @@ def correct_by_squeezes(
         Map of the class.
     curves
         Squeezes; those without a positive stiffness are ignored.
-    outline_m
-        Radius and height of the object [m], ascending.
     scale
         Ratio of the height on the map to the height on the object.
+    yaw_rad
+        Direction of the map's axis x in the base of the arm [rad].
     """
     points, measured, sigma = [], [], []
     for curve in curves:
-        z, stiffness = curve.place.height_m, curve.stiffness_N_per_m
+        z, stiffness, radius = curve.place.height_m, curve.stiffness_N_per_m, curve.surface_m
         if not (np.isfinite(stiffness) and stiffness > 0):
             continue
-        radius = float(np.interp(z, outline_m[:, 1], outline_m[:, 0]))
-        for angle in (curve.place.angle_rad, curve.place.angle_rad + math.pi):
+        for angle in curve.place.angle_rad - yaw_rad + np.array([0.0, math.pi]):
             points.append([radius * math.cos(angle), radius * math.sin(angle), scale * z])
             measured.append(stiffness)
             sigma.append(max(MIN_STIFFNESS_SIGMA, curve_fit(curve).i_relative_sigma))

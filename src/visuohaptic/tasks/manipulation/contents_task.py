@@ -105,6 +105,7 @@ def identify_contents(
     # After all heights, repeat them from the side, where wall and noise differ.
     heights = model.heights_m()
     places = [Place(z, angle) for angle in (0.0, 0.5 * math.pi) for z in heights]
+    heaviest_kg = max(mass + 3.0 * sigma for mass, sigma in (model.mass_kg(1.0, name) for name in FILLINGS))
     curves: list[SqueezeCurve] = []
     why, found = "", ContentsFinding(model.posterior([]), [], None)
     for place in places[:MAX_SQUEEZES]:
@@ -114,7 +115,7 @@ def identify_contents(
             break
         curves += [curve for curve in felt.curves if len(curve.force_N) >= MIN_LEVELS]
         if curves:
-            mass = found.mass_kg or weigh(hand, model, curves[-1], object_m, open_m)
+            mass = found.mass_kg or weigh(hand, heaviest_kg, curves[-1], object_m, open_m)
             samples = [SqueezeSamples(c.place.height_m, c.deformation_m, c.force_N) for c in curves]
             found = ContentsFinding(model.posterior(samples, mass), curves, mass)
             if found.confident or hand.weigh is None:
@@ -126,7 +127,7 @@ def identify_contents(
 
 def weigh(
     hand: Hand,
-    model: ContentsModel,
+    heaviest_kg: float,
     curve: SqueezeCurve,
     object_m: tuple[float, float, float],
     open_m: float = 0.11,
@@ -137,8 +138,8 @@ def weigh(
     ----------
     hand
         Arm, gripper and sensors.
-    model
-        Model of the contents; the heaviest filling determines the force of the grasp.
+    heaviest_kg
+        Upper bound of the mass, with the heaviest filling; it determines the force of the grasp [kg].
     curve
         The squeeze at the place of the grasp.
     object_m
@@ -151,8 +152,7 @@ def weigh(
     tuple or None
         Mass and its standard deviation [kg]; ``None`` if the object was not lifted.
     """
-    heaviest = max(mass + 3.0 * sigma for mass, sigma in (model.mass_kg(1.0, name) for name in FILLINGS))
-    needed = WEIGH_MARGIN * heaviest * GRAVITY_M_S2 / (2.0 * FOAM_FRICTION)
+    needed = WEIGH_MARGIN * heaviest_kg * GRAVITY_M_S2 / (2.0 * FOAM_FRICTION)
     plan = LiftPlan(
         curve.place, min(needed, float(curve.force_N[-1])), MAX_DEFORMATION_M + 1e-3, object_m,
         lift_m=WEIGH_M, open_m=open_m, arm_m_s=LIFT_M_S, put_back=True,
