@@ -73,9 +73,8 @@ class Known:
     squash: float = 1.0  #: ratio of the widths of its cross-section, as seen; 1: round
     wide_rad: float = 0.0  #: direction of the larger one, if it is not round
     bottle_at_m: Float[np.ndarray, "2"] = field(init=False)  #: foot of its axis on the table
-    outline_m: Float[np.ndarray, "k 2"] = field(
-        init=False
-    )  #: radius and height of the completed bottle; half of the larger width if it is not round
+    #: radius and height of the completed bottle; half of the larger width if it is not round
+    outline_m: Float[np.ndarray, "k 2"] = field(init=False)
     outline_sigma_m: float = math.nan  #: expected error of its radius
     #: covariance of the errors of its log radii; None if they are not evidence of the class
     outline_errors: Float[np.ndarray, "k k"] | None = None
