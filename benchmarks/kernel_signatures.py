@@ -309,7 +309,7 @@ def run_foam() -> None:
     from visuohaptic.sensing.foam._profile_kernels import integrate_regions, shared_variance
     from visuohaptic.sensing.foam._texture_kernels import foam_bands, level_odds, texture_odds
     from visuohaptic.sensing.foam.deflection import bridge, drop_bridged
-    from visuohaptic.sensing.foam.edges import local_statistics, mean_between, middle_of
+    from visuohaptic.sensing.foam.edges import local_statistics, mean_between
     from visuohaptic.sensing.foam.material import StressCurve
     from visuohaptic.sensing.foam.strip._rectify_kernels import rectify
     from visuohaptic.sensing.foam.strip._reference import fit_motion
@@ -324,7 +324,6 @@ def run_foam() -> None:
     for image in (now, rest):
         mean_between(image, points_px)
     local_statistics(front)
-    middle_of(front)
     edges = front, front + 9.0, one_px
     shadow_odds(now, rest, np.ones((6, 6)), *edges, 1.0, one_px, 1.0, 1.0, seen, found)
     level_odds(np.full((6, 8), np.nan), one_px, one_px, one_px, one_px, 1.0, against)

@@ -162,11 +162,11 @@ def texture_odds(bands, unary, against, gain):
             foam = log_sum(math.log(both - fixed_part) + goes, math.log(fixed_part) + stays)
             foam = log_sum(foam, _OTHER + coarse)
             other = log_sum(math.log(beside) + stays, math.log(1.0 - beside))
-            # A run of points has a common cause for a different texture, such as rotated or worn foam.
-            if foam < other:
-                foam = other + ALIKE * (foam - other)
-            unary[k, FOAM], unary[k, OCCLUDER] = foam, other
-            unary[k, SHADOW] = log_sum(math.log(0.9) + stays, _OTHER)
+            shaded = log_sum(math.log(0.9) + stays, _OTHER)
+            # A run of points has a common cause for a different texture, such as rotated or worn foam, or a slanted shadow.
+            foam -= (1.0 - ALIKE) * min(foam - other, 0.0)
+            shaded -= (1.0 - ALIKE) * min(shaded - other, 0.0)
+            unary[k, FOAM], unary[k, SHADOW], unary[k, OCCLUDER] = foam, shaded, other
             against[k, 0] = other - foam
             gain[k] = bands[k, GAIN_PRESSED] if goes > stays else bands[k, GAIN_REST]
     return transfer, variance
@@ -202,7 +202,11 @@ def level_odds(found, dependence, gain, change, foam, variance, against):
         if math.isfinite(gain[k]):
             known[count] = gain[k]
             count += 1
-    light = median(known, count, work)
+    # The light of the strip, and that of the deepest shadow in which foam is seen: on the floor it lies elsewhere.
+    light, shade = median(known, count, work), math.inf
+    for k in range(n):
+        if found[k, 0] > 0.0:
+            shade = min(shade, max(found[k, 2], 0.0) / foam[k])
     for k in range(n):
         texture, near, between, beyond, floor = (
             found[k, 0],
@@ -221,8 +225,9 @@ def level_odds(found, dependence, gain, change, foam, variance, against):
             # A front of foam is as sharp as lens and motion make it; neighbours share the softness of a shadow.
             odds += (texture + ALIKE * found[k, 7]) / dependence[k]
             sigma = math.hypot(SAME_GREY * light * foam[k], math.sqrt(variance))
-            same = 0.4 * _density(beyond - light * floor, sigma)
-            same += 0.4 * _density(beyond - between / foam[k] * floor, sigma)
+            same = 0.3 * _density(beyond - light * floor, sigma)
+            same += 0.3 * _density(beyond - between / foam[k] * floor, sigma)
+            same += 0.2 * _density(beyond - shade * floor, sigma)
             shaded = same + 0.2 / 255
             bare[k] = same / shaded
             # An edge of a body would have to coincide with the front at rest by chance.

@@ -17,7 +17,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Num
 
 from ...core.kernels import kernel
-from ...tracking.contours.contour import PIXEL_PX
+from ...tracking._solve_kernels import median
+from ...tracking.contours.contour import PIXEL_PX, quick_median
 from .strip import ObservedStrip, ZeroReference
 
 #: Fraction a of the step that is due to a shadow within the blur: the ratio of squared shift to excess squared blur is 0.05
@@ -140,7 +141,7 @@ def gap_shift_px(
         return np.zeros(len(rest_px)), np.zeros(len(rest_px))
     # Median absolute deviation: a standard deviation would include edges beside a gap. An edge that has moved has other texture than at rest,
     # and a blurred step has half as much information on its blur as on its position.
-    still = 1.4826 * middle_of(np.abs(scatter - middle_of(scatter)))
+    still = 1.4826 * quick_median(np.abs(scatter - quick_median(scatter)))
     texture = (strip.front.sigma_px**2 - strip.front.noise_px**2) * (1.0 - np.exp(-0.5 * moved**2))
     error = np.sqrt(still**2 + 8.0 * strip.front.blur_px**2 * np.maximum(texture, 0.0))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -236,9 +237,9 @@ def with_cancelled_texture(
         return sigma_m
     # Second differences have six times the variance of a point, squares of a normal one a median of 0.455.
     bend = (delta_m[:-2] - 2.0 * delta_m[1:-1] + delta_m[2:])[middle]
-    scatter = middle_of(bend**2) / (6.0 * 0.455)
-    excess = scatter - middle_of(noise_m[rest] ** 2)
-    left = np.clip(excess / max(middle_of(texture[rest]), 1e-18), 0.0, None)
+    scatter = quick_median(bend**2) / (6.0 * 0.455)
+    excess = scatter - quick_median(noise_m[rest] ** 2)
+    left = np.clip(excess / max(quick_median(texture[rest]), 1e-18), 0.0, None)
     return np.sqrt(noise_m**2 + texture * (alike * left + (1.0 - alike)))
 
 
@@ -273,30 +274,6 @@ def mean_between(
 
 
 @kernel(nogil=True)
-def middle_of(values: Float[np.ndarray, "n"]) -> float:
-    """Median of a few dozen finite values.
-
-    Parameters
-    ----------
-    values
-        One or more numbers, (n,); not changed.
-    """
-    return _median(values.copy(), len(values))
-
-
-@kernel(nogil=True)
-def _median(ordered: Float[np.ndarray, "n"], count: int) -> float:
-    """Median of the first ``count`` values of an array, which are sorted in place."""
-    for i in range(1, count):
-        value, j = ordered[i], i
-        while j > 0 and ordered[j - 1] > value:
-            ordered[j] = ordered[j - 1]
-            j -= 1
-        ordered[j] = value
-    return 0.5 * (ordered[(count - 1) // 2] + ordered[count // 2])
-
-
-@kernel(nogil=True)
 def local_statistics(values: Float[np.ndarray, "K"]) -> Float[np.ndarray, "3 K"]:
     """Median over each point and ``BESIDE`` neighbours to either side, its standard error from their scatter, and their range.
 
@@ -306,21 +283,19 @@ def local_statistics(values: Float[np.ndarray, "K"]) -> Float[np.ndarray, "3 K"]
         One value for each point, NaN where unknown; where all are unknown, the three are zero, (K,).
     """
     result = np.empty((3, len(values)))
-    near = np.empty(2 * BESIDE + 1)
+    near, work = np.empty(2 * BESIDE + 1), np.empty(2 * BESIDE + 1)
     for k in range(len(values)):
-        count = 0
+        count, low, high = 0, math.inf, -math.inf
         for j in range(max(k - BESIDE, 0), min(k + BESIDE + 1, len(values))):
             if math.isfinite(values[j]):
                 near[count] = values[j]
+                low, high = min(low, values[j]), max(high, values[j])
                 count += 1
         result[0, k], result[1, k], result[2, k] = 0.0, 0.0, 0.0
         if count > 0:
-            middle = _median(near, count)
-            result[2, k] = near[count - 1] - near[0]
+            middle = median(near, count, work)
             for i in range(count):
                 near[i] = abs(near[i] - middle)
-            result[0, k], result[1, k] = (
-                middle,
-                1.4826 * _median(near, count) * math.sqrt(0.5 * math.pi / count),
-            )
+            error = 1.4826 * median(near, count, work) * math.sqrt(0.5 * math.pi / count)
+            result[0, k], result[1, k], result[2, k] = middle, error, high - low
     return result

@@ -5,8 +5,9 @@ rest), O (occluder) and N (no edge). With the image I along its line, the zero i
 now and x0 at rest, the likelihoods of a frame, each relative to that of O, are
 
     foam      p(I before x | F) = 0.6 p(I | g Z(t x0/x)) + 0.3 p(I | g Z(t)) + 0.1 p(I | any)
-    shadow    p(I | S) : I = light(t) Z(t), or light(t) Z(t) up to x0, then another floor; p(I | F) : g Z up to x, then a surface
-    floor     p(I beyond x0 | S) : the floor of Z in either light, or a body that may press: then the front is not seen
+    shadow    p(I | S) : I = light(t) Z(t), or light(t) Z(t) up to x0, then another floor; p(I | F) : g Z up to x, then a surface;
+              also where no edge is found: foam that is wholly in a shadow may be as grey as the floor
+    floor     p(I beyond x0 | S) : the floor of Z in any light, or a body that may press: then the front is not seen
     position  p(x | F) : at rest, or within reach of the last position at max_contact_speed;  p(x | O) : anywhere
     blur      p(b | F, pressed) : that of the lens and of its own motion;  p(b | O) : any, the edge of a shadow may be soft
     steepness p(x_k, x_k+1 | F, F) : free foam decays over DECAY_PER_WIDTH w or more (a free end has no slope)
@@ -39,7 +40,7 @@ from jaxtyping import Bool, Float
 
 from ...tracking.contours.contour import PIXEL_PX
 from ._chain_kernels import BLUR, FOAM, NOTHING, OPTICS, SHADOW, edge_crossing, filter_runs, join, place_odds
-from ._posterior_kernels import shadow_odds
+from ._posterior_kernels import BAND, shadow_odds
 from ._texture_kernels import MAX_ODDS, SAME_GREY, foam_bands, level_odds, texture_odds
 from .edges import MeasuredEdges, local_statistics, mean_between
 from .strip.optics import ObservedStrip
@@ -153,7 +154,7 @@ class EdgePosterior:
         )  # fmt: skip
         against[~seen, :] = 0.0
         against[~seen, 4] = MAX_ODDS
-        unary[~seen] = [-60.0, -60.0, 0.0, 0.0]
+        unary[~seen, FOAM] = -60.0
         unary[seen, NOTHING] = -MAX_ODDS
         # The front corner of a free end moves inwards beside a body: the last line may meet the end face, or no edge.
         corner = np.zeros(len(seen), dtype=bool)
@@ -179,7 +180,7 @@ class EdgePosterior:
         foam = probability.argmax(axis=1) == FOAM
         # New contacts are as rare as other new edges: they carry the prior odds of their onset.
         grown = np.convolve(self._pressed, np.ones(3), mode="same") > 0.0
-        onset = np.where(deflected & ~grown, _ONSET, 1.0)
+        onset = np.where(foam & deflected & ~grown, _ONSET, 1.0)
         moved = np.nan_to_num(delta - self.last_m)
         same = foam & self._foam & (np.abs(moved) < reach)
         again = same, foam & ~self._foam, own, stay, self._wrong, self._best
@@ -221,13 +222,14 @@ class EdgePosterior:
             np.zeros((len(seen), len(_CHANNELS))),
             np.ones(len(seen)),
         )
+        unary[~seen, SHADOW] = -60.0
         if strip.stripe:
             against[:, 1] = -MAX_ODDS
         else:
             moved_m = np.abs(delta - self.last_m)
             moved_px = np.where(np.isfinite(moved_m), moved_m, 0.0) / strip.pixel_m
             bare = _compare(strip, zero, seen, deflected, moved_px, unary, against)
-        unary[:, SHADOW] = np.where(deflected, unary[:, SHADOW], -MAX_ODDS)
+        unary[:, SHADOW] = np.where(deflected | ~seen, unary[:, SHADOW], -MAX_ODDS)
         known = seen & deflected & self._pressed
         away = (surface - self._beyond) / SAME_GREY
         density = np.exp(-0.5 * away**2) / (2.5 * SAME_GREY)
@@ -258,8 +260,10 @@ def _compare(
     Returns the probability that the floor at rest lies beyond an edge, if it is that of a shadow.
     """
     step = strip.step_px * (strip.image.shape[2] - 1) / (zero.image.shape[2] - 1)
-    front = np.where(seen, strip.front.position_px, strip.rest_px) / step
     resting = strip.rest_px / step
+    # Without an edge, at least two bands behind the front at rest are compared.
+    front = strip.front.position_px / step
+    front = np.where(seen, front, np.fmax(np.fmin(front, resting - 2.0 * BAND), 0.0))
     blur = math.hypot(strip.blur_px, PIXEL_PX) / float(np.median(step)) if np.isfinite(strip.blur_px) else 1.0
     bands, gain = np.empty((len(seen), 9)), np.empty(len(seen))
     slope = strip.front.slope * strip.across_px / step
@@ -273,11 +277,15 @@ def _compare(
     )
     # A shutter that is open from frame to frame, at the most, sees the edge move by a box.
     places = front, resting, slope, blur, moved_px / step / math.sqrt(12.0)
-    shadow_odds(strip.image, zero.image, lines, *places, transfer, variance, deflected & seen, found)
+    hidden = ~seen & zero.known
+    shadow_odds(strip.image, zero.image, lines, *places, transfer, variance, deflected | hidden, found)
     stop = int(0.9 * resting.min())
     foam = mean_between(zero.image, np.full((len(seen), 2), [float(stop // 2), float(stop)]))[:, 0]
     change = local_statistics(np.log(np.maximum(gain, 1e-3)))[2]
     dependence = local_statistics(np.ascontiguousarray(found[:, 6]))[0]
     bare: Float[np.ndarray, "K"] = level_odds(found, dependence, gain, change, foam, variance, against)
     unary[:, SHADOW] += against[:, 1]
+    # Without an edge, only texture tells foam in a shadow from anything else.
+    textured = hidden & np.isfinite(found[:, 0])
+    unary[textured, SHADOW] = against[textured, 1]
     return bare
