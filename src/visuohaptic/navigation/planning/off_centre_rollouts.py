@@ -42,7 +42,6 @@ class OffCentreScene:
     model: PushModel  #: in metres along the grid's axes, about the centroid
     without: Float32[np.ndarray, "rows columns"]  #: clearance without the body [cells]
     blocked: Bool[np.ndarray, "rows columns"]  #: cells that are obstacles for the body
-    goal: Float[np.ndarray, "2"]
     radius_m: float  #: of the rim
     stand_off: float  #: distance of the start of a drive from the position of contact [cells]
 
@@ -59,23 +58,13 @@ class Rollout:
     pose: Float[np.ndarray, "3"]  #: of the body relative to its initial pose [m, m, rad]
 
 
-def rollouts(
-    domain: SearchDomain,
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-    margin_m: float,
-    among: Collection[str] | None = None,
-) -> list[Rollout]:
+def rollouts(domain: SearchDomain, margin_m: float, among: Collection[str] | None = None) -> list[Rollout]:
     """Collision-free drives against every body from all sides.
 
     Parameters
     ----------
     domain
-        Search domain.
-    start
-        Position of the platform [cells], (2,).
-    goal
-        Goal [cells], (2,).
+        Map, robot, start, goal and bodies.
     margin_m
         Safety margin [m].
     among
@@ -84,7 +73,7 @@ def rollouts(
 
     still = np.zeros((len(domain.bodies), 2))
     clearance = domain.clearance_with(still)
-    cells, costs = domain.seeds(clearance, start, reach=2, block=1)
+    cells, costs = domain.seeds(clearance, domain.start, reach=2, block=1)
     if not cells.size:
         return []
     nothing = np.zeros((0, 0), np.int16)
@@ -96,7 +85,7 @@ def rollouts(
     for index, body in enumerate(domain.bodies):
         if body.allowed.unknown or (among is not None and body.obj.id not in among):
             continue
-        scene = scene_of(domain, index, goal, margin_m)
+        scene = scene_of(domain, index, margin_m)
         ends = [
             rollout
             for direction, approach_at, approach in _approaches(scene, clearance, cost)
@@ -106,9 +95,7 @@ def rollouts(
     return found
 
 
-def scene_of(
-    domain: SearchDomain, index: int, goal: Float[np.ndarray, "2"], margin_m: float = 0.0
-) -> OffCentreScene:
+def scene_of(domain: SearchDomain, index: int, margin_m: float = 0.0) -> OffCentreScene:
     """One body to be rotated or displaced sideward, among all other obstacles.
 
     Parameters
@@ -117,8 +104,6 @@ def scene_of(
         Map, robot and bodies.
     index
         Index of the body.
-    goal
-        Goal of the robot [cells].
     margin_m
         Difference between the radius of the domain's robot and that of the pushing rim [m].
     """
@@ -133,7 +118,7 @@ def scene_of(
     model = model.with_centre_moved(*(body.friction * resolution_m))
     without = domain.clearance_with(np.zeros((len(domain.bodies), 2)), index)
     return OffCentreScene(
-        domain, body, model, without, blocked, goal, domain.robot.radius_m - margin_m,
+        domain, body, model, without, blocked, domain.robot.radius_m - margin_m,
         STAND_OFF + margin_m / resolution_m,
     )  # fmt: skip
 
@@ -286,7 +271,7 @@ def opens_passage(rollout: Rollout, pose: np.ndarray) -> bool:
 
     domain = rollout.scene.domain
     clearance, reached = _reached(rollout, pose)
-    goal, _ = domain.seeds(clearance, rollout.scene.goal, block=1)
+    goal, _ = domain.seeds(clearance, domain.goal, block=1)
     return bool(goal.size) and bool(reached[goal].any())
 
 

@@ -14,7 +14,9 @@ from jaxtyping import Bool, Float, Float32, Int, Int16, Int32
 
 from ....io.maps.occupancy_map import OccupancyMap
 from ...problem.passages import Passage
-from ...problem.planning_problem import MovableObject, RobotModel
+from ...problem.planning_problem import MovableObject, PlanningProblem
+from ...problem.push_costs import PushCosts
+from ...problem.robot_model import RobotModel
 from ...pushing._outline_kernels import clear_straight, distance_patch
 from ...pushing.push_model import PushModel
 from ._push_search_kernels import block_patch
@@ -41,6 +43,8 @@ class SearchDomain:
     the lattice is also disconnected on the map. The drives of a plan are computed on the map itself.
     """
 
+    problem: PlanningProblem
+    costs: PushCosts  #: with which the plans' durations are computed
     map: OccupancyMap
     robot: RobotModel
     radius: float  #: clearance that the robot needs: its radius and the interpolation error [cells]
@@ -87,6 +91,16 @@ class SearchDomain:
     def counts(self) -> Int32[np.ndarray, "rows columns"]:
         """Number of :attr:`occupied` cells of a row before each column, the last one included."""
         return np.pad(np.cumsum(self.occupied, axis=1, dtype=np.int32), ((0, 0), (1, 0)))
+
+    @cached_property
+    def start(self) -> Float[np.ndarray, "2"]:
+        """Start of the problem [cells]."""
+        return grid_from_world(self.map, self.problem.start_m)
+
+    @cached_property
+    def goal(self) -> Float[np.ndarray, "2"]:
+        """Goal of the problem [cells]."""
+        return grid_from_world(self.map, self.problem.goal_m)
 
     @property
     def reach(self) -> float:
