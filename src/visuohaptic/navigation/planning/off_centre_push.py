@@ -14,11 +14,11 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from ...core import InputError, rotation_2d
 from ..problem import Plan, PlanningProblem, Task, failure_probability
 from ..pushing.push_failure import sampled_pushes
+from .arrays import Path, Point
 from .off_centre_rollouts import (
     BACK_OFF_M,
     Rollout,
@@ -43,11 +43,11 @@ class OffCentrePush:
     """A straight drive against an object that rotates it; map frame."""
 
     object: str
-    approach_m: Float[np.ndarray, "k 2"]  #: path of the robot's centre to the start of the push
+    approach_m: Path  #: path of the robot's centre to the start of the push
     direction_rad: float
     length_m: float  #: path length of the robot from there
     free_m: float  #: part of that length before the contact
-    displacement_m: Float[np.ndarray, "2"]  #: predicted, of the object's centroid
+    displacement_m: Point  #: predicted, of the object's centroid
     turn_rad: float  #: predicted
     failure_probability: float
     cost_s: float  #: setup and drive
@@ -80,12 +80,12 @@ class OffCentrePush:
         return (Task("navigate", self.approach_s, driven_m, approach), turn)[len(approach) < 2 :]
 
     @property
-    def start_m(self) -> Float[np.ndarray, "2"]:
+    def start_m(self) -> Point:
         """Approach pose: start of the push, x, y [m]."""
         return self.approach_m[-1]
 
     @property
-    def retreat_m(self) -> Float[np.ndarray, "2"]:
+    def retreat_m(self) -> Point:
         """Retreat pose: position of the robot after backing off, x, y [m]."""
         ahead = np.array([math.cos(self.direction_rad), math.sin(self.direction_rad)])
         return self.start_m + max(self.length_m - BACK_OFF_M, 0.0) * ahead
@@ -175,7 +175,7 @@ def _solved_after(rollout: Rollout, planner: Callable[[PlanningProblem], Plan]) 
     return planner(after_push(problem, body.obj.id, moved_m, at_m, turn_rad=float(rollout.pose[2]))).reachable
 
 
-def _predicted(rollout: Rollout) -> tuple[Float[np.ndarray, "2"], float]:
+def _predicted(rollout: Rollout) -> tuple[Point, float]:
     """Displacement of the body's centroid in the map frame [m], and the direction of the drive there [rad]."""
     turned = rotation_2d(rollout.scene.domain.map.origin[2]).T
     ahead = rollout.direction @ turned

@@ -7,13 +7,14 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
 from ..pushing._outline_kernels import disc_touches_at
 from ..pushing.contact_candidates import push_contacts
 from ..pushing.push_model import PushModel
 from ..pushing.quasi_static import line_path, simulate_push
+from .arrays import Clearance, Path, Point
 from .object_cells import fill_cells
 from .search import _travel_kernels
 from .search._travel_kernels import FAR, UNITS, clearances_at, reach_costs
@@ -40,7 +41,7 @@ class OffCentreScene:
     domain: SearchDomain
     body: Body
     model: PushModel  #: in metres along the grid's axes, about the centroid
-    without: Float32[np.ndarray, "rows columns"]  #: clearance without the body [cells]
+    without: Clearance  #: clearance without the body [cells]
     blocked: Bool[np.ndarray, "rows columns"]  #: cells that are obstacles for the body
     radius_m: float  #: of the rim
     stand_off: float  #: distance of the start of a drive from the position of contact [cells]
@@ -51,8 +52,8 @@ class Rollout:
     """A straight drive against the body, and the body's final pose."""
 
     scene: OffCentreScene
-    direction: Float[np.ndarray, "2"]  #: of the drive, unit vector
-    approach_at: Float[np.ndarray, "2"]  #: its start [cells]
+    direction: Point  #: of the drive, unit vector
+    approach_at: Point  #: its start [cells]
     approach_s: float  #: cost of the drive to the start
     length_m: float  #: of the drive
     pose: Float[np.ndarray, "3"]  #: of the body relative to its initial pose [m, m, rad]
@@ -123,7 +124,7 @@ def scene_of(domain: SearchDomain, index: int, margin_m: float = 0.0) -> OffCent
     )  # fmt: skip
 
 
-def has_room(scene: OffCentreScene, points_m: Float[np.ndarray, "k 2"]) -> Bool[np.ndarray, "k"]:
+def has_room(scene: OffCentreScene, points_m: Path) -> Bool[np.ndarray, "k"]:
     """Whether the robot is free of collisions at points about the body's centre, the body itself ignored [m].
 
     Parameters
@@ -140,8 +141,8 @@ def has_room(scene: OffCentreScene, points_m: Float[np.ndarray, "k 2"]) -> Bool[
 
 
 def _approaches(
-    scene: OffCentreScene, clearance: Float32[np.ndarray, "rows columns"], cost: np.ndarray
-) -> Iterator[tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"], float]]:
+    scene: OffCentreScene, clearance: Clearance, cost: np.ndarray
+) -> Iterator[tuple[Point, Point, float]]:
     """Directions of drives, their start positions, and the costs of reaching these [units]."""
 
     domain, body = scene.domain, scene.body
@@ -165,10 +166,7 @@ def _approaches(
 
 
 def _rollouts_of(
-    scene: OffCentreScene,
-    ahead: Float[np.ndarray, "2"],
-    approach_at: Float[np.ndarray, "2"],
-    approach_s: float,
+    scene: OffCentreScene, ahead: Point, approach_at: Point, approach_s: float
 ) -> Iterator[Rollout]:
     """One drive with several lengths, as far as it is collision-free."""
     resolution_m = scene.domain.map.resolution_m
@@ -189,7 +187,7 @@ def _rollouts_of(
 
 
 def drive_of(
-    scene: OffCentreScene, ahead: Float[np.ndarray, "2"], approach_at: Float[np.ndarray, "2"], length_m: float
+    scene: OffCentreScene, ahead: Point, approach_at: Point, length_m: float
 ) -> Float[np.ndarray, "k 3"]:
     """Poses of the drive relative to the body's centre [m].
 
@@ -232,7 +230,7 @@ def fits(scene: OffCentreScene, poses: Float[np.ndarray, "k 3"]) -> Bool[np.ndar
     )
 
 
-def retreat(rollout: Rollout) -> Float[np.ndarray, "2"]:
+def retreat(rollout: Rollout) -> Point:
     """Position to which the platform backs off after a drive [cells].
 
     Parameters
@@ -244,9 +242,7 @@ def retreat(rollout: Rollout) -> Float[np.ndarray, "2"]:
     return rollout.approach_at + back * rollout.direction
 
 
-def _reached(
-    rollout: Rollout, pose: np.ndarray
-) -> tuple[Float32[np.ndarray, "rows columns"], Bool[np.ndarray, "n"]]:
+def _reached(rollout: Rollout, pose: np.ndarray) -> tuple[Clearance, Bool[np.ndarray, "n"]]:
     """Clearance, and the cells that the robot can reach after a push."""
 
     domain = rollout.scene.domain

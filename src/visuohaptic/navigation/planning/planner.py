@@ -7,12 +7,12 @@ from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import PlanningProblem
 from ..problem.push_costs import PushCosts, push_cost
 from ..pushing._outline_kernels import polygon_distance
+from .arrays import Point, Shifts
 from .drive_tasks import drive_tasks
 from .footprint.footprint_drives import FootprintDrives
 from .place_costs import place_s
@@ -64,7 +64,7 @@ def plan_in_domain(
         return Plan(False, reason=_stuck(domain, domain.start), proved=True, name=name)
 
     def searched(among: SearchDomain, limits: SearchLimits) -> SearchResult:
-        return search_pushes(among, begin, among.goal, weights, limits, active=active, oblique=oblique)
+        return search_pushes(among, begin, limits, costs=weights, active=active, oblique=oblique)
 
     def report(first: SearchResult) -> None:
         plan = _assembled(domain, first, begin, deadline, name)
@@ -85,11 +85,7 @@ def plan_in_domain(
 
 
 def _assembled(
-    domain: SearchDomain,
-    result: SearchResult,
-    begin: Float[np.ndarray, "2"],
-    deadline: Deadline,
-    name: str,
+    domain: SearchDomain, result: SearchResult, begin: Point, deadline: Deadline, name: str
 ) -> Plan:
     """Tasks of a search result that starts at ``begin``: driving along string-pulled paths, pushes with goal and risk."""
     notes = _notes(domain, result)
@@ -130,7 +126,7 @@ def _assembled(
     return Plan(True, tuple(tasks), expanded=result.expanded, name=name, notes=notes, gap=gap)
 
 
-def _place_notes(domain: SearchDomain, shifts: Float[np.ndarray, "bodies 2"]) -> tuple[str, ...]:
+def _place_notes(domain: SearchDomain, shifts: Shifts) -> tuple[str, ...]:
     """The bodies that end in places with a cost."""
     ends = [
         (body.obj.id, place_s(domain, body, shift))
@@ -158,7 +154,7 @@ def _heading(problem: PlanningProblem) -> float:
     return math.nan if yaw is None else yaw - problem.map.origin[2]
 
 
-def escape(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"] | None:
+def escape(domain: SearchDomain, start: Point) -> Point | None:
     """Position to which a robot that starts in collision can escape straight without approaching an obstacle; else its start.
 
     Parameters
@@ -194,7 +190,7 @@ def escape(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> Float[np.ndar
     return None
 
 
-def _stuck(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> str:
+def _stuck(domain: SearchDomain, start: Point) -> str:
     """Reason why a robot cannot leave its start."""
 
     outlines = [(body.obj.id, body.outline) for body in domain.bodies]
@@ -250,7 +246,7 @@ def _push_tasks(domain: SearchDomain, step: PushStep) -> list[Task]:
     return [*tasks, pushed]
 
 
-def _pair(point: Float[np.ndarray, "2"]) -> tuple[float, float]:
+def _pair(point: Point) -> tuple[float, float]:
     return float(point[0]), float(point[1])
 
 

@@ -12,6 +12,7 @@ from ...core.geometry import rotation_2d
 from ..problem import Plan, PlanningProblem, Task
 from ..pushing.push_model import PushModel
 from ..pushing.quasi_static import remaining_m
+from .arrays import Path, Point
 from .drive_tasks import drive_tasks
 from .off_centre_rollouts import OffCentreScene, fits, has_room, scene_of
 from .replanning import after_push
@@ -84,9 +85,7 @@ def via_sideward(
     return found
 
 
-def _past(
-    domain: SearchDomain, index: int, path: Float[np.ndarray, "k 2"]
-) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None:
+def _past(domain: SearchDomain, index: int, path: Path) -> tuple[Point, Point] | None:
     """Part of a path that passes near a body, relative to its centre [m]; none if the path keeps clear of it."""
     import shapely
 
@@ -106,7 +105,7 @@ def _task(scene: OffCentreScene, push: SidewardPush) -> Task:
     domain, body, trace = scene.domain, scene.body, push.trace
     resolution_m, turn = domain.map.resolution_m, rotation_2d(domain.map.origin[2])
 
-    def points(places_m: Float[np.ndarray, "k 2"]) -> tuple[tuple[float, float], ...]:
+    def points(places_m: Path) -> tuple[tuple[float, float], ...]:
         world = world_from_grid(domain.map, places_m / resolution_m + body.centre)
         return tuple((float(x), float(y)) for x, y in world)
 

@@ -18,6 +18,7 @@ from ...core.errors import InputError
 from ..problem.push_costs import failure_probability
 from ..pushing.push_failure import PushUncertainty
 from ..pushing.quasi_static import PushTrace, arc_path, remaining_m, simulate_push
+from .arrays import Point
 from .off_centre_rollouts import OffCentreScene, fits, has_room
 from .search.push_states import Deadline
 
@@ -63,8 +64,8 @@ class SidewardPush:
 
 def sideward_candidates(
     scene: OffCentreScene,
-    enter_m: Float[np.ndarray, "2"],
-    leave_m: Float[np.ndarray, "2"],
+    enter_m: Point,
+    leave_m: Point,
     *,
     slide_m: float = SLIDE_M,
     starts: int = 9,
@@ -160,10 +161,7 @@ def _outcome(scene: OffCentreScene, trace: PushTrace) -> SidewardOutcome:
 
 
 def sideward_pushes(
-    scene: OffCentreScene,
-    enter_m: Float[np.ndarray, "2"],
-    leave_m: Float[np.ndarray, "2"],
-    deadline: Deadline | None = None,
+    scene: OffCentreScene, enter_m: Point, leave_m: Point, deadline: Deadline | None = None
 ) -> tuple[SidewardPush, ...]:
     """Successful sideward pushes, the best first; empty if there are none.
 
