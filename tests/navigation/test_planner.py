@@ -19,7 +19,6 @@ from visuohaptic.navigation.planning import (
 from visuohaptic.navigation.planning.search import (
     SearchLimits,
     build_search_domain,
-    grid_from_world,
     push_states,
     search_pushes,
 )
@@ -207,12 +206,8 @@ def test_a_start_in_collision_is_left_straight_or_said_to_be_stuck():
 
 def test_the_search_says_when_it_gave_up():
     problem = corridor(STOOL, STOOL, STOOL)
-    result = search_pushes(
-        build_search_domain(problem),
-        grid_from_world(problem.map, problem.start_m),
-        grid_from_world(problem.map, problem.goal_m),
-        limits=SearchLimits(expansions=1),
-    )
+    domain = build_search_domain(problem)
+    result = search_pushes(domain, domain.start, SearchLimits(expansions=1))
     assert not result.found
     assert not result.exhausted
     assert "not proved" in result.reason

@@ -44,8 +44,8 @@ def test_an_oblique_push_costs_the_simulated_risk_of_turning_away():
 
     problem = series(1)
     domain = build_search_domain(problem)
-    cell_m, goal = problem.map.resolution_m, problem.goal_m / problem.map.resolution_m
-    heuristic = PushHeuristic(domain, goal, PushCosts(), (0,), oblique=True)
+    cell_m = problem.map.resolution_m
+    heuristic = PushHeuristic(domain, PushCosts(), (0,), oblique=True)
     straight = len(domain.bodies[0].contacts)
     lengths = np.array([0.2, 0.4, 0.9]) / cell_m
     assert len(heuristic.contacts(0)) > straight

@@ -56,7 +56,7 @@ def problem_in(map, tag=None, push=PushMode.SIDEWARD, goal=(4.5, 2.0)):
 
 def scene_in(map):
     domain = build_search_domain(problem_in(map))
-    return scene_of(domain, 0, domain.bodies[0].centre)
+    return scene_of(domain, 0)
 
 
 def walls_of(map):

@@ -18,6 +18,13 @@ from jaxtyping import Float, Float32, Int, Int32
 from ...core import POSITIVE, Reason, check_ranges, rotation_2d, wrap_angle
 from ._mapper_kernels import correlate, nearest_lines
 
+#: x [m], y [m], yaw [rad] in the map.
+Pose = tuple[float, float, float]
+#: Of a pose [m, m, rad].
+Covariance = Float[np.ndarray, "3 3"]
+#: x, y of the points of a scan, in its frame [m].
+Points = Float[np.ndarray, "n 2"]
+
 #: Log-odds below which a point in a cell contradicts the map: passed by three beams or more.
 FREE_LOG_ODDS = -1.0
 
@@ -50,10 +57,8 @@ class ScanMatch:
     t_s: float
     valid: bool
     reason: Reason
-    pose: tuple[
-        float, float, float
-    ]  #: (x [m], y [m], yaw [rad]) of the scanner; by odometry alone if not valid
-    covariance: Float[np.ndarray, "3 3"]  #: of the pose [m, rad], given the map
+    pose: Pose  #: (x [m], y [m], yaw [rad]) of the scanner; by odometry alone if not valid
+    covariance: Covariance  #: of the pose [m, rad], given the map
     inliers: float  #: fraction of the points on the known part of the map that are near a hit
     residual_m: float  #: root mean square distance of the inliers from their lines
 
@@ -108,9 +113,9 @@ class HitGrid:
 
 def match_scan(
     grid: HitGrid,
-    points_m: Float[np.ndarray, "n 2"],
-    guess: tuple[float, float, float],
-    guess_covariance: Float[np.ndarray, "3 3"],
+    points_m: Points,
+    guess: Pose,
+    guess_covariance: Covariance,
     t_s: float,
     settings: MatchSettings | None = None,
 ) -> ScanMatch:
@@ -152,20 +157,15 @@ def match_scan(
 
 
 def _near_lines(
-    grid: HitGrid, points_m: Float[np.ndarray, "n 2"], pose: tuple[float, float, float], reach_cells: int
-) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], Float[np.ndarray, "n 5"]]:
+    grid: HitGrid, points_m: Points, pose: Pose, reach_cells: int
+) -> tuple[Points, Points, Float[np.ndarray, "n 5"]]:
     """Points rotated into the map's axes [m], their positions in the grid (row, column) [cells], the lines near them."""
     turned = points_m @ rotation_2d(pose[2]).T
     places = ((turned + np.array(pose[:2]) - grid.corner_m) / grid.resolution_m)[:, ::-1].copy()
     return turned, places, nearest_lines(grid.mean_row, grid.mean_column, grid.count, places, reach_cells)
 
 
-def _agreement(
-    grid: HitGrid,
-    points_m: Float[np.ndarray, "n 2"],
-    pose: tuple[float, float, float],
-    settings: MatchSettings,
-) -> tuple[int, int]:
+def _agreement(grid: HitGrid, points_m: Points, pose: Pose, settings: MatchSettings) -> tuple[int, int]:
     """Number of points in the known part of the map, and number of those near a hit."""
 
     _, places, lines = _near_lines(grid, points_m, pose, settings.reach_cells)
@@ -178,12 +178,8 @@ def _agreement(
 
 
 def _search(
-    grid: HitGrid,
-    points_m: Float[np.ndarray, "n 2"],
-    guess: tuple[float, float, float],
-    guess_covariance: Float[np.ndarray, "3 3"],
-    settings: MatchSettings,
-) -> tuple[float, float, float]:
+    grid: HitGrid, points_m: Points, guess: Pose, guess_covariance: Covariance, settings: MatchSettings
+) -> Pose:
     """Best of all shifts and rotations in the window by the number of points near hits, and by the odometry."""
 
     r = grid.resolution_m
@@ -225,12 +221,12 @@ def _near_hits(count: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray
 
 def _refine(
     grid: HitGrid,
-    points_m: Float[np.ndarray, "n 2"],
-    start: tuple[float, float, float],
-    guess: tuple[float, float, float],
-    guess_covariance: Float[np.ndarray, "3 3"],
+    points_m: Points,
+    start: Pose,
+    guess: Pose,
+    guess_covariance: Covariance,
     settings: MatchSettings,
-) -> tuple[tuple[float, float, float], Float[np.ndarray, "3 3"], float]:
+) -> tuple[Pose, Covariance, float]:
     """Pose, covariance and residual [m]: Gauss-Newton on point-to-line distances with Huber weights, and on the odometry."""
 
     r = grid.resolution_m

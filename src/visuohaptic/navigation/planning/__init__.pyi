@@ -10,7 +10,6 @@ from .off_centre_push import OffCentrePush as OffCentrePush
 from .off_centre_push import plan_off_centre_pushes as plan_off_centre_pushes
 from .path_follower import FollowLimits as FollowLimits
 from .path_follower import PathFollower as PathFollower
-from .planner import assemble as assemble
 from .planner import plan_in_domain as plan_in_domain
 from .policies import alternatives as alternatives
 from .policies import make_plan as make_plan

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-from jaxtyping import Float
-
 from ..problem import Passage, PassageKind, Task
+from .arrays import Path
 from .search.search_domain import SearchDomain, world_from_grid
 
 if TYPE_CHECKING:
     import shapely
 
 
-def drive_tasks(domain: SearchDomain, path: Float[np.ndarray, "k 2"], cost: float) -> list[Task]:
+def drive_tasks(domain: SearchDomain, path: Path, cost: float) -> list[Task]:
     """Tasks along a path, including those at passages: stop before, wait or push, continue.
 
     Parameters

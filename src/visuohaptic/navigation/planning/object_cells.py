@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
+
+from .arrays import Outline
 
 #: Distance from an object's outline within which spurious components are searched [cells].
 SPURIOUS_REACH_CELLS = 1.25
 
 
-def window_around(
-    shape: tuple[int, int], outline: Float[np.ndarray, "p 2"], margin: float
-) -> tuple[slice, slice]:
+def window_around(shape: tuple[int, int], outline: Outline, margin: float) -> tuple[slice, slice]:
     """Rows and columns of the map within a margin around an outline.
 
     Parameters
@@ -28,7 +28,7 @@ def window_around(
     return slice(first[0], last[0]), slice(first[1], last[1])
 
 
-def _touched(outline: Float[np.ndarray, "p 2"], cells: Int[np.ndarray, "2 *n"]) -> Bool[np.ndarray, "*n"]:
+def _touched(outline: Outline, cells: Int[np.ndarray, "2 *n"]) -> Bool[np.ndarray, "*n"]:
     """Whether the square of each cell (row, column) overlaps the interior of the outline."""
     import shapely
 
@@ -38,7 +38,7 @@ def _touched(outline: Float[np.ndarray, "p 2"], cells: Int[np.ndarray, "2 *n"]) 
     return np.asarray(shapely.intersects(body, shapely.box(c, r, c + 1, r + 1)))
 
 
-def clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
+def clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Outline) -> None:
     """Free an object's cells in place: those it covers, and adjacent spurious components.
 
     Parameters
@@ -70,7 +70,7 @@ def clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.nd
     part[near & ~np.isin(labels, labels[near & beside])] = False
 
 
-def fill_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
+def fill_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Outline) -> None:
     """Mark the cells that an object covers as occupied, in place.
 
     Parameters

@@ -14,11 +14,11 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from ...core import InputError, rotation_2d
-from ..problem import Plan, PlanningProblem, PushCosts, Task, failure_probability
+from ..problem import Plan, PlanningProblem, Task, failure_probability
 from ..pushing.push_failure import sampled_pushes
+from .arrays import Path, Point
 from .off_centre_rollouts import (
     BACK_OFF_M,
     Rollout,
@@ -32,7 +32,7 @@ from .off_centre_rollouts import (
 from .replanning import after_push
 from .search.domain_builder import build_search_domain
 from .search.drives import pull_string
-from .search.search_domain import grid_from_world, world_from_grid
+from .search.search_domain import world_from_grid
 
 #: Maximum number of simulated candidates, and number of samples of the uncertain parameters for each.
 MAX_PLANS, SAMPLES = 6, 12
@@ -43,11 +43,11 @@ class OffCentrePush:
     """A straight drive against an object that rotates it; map frame."""
 
     object: str
-    approach_m: Float[np.ndarray, "k 2"]  #: path of the robot's centre to the start of the push
+    approach_m: Path  #: path of the robot's centre to the start of the push
     direction_rad: float
     length_m: float  #: path length of the robot from there
     free_m: float  #: part of that length before the contact
-    displacement_m: Float[np.ndarray, "2"]  #: predicted, of the object's centroid
+    displacement_m: Point  #: predicted, of the object's centroid
     turn_rad: float  #: predicted
     failure_probability: float
     cost_s: float  #: setup and drive
@@ -80,12 +80,12 @@ class OffCentrePush:
         return (Task("navigate", self.approach_s, driven_m, approach), turn)[len(approach) < 2 :]
 
     @property
-    def start_m(self) -> Float[np.ndarray, "2"]:
+    def start_m(self) -> Point:
         """Approach pose: start of the push, x, y [m]."""
         return self.approach_m[-1]
 
     @property
-    def retreat_m(self) -> Float[np.ndarray, "2"]:
+    def retreat_m(self) -> Point:
         """Retreat pose: position of the robot after backing off, x, y [m]."""
         ahead = np.array([math.cos(self.direction_rad), math.sin(self.direction_rad)])
         return self.start_m + max(self.length_m - BACK_OFF_M, 0.0) * ahead
@@ -126,18 +126,16 @@ def plan_off_centre_pushes(
             "plan_off_centre_pushes", f"found a margin of {margin_m} m, expected 0 to the robot's radius"
         )
     domain = build_search_domain(problem)
-    start = grid_from_world(problem.map, problem.start_m)
-    goal = grid_from_world(problem.map, problem.goal_m)
-    ends = rollouts(domain, start, goal, margin_m, among)
+    ends = rollouts(domain, margin_m, among)
     opening = [rollout for rollout in ends if opens_passage(rollout, rollout.pose)]
     if opening:
         chosen = _diverse(sorted(opening, key=_seconds))
     elif planner is not None:
         ranked = sorted(ends, key=lambda rollout: (-contacts_after(rollout), _seconds(rollout)))
-        chosen = [rollout for rollout in _diverse(ranked) if _solved_after(problem, rollout, planner)]
+        chosen = [rollout for rollout in _diverse(ranked) if _solved_after(rollout, planner)]
     else:
         chosen = []
-    plans = [_evaluated(problem, rollout, opens=bool(opening)) for rollout in chosen]
+    plans = [_evaluated(rollout, opens=bool(opening)) for rollout in chosen]
     pushes = [push for push in plans if len(push.approach_m)]
     return tuple(sorted(pushes, key=lambda push: push.cost_s / max(1.0 - push.failure_probability, 1e-3)))
 
@@ -171,51 +169,37 @@ def via_off_centre(
     return found
 
 
-def _solved_after(
-    problem: PlanningProblem, rollout: Rollout, planner: Callable[[PlanningProblem], Plan]
-) -> bool:
-    moved_m, _ = _predicted(rollout)
-    after = after_push(
-        problem,
-        rollout.scene.body.obj.id,
-        moved_m,
-        world_from_grid(problem.map, retreat(rollout)),
-        turn_rad=float(rollout.pose[2]),
-    )
-    return planner(after).reachable
+def _solved_after(rollout: Rollout, planner: Callable[[PlanningProblem], Plan]) -> bool:
+    problem, body = rollout.scene.domain.problem, rollout.scene.body
+    moved_m, at_m = _predicted(rollout)[0], world_from_grid(problem.map, retreat(rollout))
+    return planner(after_push(problem, body.obj.id, moved_m, at_m, turn_rad=float(rollout.pose[2]))).reachable
 
 
-def _predicted(rollout: Rollout) -> tuple[Float[np.ndarray, "2"], float]:
+def _predicted(rollout: Rollout) -> tuple[Point, float]:
     """Displacement of the body's centroid in the map frame [m], and the direction of the drive there [rad]."""
     turned = rotation_2d(rollout.scene.domain.map.origin[2]).T
     ahead = rollout.direction @ turned
     return rollout.pose[:2] @ turned, math.atan2(ahead[1], ahead[0])
 
 
-def _evaluated(problem: PlanningProblem, rollout: Rollout, *, opens: bool) -> OffCentrePush:
-    robot, domain = problem.robot, rollout.scene.domain
+def _evaluated(rollout: Rollout, *, opens: bool) -> OffCentrePush:
+    domain, obj = rollout.scene.domain, rollout.scene.body.obj
     moved_m, direction_rad = _predicted(rollout)
-    goal_m = rollout.scene.body.obj.centre_m + moved_m
-    path, _ = pull_string(
-        domain,
-        np.zeros((len(domain.bodies), 2)),
-        grid_from_world(problem.map, problem.start_m),
-        rollout.approach_at,
-    )
-    tag = rollout.scene.body.obj.tag
+    goal_m = obj.centre_m + moved_m
+    path, _ = pull_string(domain, np.zeros((len(domain.bodies), 2)), domain.start, rollout.approach_at)
     # Drift and rotation of straight pushes do not apply here; the counters and the force do.
-    holds = 1.0 - failure_probability(tag, 0.0, robot, PushCosts())
+    holds = 1.0 - failure_probability(obj.tag, 0.0, domain.robot, domain.costs)
     holds *= 1.0 - _missed(rollout, opens=opens)
     return OffCentrePush(
-        rollout.scene.body.obj.id,
-        world_from_grid(problem.map, path),
+        obj.id,
+        world_from_grid(domain.map, path),
         direction_rad,
         rollout.length_m,
-        rollout.scene.stand_off * problem.map.resolution_m,
+        rollout.scene.stand_off * domain.map.resolution_m,
         moved_m,
         float(rollout.pose[2]),
         1.0 - holds,
-        robot.setup_time_s + _seconds(rollout),
+        domain.robot.setup_time_s + _seconds(rollout),
         opens,
         rollout.approach_s,
         (float(goal_m[0]), float(goal_m[1])),

@@ -7,13 +7,14 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
 from ..pushing._outline_kernels import disc_touches_at
 from ..pushing.contact_candidates import push_contacts
 from ..pushing.push_model import PushModel
 from ..pushing.quasi_static import line_path, simulate_push
+from .arrays import Clearance, Path, Point
 from .object_cells import fill_cells
 from .search import _travel_kernels
 from .search._travel_kernels import FAR, UNITS, clearances_at, reach_costs
@@ -40,9 +41,8 @@ class OffCentreScene:
     domain: SearchDomain
     body: Body
     model: PushModel  #: in metres along the grid's axes, about the centroid
-    without: Float32[np.ndarray, "rows columns"]  #: clearance without the body [cells]
+    without: Clearance  #: clearance without the body [cells]
     blocked: Bool[np.ndarray, "rows columns"]  #: cells that are obstacles for the body
-    goal: Float[np.ndarray, "2"]
     radius_m: float  #: of the rim
     stand_off: float  #: distance of the start of a drive from the position of contact [cells]
 
@@ -52,30 +52,20 @@ class Rollout:
     """A straight drive against the body, and the body's final pose."""
 
     scene: OffCentreScene
-    direction: Float[np.ndarray, "2"]  #: of the drive, unit vector
-    approach_at: Float[np.ndarray, "2"]  #: its start [cells]
+    direction: Point  #: of the drive, unit vector
+    approach_at: Point  #: its start [cells]
     approach_s: float  #: cost of the drive to the start
     length_m: float  #: of the drive
     pose: Float[np.ndarray, "3"]  #: of the body relative to its initial pose [m, m, rad]
 
 
-def rollouts(
-    domain: SearchDomain,
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-    margin_m: float,
-    among: Collection[str] | None = None,
-) -> list[Rollout]:
+def rollouts(domain: SearchDomain, margin_m: float, among: Collection[str] | None = None) -> list[Rollout]:
     """Collision-free drives against every body from all sides.
 
     Parameters
     ----------
     domain
-        Search domain.
-    start
-        Position of the platform [cells], (2,).
-    goal
-        Goal [cells], (2,).
+        Map, robot, start, goal and bodies.
     margin_m
         Safety margin [m].
     among
@@ -84,7 +74,7 @@ def rollouts(
 
     still = np.zeros((len(domain.bodies), 2))
     clearance = domain.clearance_with(still)
-    cells, costs = domain.seeds(clearance, start, reach=2, block=1)
+    cells, costs = domain.seeds(clearance, domain.start, reach=2, block=1)
     if not cells.size:
         return []
     nothing = np.zeros((0, 0), np.int16)
@@ -96,7 +86,7 @@ def rollouts(
     for index, body in enumerate(domain.bodies):
         if body.allowed.unknown or (among is not None and body.obj.id not in among):
             continue
-        scene = scene_of(domain, index, goal, margin_m)
+        scene = scene_of(domain, index, margin_m)
         ends = [
             rollout
             for direction, approach_at, approach in _approaches(scene, clearance, cost)
@@ -106,9 +96,7 @@ def rollouts(
     return found
 
 
-def scene_of(
-    domain: SearchDomain, index: int, goal: Float[np.ndarray, "2"], margin_m: float = 0.0
-) -> OffCentreScene:
+def scene_of(domain: SearchDomain, index: int, margin_m: float = 0.0) -> OffCentreScene:
     """One body to be rotated or displaced sideward, among all other obstacles.
 
     Parameters
@@ -117,8 +105,6 @@ def scene_of(
         Map, robot and bodies.
     index
         Index of the body.
-    goal
-        Goal of the robot [cells].
     margin_m
         Difference between the radius of the domain's robot and that of the pushing rim [m].
     """
@@ -133,12 +119,12 @@ def scene_of(
     model = model.with_centre_moved(*(body.friction * resolution_m))
     without = domain.clearance_with(np.zeros((len(domain.bodies), 2)), index)
     return OffCentreScene(
-        domain, body, model, without, blocked, goal, domain.robot.radius_m - margin_m,
+        domain, body, model, without, blocked, domain.robot.radius_m - margin_m,
         STAND_OFF + margin_m / resolution_m,
     )  # fmt: skip
 
 
-def has_room(scene: OffCentreScene, points_m: Float[np.ndarray, "k 2"]) -> Bool[np.ndarray, "k"]:
+def has_room(scene: OffCentreScene, points_m: Path) -> Bool[np.ndarray, "k"]:
     """Whether the robot is free of collisions at points about the body's centre, the body itself ignored [m].
 
     Parameters
@@ -155,8 +141,8 @@ def has_room(scene: OffCentreScene, points_m: Float[np.ndarray, "k 2"]) -> Bool[
 
 
 def _approaches(
-    scene: OffCentreScene, clearance: Float32[np.ndarray, "rows columns"], cost: np.ndarray
-) -> Iterator[tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"], float]]:
+    scene: OffCentreScene, clearance: Clearance, cost: np.ndarray
+) -> Iterator[tuple[Point, Point, float]]:
     """Directions of drives, their start positions, and the costs of reaching these [units]."""
 
     domain, body = scene.domain, scene.body
@@ -180,10 +166,7 @@ def _approaches(
 
 
 def _rollouts_of(
-    scene: OffCentreScene,
-    ahead: Float[np.ndarray, "2"],
-    approach_at: Float[np.ndarray, "2"],
-    approach_s: float,
+    scene: OffCentreScene, ahead: Point, approach_at: Point, approach_s: float
 ) -> Iterator[Rollout]:
     """One drive with several lengths, as far as it is collision-free."""
     resolution_m = scene.domain.map.resolution_m
@@ -204,7 +187,7 @@ def _rollouts_of(
 
 
 def drive_of(
-    scene: OffCentreScene, ahead: Float[np.ndarray, "2"], approach_at: Float[np.ndarray, "2"], length_m: float
+    scene: OffCentreScene, ahead: Point, approach_at: Point, length_m: float
 ) -> Float[np.ndarray, "k 3"]:
     """Poses of the drive relative to the body's centre [m].
 
@@ -247,7 +230,7 @@ def fits(scene: OffCentreScene, poses: Float[np.ndarray, "k 3"]) -> Bool[np.ndar
     )
 
 
-def retreat(rollout: Rollout) -> Float[np.ndarray, "2"]:
+def retreat(rollout: Rollout) -> Point:
     """Position to which the platform backs off after a drive [cells].
 
     Parameters
@@ -259,9 +242,7 @@ def retreat(rollout: Rollout) -> Float[np.ndarray, "2"]:
     return rollout.approach_at + back * rollout.direction
 
 
-def _reached(
-    rollout: Rollout, pose: np.ndarray
-) -> tuple[Float32[np.ndarray, "rows columns"], Bool[np.ndarray, "n"]]:
+def _reached(rollout: Rollout, pose: np.ndarray) -> tuple[Clearance, Bool[np.ndarray, "n"]]:
     """Clearance, and the cells that the robot can reach after a push."""
 
     domain = rollout.scene.domain
@@ -286,7 +267,7 @@ def opens_passage(rollout: Rollout, pose: np.ndarray) -> bool:
 
     domain = rollout.scene.domain
     clearance, reached = _reached(rollout, pose)
-    goal, _ = domain.seeds(clearance, rollout.scene.goal, block=1)
+    goal, _ = domain.seeds(clearance, domain.goal, block=1)
     return bool(goal.size) and bool(reached[goal].any())
 
 

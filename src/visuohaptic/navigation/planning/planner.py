@@ -7,12 +7,12 @@ from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import PlanningProblem
 from ..problem.push_costs import PushCosts, push_cost
 from ..pushing._outline_kernels import polygon_distance
+from .arrays import Point, Shifts
 from .drive_tasks import drive_tasks
 from .footprint.footprint_drives import FootprintDrives
 from .place_costs import place_s
@@ -22,7 +22,7 @@ from .search.push_ends import turn_probability
 from .search.push_lengths import end_of_push
 from .search.push_search import load_kernels, search_pushes
 from .search.push_states import Deadline, PushStep, SearchLimits, SearchResult
-from .search.search_domain import SearchDomain, grid_from_world, world_from_grid
+from .search.search_domain import SearchDomain, world_from_grid
 
 #: Fraction of the budget for the search; the rest is for the drives of the plan.
 SEARCH_FRACTION = 0.9
@@ -31,101 +31,70 @@ ESCAPE_SLACK = 0.02
 
 
 def plan_in_domain(
-    problem: PlanningProblem,
     domain: SearchDomain,
-    costs: PushCosts | None = None,
     limits: SearchLimits | None = None,
     *,
     active: Collection[int] | None = None,
     oblique: bool = False,
     name: str = "cheapest",
-    report_costs: PushCosts | None = None,
+    weights: PushCosts | None = None,
 ) -> Plan:
     """Search and assemble a plan in a prepared domain.
 
     Parameters
     ----------
-    problem
-        Start and goal; ``domain`` was built from its map and objects.
     domain
         From :func:`~visuohaptic.navigation.planning.search.domain_builder.build_search_domain`.
-    costs, limits
-        Cost parameters; limits of the search.
+    limits
+        Limits of the search.
     active
         Indices of the bodies that may be pushed; all of them by default.
     oblique
         Whether pushes may be oblique to a face.
     name
         Side condition, for the plan's label.
-    report_costs
-        Costs for the durations of the tasks, if ``costs`` weighs quantities other than time.
+    weights
+        Costs of the search, if they weigh other quantities than the durations of the tasks.
     """
-    costs, limits = costs or PushCosts(), limits or SearchLimits()
+    limits, weights, robot = limits or SearchLimits(), weights or domain.costs, domain.robot
     load_kernels()
-    deadline = Deadline.after(limits.budget_s)
-    said, receive = report_costs or costs, limits.found
-    start = grid_from_world(problem.map, problem.start_m)
-    goal = grid_from_world(problem.map, problem.goal_m)
-    begin = escape(domain, start) if not problem.robot.footprint_m else start
+    deadline, receive = Deadline.after(limits.budget_s), limits.found
+    begin = domain.start if robot.footprint_m else escape(domain, domain.start)
     if begin is None:
-        return Plan(False, reason=_stuck(domain, start), proved=True, name=name)
+        return Plan(False, reason=_stuck(domain, domain.start), proved=True, name=name)
+
+    def searched(among: SearchDomain, limits: SearchLimits) -> SearchResult:
+        return search_pushes(among, begin, limits, costs=weights, active=active, oblique=oblique)
 
     def report(first: SearchResult) -> None:
-        plan = assemble(problem, domain, first, said, name=name, begin=begin, deadline=deadline)
+        plan = _assembled(domain, first, begin, deadline, name)
         if receive is not None and plan.reachable:
             receive(plan)
 
-    limits = replace(limits, budget_s=SEARCH_FRACTION * limits.budget_s, found=report if receive else None)
-    result = search_pushes(domain, begin, goal, costs, limits, active=active, oblique=oblique)
-    plan = assemble(problem, domain, result, said, name=name, begin=begin, deadline=deadline)
-    if plan.reachable or not (problem.robot.footprint_m and result.found) or deadline.passed:
+    first_s = SEARCH_FRACTION * limits.budget_s
+    result = searched(domain, replace(limits, budget_s=first_s, found=report if receive else None))
+    plan = _assembled(domain, result, begin, deadline, name)
+    if plan.reachable or not (robot.footprint_m and result.found) or deadline.passed:
         return plan
     # The circle in the footprint fits where the footprint does not: now with room between objects for the one around it.
-    room = (problem.robot.reach_m - problem.robot.radius_m) / problem.map.resolution_m
+    room = (robot.reach_m - robot.radius_m) / domain.map.resolution_m
     wide = replace(domain, bodies=tuple(replace(body, room=room) for body in domain.bodies))
-    limits = replace(limits, budget_s=max(deadline.left_s, 1e-9), found=None)
-    found = search_pushes(wide, begin, goal, costs, limits, active=active, oblique=oblique)
-    found = replace(found, bound=result.bound)
-    other = assemble(problem, wide, found, said, name=name, begin=begin, deadline=deadline)
+    found = searched(wide, replace(limits, budget_s=max(deadline.left_s, 1e-9), found=None))
+    other = _assembled(wide, replace(found, bound=result.bound), begin, deadline, name)
     return other if other.reachable else plan
 
 
-def assemble(
-    problem: PlanningProblem,
-    domain: SearchDomain,
-    result: SearchResult,
-    costs: PushCosts,
-    *,
-    name: str = "cheapest",
-    begin: Float[np.ndarray, "2"] | None = None,
-    deadline: Deadline | None = None,
+def _assembled(
+    domain: SearchDomain, result: SearchResult, begin: Point, deadline: Deadline, name: str
 ) -> Plan:
-    """Tasks of a search result: driving along string-pulled paths, pushes with contact, goal and risk.
-
-    Parameters
-    ----------
-    problem
-        Start and goal.
-    domain
-        The domain that was searched.
-    result
-        Pushes in order.
-    costs
-        Costs for the durations of the tasks.
-    name
-        Side condition, for the plan's label.
-    begin
-        Start of the search, after an escape from a start in collision; the start by default [cells].
-    deadline
-        Corner cutting and the search for drives of a footprint end at this time.
-    """
+    """Tasks of a search result that starts at ``begin``: driving along string-pulled paths, pushes with goal and risk."""
     notes = _notes(domain, result)
     if not result.found:
         proved, expanded = result.exhausted, result.expanded
         return Plan(False, reason=result.reason, proved=proved, expanded=expanded, name=name, notes=notes)
     tasks: list[Task] = []
-    at = grid_from_world(problem.map, problem.start_m)
-    if begin is not None and (begin != at).any():
+    at = domain.start
+    if (begin != at).any():
         tasks += drive_tasks(domain, np.array([at, begin]), float(np.hypot(*(begin - at))) * domain.slow)
         notes = (
             f"the start is too near to an obstacle: {tasks[0].length_m:.2f} m away from it first",
@@ -133,9 +102,9 @@ def assemble(
         )
         at = begin
     shifts = np.zeros((len(domain.bodies), 2))
-    ends = [step.approach for step in result.steps] + [grid_from_world(problem.map, problem.goal_m)]
-    shaped = FootprintDrives(domain, deadline) if problem.robot.footprint_m else None
-    heading, longer = _heading(problem), 0.0
+    ends = [*(step.approach for step in result.steps), domain.goal]
+    shaped = FootprintDrives(domain, deadline) if domain.robot.footprint_m else None
+    heading, longer = _heading(domain.problem), 0.0
     for last, step, end in zip([None, *result.steps], [*result.steps, None], ends, strict=True):
         path, cost = pull_string(domain, shifts, at, end, deadline)
         if shaped is not None:
@@ -150,14 +119,14 @@ def assemble(
             return Plan(False, reason=f"{what} of the plan is too narrow on the map", name=name, notes=notes)
         tasks += drive_tasks(domain, path, cost)
         if step is not None:
-            tasks += _push_tasks(domain, step, costs)
+            tasks += _push_tasks(domain, step)
             at, shifts = step.retreat, step.shifts_after
     notes += _place_notes(domain, shifts)
     gap = max((result.cost + longer) / result.bound - 1.0, 0.0) if result.bound > 0 else float("inf")
     return Plan(True, tuple(tasks), expanded=result.expanded, name=name, notes=notes, gap=gap)
 
 
-def _place_notes(domain: SearchDomain, shifts: Float[np.ndarray, "bodies 2"]) -> tuple[str, ...]:
+def _place_notes(domain: SearchDomain, shifts: Shifts) -> tuple[str, ...]:
     """The bodies that end in places with a cost."""
     ends = [
         (body.obj.id, place_s(domain, body, shift))
@@ -185,7 +154,7 @@ def _heading(problem: PlanningProblem) -> float:
     return math.nan if yaw is None else yaw - problem.map.origin[2]
 
 
-def escape(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"] | None:
+def escape(domain: SearchDomain, start: Point) -> Point | None:
     """Position to which a robot that starts in collision can escape straight without approaching an obstacle; else its start.
 
     Parameters
@@ -221,7 +190,7 @@ def escape(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> Float[np.ndar
     return None
 
 
-def _stuck(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> str:
+def _stuck(domain: SearchDomain, start: Point) -> str:
     """Reason why a robot cannot leave its start."""
 
     outlines = [(body.obj.id, body.outline) for body in domain.bodies]
@@ -233,8 +202,8 @@ def _stuck(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> str:
     return f"the robot does not fit at its start, next to {blamed}, and cannot leave it in a straight line"
 
 
-def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[Task]:
-    body = domain.bodies[step.body]
+def _push_tasks(domain: SearchDomain, step: PushStep) -> list[Task]:
+    body, costs = domain.bodies[step.body], domain.costs
     contact = body.push(step.contact)
     before, after = step.shifts_before[step.body], step.shifts_after[step.body]
     grid = np.array(
@@ -277,7 +246,7 @@ def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[
     return [*tasks, pushed]
 
 
-def _pair(point: Float[np.ndarray, "2"]) -> tuple[float, float]:
+def _pair(point: Point) -> tuple[float, float]:
     return float(point[0]), float(point[1])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from .planner import plan_in_domain
 from .search.domain_builder import build_search_domain
 from .search.push_search import load_kernels
 from .search.push_states import Deadline, SearchLimits
-from .search.search_domain import SearchDomain, grid_from_world, world_from_grid
+from .search.search_domain import SearchDomain, world_from_grid
 from .sideward_plan import via_sideward
 
 #: Weight of reliability in the most reliable plan [s per -log(1 - p)].
@@ -57,58 +58,48 @@ def make_plan(
     >>> [task.kind for task in plan.tasks], round(plan.length_m, 2)
     (['navigate'], 1.2)
     """
-    costs, limits = costs or PushCosts(), limits or SearchLimits()
+    limits = limits or SearchLimits()
     load_kernels()
     deadline = Deadline.after(limits.budget_s)
-    domain = build_search_domain(problem, costs)
-    return _cheapest(problem, domain, costs, _until(deadline, limits))
+    return _cheapest(build_search_domain(problem, costs), _until(deadline, limits))
 
 
-def _cheapest(
-    problem: PlanningProblem,
-    domain: SearchDomain,
-    costs: PushCosts,
-    limits: SearchLimits,
-    done: frozenset[str] = frozenset(),
-) -> Plan:
+def _cheapest(domain: SearchDomain, limits: SearchLimits, done: frozenset[str] = frozenset()) -> Plan:
     """The cheapest plan; objects that are ``done`` are not pushed sideward again."""
     deadline = Deadline.after(limits.budget_s)
     unknown = any(body.allowed.unknown for body in domain.bodies)
     first = replace(limits, budget_s=limits.budget_s * (KNOWN_FRACTION if unknown else 1.0))
     limits = replace(limits, found=None)  # the others are searches for parts of plans
-    safe_plan = _planned(problem, domain, costs, first, unknown=False)
+
+    def planned(after: PlanningProblem, done: frozenset[str]) -> Plan:
+        return _cheapest(build_search_domain(after, domain.costs), _until(deadline, limits), done)
+
+    safe_plan = _planned(domain, first, unknown=False)
     for index, body in enumerate(domain.bodies):
         id = body.obj.id
         if body.obj.push is not PushMode.SIDEWARD or body.allowed.unknown or id in done or deadline.passed:
             continue
-
-        def rest(after: PlanningProblem, id: str = id) -> Plan:
-            return _cheapest(
-                after, build_search_domain(after, costs), costs, _until(deadline, limits), done | {id}
-            )
-
-        plan = via_sideward(problem, domain, index, costs, rest, safe_plan.cost_s, deadline)
+        plan = via_sideward(domain, index, partial(planned, done=done | {id}), safe_plan.cost_s, deadline)
         if plan.cost_s < safe_plan.cost_s:
             safe_plan = plan
-    turned = {obj.id for obj in problem.objects if obj.push is PushMode.OFF_CENTRE} - done
+    turned = {obj.id for obj in domain.problem.objects if obj.push is PushMode.OFF_CENTRE} - done
     if turned and not safe_plan.reachable:
 
         def after_turn(after: PlanningProblem, id: str) -> Plan:
             # An object that was turned once is pushed straight from then on; until one is chosen, so are all.
-            begun = done | ({id} if id else turned)
-            return _cheapest(after, build_search_domain(after, costs), costs, _until(deadline, limits), begun)
+            return planned(after, done | ({id} if id else turned))
 
-        plan = via_off_centre(problem, after_turn, turned, lambda: not deadline.passed)
+        plan = via_off_centre(domain.problem, after_turn, turned, lambda: not deadline.passed)
         # The proof covers straight pushes only.
         refused = replace(safe_plan, proved=False, notes=(*safe_plan.notes, plan.reason))
         safe_plan = plan if plan.reachable else refused
     if not unknown:
         return safe_plan
-    risky_plan = _planned(problem, domain, costs, _until(deadline, limits), unknown=True)
+    risky_plan = _planned(domain, _until(deadline, limits), unknown=True)
     explored = next((i for i, task in enumerate(risky_plan.tasks) if task.kind == "explore"), None)
     if not risky_plan.reachable or explored is None:
         return safe_plan if safe_plan.reachable else risky_plan
-    expected_s = _expected(problem, risky_plan, explored, costs, _until(deadline, limits))
+    expected_s = _expected(domain, risky_plan, explored, _until(deadline, limits))
     if safe_plan.reachable and safe_plan.cost_s <= expected_s:
         return safe_plan
     return replace(risky_plan, expected_s=expected_s)
@@ -129,7 +120,7 @@ def without_pushing(problem: PlanningProblem, limits: SearchLimits | None = None
     limits
         Limits of the search.
     """
-    return plan_in_domain(problem, build_search_domain(problem), None, limits, active=(), name="no pushing")
+    return plan_in_domain(build_search_domain(problem), limits, active=(), name="no pushing")
 
 
 def alternatives(
@@ -151,12 +142,11 @@ def alternatives(
     Plans by name.
     """
     problem.robot.check_disc("alternatives are planned")
-    costs, limits = costs or PushCosts(), replace(limits or SearchLimits(), found=None)
-    domain = build_search_domain(problem, costs)
-    cautious = replace(costs, risk_s=RELIABLE_RISK_S)
-    reliable = _planned(problem, domain, cautious, limits, unknown=True, report_costs=costs)
-    cheapest = _cheapest(problem, domain, costs, limits)
-    free = plan_in_domain(problem, domain, costs, limits, active=(), name="no pushing")
+    limits, domain = replace(limits or SearchLimits(), found=None), build_search_domain(problem, costs)
+    cautious = replace(domain.costs, risk_s=RELIABLE_RISK_S)
+    reliable = _planned(domain, limits, unknown=True, weights=cautious)
+    cheapest = _cheapest(domain, limits)
+    free = plan_in_domain(domain, limits, active=(), name="no pushing")
     found = {
         "cheapest": cheapest,
         "most reliable": min(
@@ -165,7 +155,7 @@ def alternatives(
             default=reliable,
         ),
         "no pushing": free,
-        "most information": _most_information(problem, domain, costs, limits, cheapest),
+        "most information": _most_information(domain, limits, cheapest),
     }
     return {name: replace(plan, name=name) for name, plan in found.items()}
 
@@ -180,35 +170,25 @@ def _pushed(domain: SearchDomain, *, unknown: bool) -> list[int]:
 
 
 def _planned(
-    problem: PlanningProblem,
-    domain: SearchDomain,
-    costs: PushCosts,
-    limits: SearchLimits,
-    *,
-    unknown: bool,
-    report_costs: PushCosts | None = None,
+    domain: SearchDomain, limits: SearchLimits, *, unknown: bool, weights: PushCosts | None = None
 ) -> Plan:
     deadline = Deadline.after(limits.budget_s)
     active = _pushed(domain, unknown=unknown)
-    found = plan_in_domain(problem, domain, costs, limits, active=active, report_costs=report_costs)
+    found = plan_in_domain(domain, limits, active=active, weights=weights)
     if found.reachable or not active or deadline.passed:
         return found
     # Oblique pushes rely on friction: they are used only if no other push clears a path.
     left = _until(deadline, limits)
-    oblique = plan_in_domain(
-        problem, domain, costs, left, active=active, oblique=True, report_costs=report_costs
-    )
+    oblique = plan_in_domain(domain, left, active=active, oblique=True, weights=weights)
     if oblique.reachable or (oblique.proved and not found.proved):
         return oblique
     note = "oblique pushes do not help either" + ("" if oblique.proved else ", within the search budget")
     return replace(found, notes=(*found.notes, note))
 
 
-def _expected(
-    problem: PlanningProblem, risky_plan: Plan, first: int, costs: PushCosts, limits: SearchLimits
-) -> float:
+def _expected(domain: SearchDomain, risky_plan: Plan, first: int, limits: SearchLimits) -> float:
     """Expected time of a plan with an exploration, with the best path from there if the object does not move."""
-    explore = risky_plan.tasks[first]
+    problem, explore = domain.problem, risky_plan.tasks[first]
     before_s = sum(task.cost_s for task in risky_plan.tasks[: first + 1])
     after_s = sum(task.cost_s for task in risky_plan.tasks[first + 1 :])
     retreat_m = next((task.path_m[-1] for task in reversed(risky_plan.tasks[:first]) if task.path_m), None)
@@ -222,15 +202,14 @@ def _expected(
             for obj in problem.objects
         ),
     )
-    other = _planned(refused, build_search_domain(refused, costs), costs, limits, unknown=False)
+    other = _planned(build_search_domain(refused, domain.costs), limits, unknown=False)
     p = explore.failure_probability
     return before_s + (1.0 - p) * after_s + p * other.cost_s
 
 
-def _most_information(
-    problem: PlanningProblem, domain: SearchDomain, costs: PushCosts, limits: SearchLimits, cheapest: Plan
-) -> Plan:
+def _most_information(domain: SearchDomain, limits: SearchLimits, cheapest: Plan) -> Plan:
     """The plan with the highest information rate: entropy of "the object moves" over the touched objects, per second."""
+    problem, costs = domain.problem, domain.costs
     middle = 0.5 * (problem.start_m + problem.goal_m)
     uncertain = sorted(
         (body.obj for body in domain.bodies if _entropy(body.obj, costs) > 0.3),
@@ -267,22 +246,21 @@ def via_exploration(
         Limits of the search.
     """
     problem.robot.check_disc("explorations in passing are planned")
-    costs, limits = costs or PushCosts(), replace(limits or SearchLimits(), found=None)
-    domain = build_search_domain(problem, costs)
+    limits, domain = replace(limits or SearchLimits(), found=None), build_search_domain(problem, costs)
     index = next((k for k, body in enumerate(domain.bodies) if body.obj.id == obj.id), None)
     refused = Plan(False, reason=f"{obj.id} cannot be touched from where the robot gets")
     if index is None:
         return refused
     body = domain.bodies[index]
-    reached = nearest_contact(domain, body, grid_from_world(problem.map, problem.start_m))
+    reached = nearest_contact(domain, body)
     if reached is None:
         return refused
     path, cost, contact = reached
     drive = drive_tasks(domain, path, cost)
-    touch = explore_task(domain, body, contact, problem.robot, costs)
+    touch = explore_task(domain, body, contact)
     onward = replace(problem, start_m=world_from_grid(problem.map, path[-1]))
     known = _pushed(domain, unknown=False)
-    rest = plan_in_domain(onward, domain, costs, limits, active=known)
+    rest = plan_in_domain(replace(domain, problem=onward), limits, active=known)
     if not rest.reachable:
         return replace(rest, tasks=())
     return replace(rest, tasks=(*drive, touch, *rest.tasks))

@@ -5,23 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from ...core import HapticTag, InputError, rotation_2d
 from ...io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ..grid.cost_grid import OBSTACLE_FROM
 from ..problem.planning_problem import MovableObject, PlanningProblem
+from .arrays import Point
 from .object_cells import clear_cells, fill_cells
 from .search.search_domain import grid_from_world
 
 
 def after_push(
-    problem: PlanningProblem,
-    id: str,
-    displacement_m: Float[np.ndarray, "2"],
-    robot_m: Float[np.ndarray, "2"],
-    *,
-    turn_rad: float = 0.0,
+    problem: PlanningProblem, id: str, displacement_m: Point, robot_m: Point, *, turn_rad: float = 0.0
 ) -> PlanningProblem:
     """The problem after a successful push: footprint and map cells moved, counter of explorations incremented.
 

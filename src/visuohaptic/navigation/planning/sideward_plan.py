@@ -9,16 +9,17 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.geometry import rotation_2d
-from ..problem import Plan, PlanningProblem, PushCosts, Task
+from ..problem import Plan, PlanningProblem, Task
 from ..pushing.push_model import PushModel
 from ..pushing.quasi_static import remaining_m
+from .arrays import Path, Point
 from .drive_tasks import drive_tasks
 from .off_centre_rollouts import OffCentreScene, fits, has_room, scene_of
 from .replanning import after_push
 from .search.domain_builder import build_search_domain
 from .search.drives import pull_string
 from .search.push_states import Deadline
-from .search.search_domain import SearchDomain, grid_from_world, world_from_grid
+from .search.search_domain import SearchDomain, world_from_grid
 from .sideward_push import SLIDE_M, SidewardPush, sideward_pushes
 
 #: Displacement that moves a body off any map [cells].
@@ -28,10 +29,8 @@ STRAIGHT_M = 1e-6
 
 
 def via_sideward(
-    problem: PlanningProblem,
     domain: SearchDomain,
     index: int,
-    costs: PushCosts,
     rest: Callable[[PlanningProblem], Plan],
     max_cost_s: float = float("inf"),
     deadline: Deadline | None = None,
@@ -40,12 +39,10 @@ def via_sideward(
 
     Parameters
     ----------
-    problem, domain
-        Map, objects, robot, start and goal, and the domain built from them.
+    domain
+        Map, objects, robot, start and goal.
     index
         Index of the body.
-    costs
-        Cost model of the pushes.
     rest
         Planner for the remaining problem after the push.
     max_cost_s
@@ -53,27 +50,26 @@ def via_sideward(
     deadline
         Time limit.
     """
-    body, robot = domain.bodies[index], problem.robot
+    body, robot, problem = domain.bodies[index], domain.robot, domain.problem
     robot.check_disc("sideward pushes are planned")
     nothing = Plan(False, reason=f"{body.obj.id} cannot be pushed aside on the path")
-    start, goal = (grid_from_world(problem.map, point) for point in (problem.start_m, problem.goal_m))
     shifts = np.zeros((len(domain.bodies), 2))
     gone = shifts.copy()
     gone[index] = AWAY
-    path, cost = pull_string(domain, gone, start, goal)
+    path, cost = pull_string(domain, gone, domain.start, domain.goal)
     if not len(path):  # others are obstacles, too: they may be pushed afterwards
         gone[:] = AWAY
-        path, cost = pull_string(domain, gone, start, goal)
+        path, cost = pull_string(domain, gone, domain.start, domain.goal)
     if not len(path) or domain.seconds(cost) + robot.setup_time_s >= max_cost_s:
         return nothing
     ends = _past(domain, index, path)
     if ends is None:
         return nothing
-    scene = scene_of(domain, index, goal)
+    scene = scene_of(domain, index)
     found = nothing
-    for push in sideward_pushes(scene, *ends, costs, deadline=deadline):
+    for push in sideward_pushes(scene, *ends, deadline):
         begin, end = push.path_m[[0, -1], :2] / problem.map.resolution_m + body.centre
-        drive, drive_cost = pull_string(domain, shifts, start, begin)
+        drive, drive_cost = pull_string(domain, shifts, domain.start, begin)
         if not len(drive) or domain.seconds(drive_cost) + push.cost_s >= min(max_cost_s, found.cost_s):
             continue
         turn = rotation_2d(problem.map.origin[2])
@@ -89,9 +85,7 @@ def via_sideward(
     return found
 
 
-def _past(
-    domain: SearchDomain, index: int, path: Float[np.ndarray, "k 2"]
-) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None:
+def _past(domain: SearchDomain, index: int, path: Path) -> tuple[Point, Point] | None:
     """Part of a path that passes near a body, relative to its centre [m]; none if the path keeps clear of it."""
     import shapely
 
@@ -111,7 +105,7 @@ def _task(scene: OffCentreScene, push: SidewardPush) -> Task:
     domain, body, trace = scene.domain, scene.body, push.trace
     resolution_m, turn = domain.map.resolution_m, rotation_2d(domain.map.origin[2])
 
-    def points(places_m: Float[np.ndarray, "k 2"]) -> tuple[tuple[float, float], ...]:
+    def points(places_m: Path) -> tuple[tuple[float, float], ...]:
         world = world_from_grid(domain.map, places_m / resolution_m + body.centre)
         return tuple((float(x), float(y)) for x, y in world)
 
@@ -151,7 +145,7 @@ class SidewardCheck:
     def __init__(self, problem: PlanningProblem, id: str) -> None:
         domain = build_search_domain(problem)
         index = next(k for k, body in enumerate(domain.bodies) if body.obj.id == id)
-        self._scene = scene_of(domain, index, domain.bodies[index].centre)
+        self._scene = scene_of(domain, index)
         obj = domain.bodies[index].obj
         #: outline and supports about the centroid, along the map's axes
         self.model = PushModel.of_footprint(obj.footprint_m - obj.centre_m).with_centre_moved(

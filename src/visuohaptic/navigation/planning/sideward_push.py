@@ -15,9 +15,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
-from ..problem.push_costs import PushCosts, failure_probability
+from ..problem.push_costs import failure_probability
 from ..pushing.push_failure import PushUncertainty
 from ..pushing.quasi_static import PushTrace, arc_path, remaining_m, simulate_push
+from .arrays import Point
 from .off_centre_rollouts import OffCentreScene, fits, has_room
 from .search.push_states import Deadline
 
@@ -63,8 +64,8 @@ class SidewardPush:
 
 def sideward_candidates(
     scene: OffCentreScene,
-    enter_m: Float[np.ndarray, "2"],
-    leave_m: Float[np.ndarray, "2"],
+    enter_m: Point,
+    leave_m: Point,
     *,
     slide_m: float = SLIDE_M,
     starts: int = 9,
@@ -160,13 +161,7 @@ def _outcome(scene: OffCentreScene, trace: PushTrace) -> SidewardOutcome:
 
 
 def sideward_pushes(
-    scene: OffCentreScene,
-    enter_m: Float[np.ndarray, "2"],
-    leave_m: Float[np.ndarray, "2"],
-    costs: PushCosts | None = None,
-    *,
-    rng: np.random.Generator | None = None,
-    deadline: Deadline | None = None,
+    scene: OffCentreScene, enter_m: Point, leave_m: Point, deadline: Deadline | None = None
 ) -> tuple[SidewardPush, ...]:
     """Successful sideward pushes, the best first; empty if there are none.
 
@@ -176,10 +171,6 @@ def sideward_pushes(
     ----------
     scene, enter_m, leave_m
         See :func:`sideward_candidates`.
-    costs
-        Cost model of the pushes.
-    rng
-        Random generator of the simulated pushes.
     deadline
         Time limit: drives that were not simulated by then are omitted.
 
@@ -208,18 +199,16 @@ def sideward_pushes(
             - min(remaining_m(push.path_m, push.trace.last_contact) / robot.v_push_m_s, reserve_s)
         )
     )
-    rng = rng if rng is not None else np.random.default_rng(0)
+    rng = np.random.default_rng(0)  # one plan, one answer
     refined: list[SidewardPush] = []
     for push in pushes[:REFINED]:
         if deadline is not None and refined and deadline.passed:
             break
-        refined.append(_sampled(scene, push, costs or PushCosts(), rng))
+        refined.append(_sampled(scene, push, rng))
     return tuple(sorted(refined, key=lambda push: push.cost_s))
 
 
-def _sampled(
-    scene: OffCentreScene, push: SidewardPush, costs: PushCosts, rng: np.random.Generator
-) -> SidewardPush:
+def _sampled(scene: OffCentreScene, push: SidewardPush, rng: np.random.Generator) -> SidewardPush:
     """A push with the fraction of simulated drives that neither release nor miss the object, and their final poses."""
     failed, errors = 0, []
     # An object that is nearer than estimated is touched before the start.
@@ -240,6 +229,6 @@ def _sampled(
         return replace(push, failure_probability=1.0)
     off = np.array(errors)
     # Drift and rotation of straight pushes do not apply here; the counters and the force do.
-    holds = 1.0 - failure_probability(scene.body.obj.tag, 0.0, scene.domain.robot, costs)
+    holds = 1.0 - failure_probability(scene.body.obj.tag, 0.0, scene.domain.robot, scene.domain.costs)
     risk = 1.0 - holds * (1.0 - failed / len(errors))
     return replace(push, failure_probability=risk, end_covariance=off.T @ off / len(errors))

@@ -245,35 +245,19 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
         if gap < size or j == 0:
             for attempt in range(ATTEMPTS):
                 # Directions at the middle of the step, gaps at its end: errors of third order in the step.
+                sx, sy, turned = 0.5 * shift[0], 0.5 * shift[1], 0.5 * known[2] / rho
+                hx, hy = 0.5 * known[0], 0.5 * known[1]
+                middle = yaw + turned
                 count, gap_new = features(
-                    outline,
-                    round_m,
-                    x + 0.5 * known[0],
-                    y + 0.5 * known[1],
-                    yaw + 0.5 * known[2] / rho,
-                    cx - 0.5 * shift[0],
-                    cy - 0.5 * shift[1],
-                    radius,
-                    size,
-                    contacts,
+                    outline, round_m, x + hx, y + hy, middle, cx - sx, cy - sy, radius, size, contacts
                 )
                 if count > 0:
-                    gap_new = advance(
-                        contacts,
-                        count,
-                        0.5 * shift[0],
-                        0.5 * shift[1],
-                        0.5 * known[0],
-                        0.5 * known[1],
-                        0.5 * known[2] / rho,
-                        radius,
-                    )
+                    gap_new = advance(contacts, count, sx, sy, hx, hy, turned, radius)
                 if attempt == 0:
                     gap = gap_new
                 if count == 0 or size == 0.0 or (not moving and attempt == 0 and gap >= 0.0):
                     break
                 # Lever arms at the middle of the step, so that a rotation has errors of third order only.
-                middle = yaw + 0.5 * known[2] / rho
                 c, s = np.cos(middle), np.sin(middle)
                 for i in range(n):
                     arms[i, 0] = c * support[i, 0] - s * support[i, 1]
@@ -287,7 +271,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
                 else:
                     z[0], z[1], z[2] = shift[0], shift[1], 0.0
                 # At the transition from sticking to slipping Newton may cycle; stronger regularization prevents that.
-                eps = MIN_SLIP_FRACTION * size
+                eps, spin = MIN_SLIP_FRACTION * size, turn * radius
                 for _ in range(5):
                     solved, force_x, force_y = _newton(
                         z,
@@ -299,7 +283,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
                         contacts,
                         count,
                         shift,
-                        turn * radius,
+                        spin,
                         mu,
                         known,
                         size,

@@ -12,6 +12,10 @@ from ...core import InputError, wrap_angle
 from .push_model import PushModel
 from .quasi_static import STEP_M, PushTrace, arc_path, remaining_m, simulate_push
 
+#: Path of the platform: x, y [m], heading [rad].
+Poses = Float[np.ndarray, "k 3"]
+#: Whether a path and the object's motion along it are possible.
+Check = Callable[[Poses, PushTrace], bool]
 #: Standard deviation of a tracked contact point along the rim (m).
 CONTACT_SIGMA_M = 0.006
 #: Standard deviations of the prior: contact friction, centre of friction x, y [m], lateral offset of the object [m].
@@ -106,12 +110,8 @@ class PushMonitor:
         return PushEstimate(model, where, self._value.copy(), self._covariance.copy(), rms)
 
     def corrected(
-        self,
-        remaining_path_m: Float[np.ndarray, "k 3"],
-        rng: np.random.Generator,
-        *,
-        allowed: Callable[[Float[np.ndarray, "k 3"], PushTrace], bool] | None = None,
-    ) -> Float[np.ndarray, "k 3"] | None:
+        self, remaining_path_m: Poses, rng: np.random.Generator, *, allowed: Check | None = None
+    ) -> Poses | None:
         """The remaining path with the smallest lateral shift of its end that still releases the object.
 
         Parameters
@@ -143,12 +143,7 @@ class PushMonitor:
                 return path
         return None
 
-    def _drops(
-        self,
-        value: Float[np.ndarray, "4"],
-        path: Float[np.ndarray, "k 3"],
-        allowed: Callable[[Float[np.ndarray, "k 3"], PushTrace], bool] | None,
-    ) -> bool:
+    def _drops(self, value: Float[np.ndarray, "4"], path: Poses, allowed: Check | None) -> bool:
         done = np.array(self._path[:-1]) if len(self._path) > 1 else np.zeros((0, 3))
         model, start = self._with(value)
         whole = np.concatenate([done, path])

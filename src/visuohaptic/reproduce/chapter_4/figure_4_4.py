@@ -111,7 +111,7 @@ def _candidates(scene: Scene) -> tuple[list[_Candidate], PushModel, tuple[float,
     feet, _ = patch_points(outline_m, 16)
     model = PushModel(outline_m, feet, load_of_feet(feet), FRICTION, ROUND_m, FLOOR * HEIGHT_m)
     domain = build_search_domain(PlanningProblem(scene.grid, ROBOT, enter_m, leave_m, (obstacle,)))
-    pushed = replace(scene_of(domain, 0, domain.bodies[0].centre), model=model)
+    pushed = replace(scene_of(domain, 0), model=model)
     starts, ends = sideward_candidates(
         pushed, enter_m - centre, leave_m - centre, slide_m=LENGTH_m, starts=7, ends=4
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from ...problem import PushCosts, RobotModel, Task, failure_probability
+from ...problem import Task, failure_probability
 from ...pushing.contact_candidates import PushContact
 from ..search.bodies import Body
 from ..search.drives import pull_string
@@ -13,18 +13,16 @@ from ..search.search_domain import SearchDomain, world_from_grid
 
 
 def nearest_contact(
-    domain: SearchDomain, body: Body, start: Float[np.ndarray, "2"]
+    domain: SearchDomain, body: Body
 ) -> tuple[Float[np.ndarray, "k 2"], float, PushContact] | None:
     """The contact of a body with the cheapest drive to its approach pose, without pushing.
 
     Parameters
     ----------
     domain
-        Map, robot and bodies at their mapped positions.
+        Start, map, robot and bodies at their mapped positions.
     body
         The body to touch.
-    start
-        Position of the robot in grid coordinates [cells].
 
     Returns
     -------
@@ -35,34 +33,28 @@ def nearest_contact(
     drives = []
     for contact in body.contacts:
         path, cost = pull_string(
-            domain, shifts, start, body.centre + contact.robot - stand_off * contact.direction
+            domain, shifts, domain.start, body.centre + contact.robot - stand_off * contact.direction
         )
         if len(path):
             drives.append((path, cost, contact))
     return min(drives, key=lambda drive: drive[1], default=None)
 
 
-def explore_task(
-    domain: SearchDomain, body: Body, contact: PushContact, robot: RobotModel, costs: PushCosts
-) -> Task:
+def explore_task(domain: SearchDomain, body: Body, contact: PushContact) -> Task:
     """The task that touches a body at a contact and decides whether it moves.
 
     Parameters
     ----------
     domain
-        Map of the body.
+        Map, robot, duration of an exploration and the prior of an unknown object.
     body, contact
         What is touched, and where.
-    robot
-        Model of the platform.
-    costs
-        Duration of an exploration, and the prior of an unknown object.
     """
     x, y = world_from_grid(domain.map, body.centre + contact.contact)
     return Task(
         "explore",
-        costs.explore_time_s,
+        domain.costs.explore_time_s,
         object=body.obj.id,
         contact_m=(float(x), float(y)),
-        failure_probability=failure_probability(body.obj.tag, 0.0, robot, costs),
+        failure_probability=failure_probability(body.obj.tag, 0.0, domain.robot, domain.costs),
     )

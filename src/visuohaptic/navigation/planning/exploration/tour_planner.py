@@ -15,13 +15,13 @@ import numpy as np
 from ....core import POSITIVE, HapticTag, check_numbers
 from ...graph import assign_regions, build_graph
 from ...grid.cost_grid import SpeedLimits, grid_layers
-from ...problem import MovableObject, Plan, PlanningProblem, PushCosts, Task
+from ...problem import Plan, PlanningProblem, PushCosts, Task
 from ...problem.node_types import nodes_of, push_node
 from ..drive_tasks import drive_tasks
 from ..joint_builder import extend_graph
 from ..search.domain_builder import build_search_domain
 from ..search.drives import pull_string
-from ..search.search_domain import grid_from_world
+from ..search.search_domain import SearchDomain
 from .benefit_by_set import ExpectedBenefit, expected_benefit
 from .first_touch import explore_task, nearest_contact
 from .orienteering import EXACT_OBJECTS, Orienteering, best_order, upper_bound
@@ -130,14 +130,13 @@ def exploration_tour(
     """
     problem.robot.check_disc("tours are planned")
     check_numbers("exploration_tour", POSITIVE, budget_s=budget_s)
-    costs = costs or PushCosts()
-    unknown = [item for item in problem.objects if item.tag is None]
-    if not unknown:
+    if all(item.tag is not None for item in problem.objects):
         return Tour((), (), budget_s, (0.0, 0.0))
-    ways = _Ways(problem, costs, unknown, to_goal)
+    domain = build_search_domain(problem, costs)
+    ways = _Ways(domain, to_goal)
     ids = tuple(ways.touch)
     by_set = len(ids) <= EXACT_OBJECTS
-    benefit = _benefit(problem, ids, costs, by_set)
+    benefit = _benefit(domain, ids, by_set)
     values = np.stack([benefit.opens * _OPENINGS, benefit.saved_s * _US], axis=2)
     search = Orienteering(*ways.times(), int(budget_s * _US), np.rint(values).astype(np.int64))
     order = best_order(search)
@@ -171,13 +170,11 @@ def _why_not(search: Orienteering, index: int) -> str:
     return "other objects gain more within the budget"
 
 
-def _benefit(
-    problem: PlanningProblem, ids: tuple[str, ...], costs: PushCosts, by_set: bool
-) -> ExpectedBenefit:
+def _benefit(domain: SearchDomain, ids: tuple[str, ...], by_set: bool) -> ExpectedBenefit:
     """Expected benefits on the joint graph of the problem's map."""
     if not ids:
         return ExpectedBenefit(np.zeros((1, 0)), np.zeros((1, 0)))
-    robot = problem.robot
+    problem, robot, costs = domain.problem, domain.robot, domain.costs
     layers = grid_layers(problem.map, SpeedLimits(robot.radius_m, robot.v_max_m_s, robot.v_min_m_s))
     graph = build_graph(layers)
     known = [item for item in problem.objects if item.tag is not None]
@@ -190,27 +187,23 @@ def _benefit(
 class _Ways:
     """Drives between the start, the approach poses and the goal, with no object moved."""
 
-    def __init__(
-        self, problem: PlanningProblem, costs: PushCosts, unknown: list[MovableObject], to_goal: bool
-    ) -> None:
-        self.domain = build_search_domain(problem, costs)
+    def __init__(self, domain: SearchDomain, to_goal: bool) -> None:
+        self.domain = domain
         self.still = np.zeros((len(self.domain.bodies), 2))
         self.touch: dict[str, Task] = {}
         self.unreachable: dict[str, str] = {}
         self.to_goal = to_goal
-        start = grid_from_world(problem.map, problem.start_m)
-        self.places = [start]
-        ids = {item.id for item in unknown}
-        for body in (body for body in self.domain.bodies if body.obj.id in ids):
-            reached = nearest_contact(self.domain, body, start)
+        self.places = [domain.start]
+        for body in (body for body in domain.bodies if body.allowed.unknown):
+            reached = nearest_contact(domain, body)
             if reached is None:
                 self.unreachable[body.obj.id] = "cannot be touched from where the robot gets without pushing"
                 continue
             path, _, contact = reached
-            self.touch[body.obj.id] = explore_task(self.domain, body, contact, problem.robot, costs)
+            self.touch[body.obj.id] = explore_task(domain, body, contact)
             self.places.append(path[-1])
         if to_goal:
-            self.places.append(grid_from_world(problem.map, problem.goal_m))
+            self.places.append(domain.goal)
         self._drives: dict[tuple[int, int], tuple[Task, ...] | None] = {}
 
     def drive(self, begin: int, end: int) -> tuple[Task, ...]:

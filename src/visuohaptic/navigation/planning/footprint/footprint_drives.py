@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Int32
 
+from ..arrays import Path, Point, Shifts
 from ..object_cells import fill_cells
 from ..search._travel_kernels import UNITS, clearances_at, travel_field
 from ..search.cell_paths import resampled
@@ -37,8 +38,6 @@ BACK = (0.0, 0.5, 1.0)
 #: Number of points of a path between which chords are tried.
 CHORD_POINTS = 50
 
-Path = Float[np.ndarray, "k 2"]
-
 
 @dataclass(slots=True, eq=False)
 class FootprintDrives:
@@ -57,12 +56,7 @@ class FootprintDrives:
         self.outline = np.array(self.domain.robot.footprint_m) * self.factor / map.resolution_m
 
     def drive(
-        self,
-        shifts: Float[np.ndarray, "bodies 2"],
-        start: Float[np.ndarray, "2"],
-        goal: Float[np.ndarray, "2"],
-        begin: float = math.nan,
-        end: float = math.nan,
+        self, shifts: Shifts, start: Point, goal: Point, begin: float = math.nan, end: float = math.nan
     ) -> tuple[Path, float]:
         """A collision-free drive; empty and infinite if none was found.
 
@@ -108,11 +102,11 @@ class FootprintDrives:
 
     def leg(
         self,
-        shifts: Float[np.ndarray, "bodies 2"],
-        begin: tuple[Float[np.ndarray, "2"], float],
+        shifts: Shifts,
+        begin: tuple[Point, float],
         last: PushStep | None,
         step: PushStep | None,
-        end: Float[np.ndarray, "2"],
+        end: Point,
     ) -> tuple[Path, float, float]:
         """The drive to the next push, or to the goal; empty and infinite if that drive, or the push, is not possible.
 
@@ -169,9 +163,7 @@ class FootprintDrives:
         heading = self.heading(step)
         return bool(kernels.poses_clear(counts, self.outline, path, heading, heading))
 
-    def _counts(
-        self, shifts: Float[np.ndarray, "bodies 2"], without: int = -1
-    ) -> Int32[np.ndarray, "rows columns"]:
+    def _counts(self, shifts: Shifts, without: int = -1) -> Int32[np.ndarray, "rows columns"]:
         """Number of occupied fine cells before each column of a row, the last one included."""
         key = shifts.tobytes() + str(without).encode()
         if self.free is None or self.free[0] != key:
@@ -246,7 +238,7 @@ class FootprintDrives:
         return path[np.concatenate([[True], np.abs(np.diff(ahead)) > 1e-9, [True]])]
 
     def _swept(
-        self, first: Float[np.ndarray, "2"], step: int, angles: Float[np.ndarray, "h"]
+        self, first: Point, step: int, angles: Float[np.ndarray, "h"]
     ) -> tuple[Int32[np.ndarray, "n 3"], Int32[np.ndarray, "m"]]:
         """Cells swept by the step of every heading and by the turn from it to the next one, from the node's cell."""
         parts = []

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float
 
 from ....core.geometry import rotation_2d
 from ....io.maps.occupancy_map import OccupancyMap
@@ -14,6 +14,7 @@ from ...problem.planning_problem import MovableObject
 from ...problem.push_costs import Manipulability
 from ...pushing._outline_kernels import distance_patch
 from ...pushing.contact_candidates import PushContact, push_contacts
+from ..arrays import Clearance, Outline, Path, Point
 
 #: Spacing of the points along an outline that are checked for collisions [cells].
 OUTLINE_STEP = 0.45
@@ -26,18 +27,18 @@ class Body:
     """A pushable object in grid coordinates, at its mapped position."""
 
     obj: MovableObject
-    outline: Float[np.ndarray, "p 2"]
-    centre: Float[np.ndarray, "2"]
-    friction: Float[np.ndarray, "2"]  #: centre of friction from the centre
+    outline: Outline
+    centre: Point
+    friction: Point  #: centre of friction from the centre
     allowed: Manipulability
     radius: float  #: distance of the robot's front from its centre
     margin: float  #: margin that the robot keeps while it is pushed
     inset: float  #: of the sampled points from its outline
-    robot: Float[np.ndarray, "q 2"] | None = None  #: footprint of the robot; ``None``: a disc
+    robot: Path | None = None  #: footprint of the robot; ``None``: a disc
     room: float = 0.0  #: distance that drives keep in addition to the robot's radius
 
     @cached_property
-    def kept_clear(self) -> Float[np.ndarray, "q 2"]:
+    def kept_clear(self) -> Path:
         """Outline from which drives keep the robot's radius."""
         import shapely
 
@@ -46,12 +47,12 @@ class Body:
         return shapely.get_coordinates(shapely.Polygon(self.outline).buffer(self.room, quad_segs=2))[:-1]
 
     @cached_property
-    def samples(self) -> Float[np.ndarray, "k 2"]:
+    def samples(self) -> Path:
         """Points along the outline, slightly inside."""
         return _samples(self.outline, -self.inset)
 
     @cached_property
-    def around(self) -> Float[np.ndarray, "m 2"]:
+    def around(self) -> Path:
         """Points outside the outline by the robot's ``push_margin_m``; none without a margin."""
         return _samples(self.outline, self.margin) if self.margin > 0 else np.zeros((0, 2))
 
@@ -66,7 +67,7 @@ class Body:
         return (*self.contacts, *(push for push in self._contacts(oblique=True) if push.oblique))
 
     def placed(
-        self, points: Float[np.ndarray, "m 2"], poses: Float[np.ndarray, "*k 3"], resolution_m: float
+        self, points: Path, poses: Float[np.ndarray, "*k 3"], resolution_m: float
     ) -> Float[np.ndarray, "*k m 2"]:
         """Points of the body [cells] after each of the motions.
 
@@ -108,7 +109,7 @@ class Body:
             else tuple(push for push in found if self._fits_behind(push, self.robot))
         )
 
-    def _fits_behind(self, push: PushContact, robot: Float[np.ndarray, "q 2"]) -> bool:
+    def _fits_behind(self, push: PushContact, robot: Path) -> bool:
         """Whether a robot with a footprint does not overlap the body where it touches it."""
         import shapely
 
@@ -128,9 +129,7 @@ def _contacts(shape: bytes, radius: float, oblique: bool) -> tuple[PushContact, 
     return push_contacts(outline, np.zeros(2), radius, oblique=oblique)
 
 
-def lower_clearance(
-    clearance: Float32[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"], reach: float
-) -> None:
+def lower_clearance(clearance: Clearance, outline: Outline, reach: float) -> None:
     """Add an object to a clearance layer, in place, within the relevant distance.
 
     Parameters
@@ -146,9 +145,7 @@ def lower_clearance(
     lower_window(clearance, *distance_patch(outline, reach))
 
 
-def lower_window(
-    layer: Float32[np.ndarray, "rows columns"], patch: Float32[np.ndarray, "r c"], row: int, column: int
-) -> None:
+def lower_window(layer: Clearance, patch: Clearance, row: int, column: int) -> None:
     """Add a patch to a clearance layer, in place.
 
     Parameters
@@ -167,14 +164,14 @@ def lower_window(
         np.minimum(into, patch[r0 - row : r1 - row, c0 - column : c1 - column], out=into)
 
 
-def _samples(outline: Float[np.ndarray, "p 2"], outside: float) -> Float[np.ndarray, "k 2"]:
+def _samples(outline: Outline, outside: float) -> Path:
     """Points along the outline, offset to the outside (to the inside where negative) [cells]."""
     import shapely
 
     body = shapely.Polygon(outline)
     inner = body.buffer(outside, join_style="mitre")
     rings = shapely.get_exterior_ring(shapely.get_parts(body if inner.is_empty else inner))
-    points: Float[np.ndarray, "k 2"] = shapely.get_coordinates(shapely.segmentize(rings, OUTLINE_STEP))
+    points: Path = shapely.get_coordinates(shapely.segmentize(rings, OUTLINE_STEP))
     return points
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int16, Int32
+from jaxtyping import Int
 
+from ..arrays import Clearance, Field, Labels, Nodes, Path, Point, Shifts
 from . import _travel_kernels
 from ._push_search_kernels import descend
 from ._travel_kernels import FAR, UNITS, segment_cost
@@ -13,14 +14,14 @@ from .search_domain import SearchDomain
 
 def cheapest_cells(
     domain: SearchDomain,
-    clearance: Float32[np.ndarray, "r c"],
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
+    clearance: Clearance,
+    start: Point,
+    goal: Point,
     block: int,
-    field: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "n"]] | None = None,
-    labels: Int16[np.ndarray, "r c"] | None = None,
-    beside: tuple[Float[np.ndarray, "bodies 2"], Float[np.ndarray, "2"]] | None = None,
-) -> tuple[Float[np.ndarray, "k 2"], float]:
+    field: tuple[Nodes, Field] | None = None,
+    labels: Labels | None = None,
+    beside: tuple[Shifts, Point] | None = None,
+) -> tuple[Path, float]:
     """Columns and rows of the cheapest path over a layer and its cost [nodes at full speed]; empty without one.
 
     Parameters
@@ -75,7 +76,7 @@ def cheapest_cells(
     return path, float(total.min()) / UNITS
 
 
-def resampled(path: Float[np.ndarray, "k 2"], count: int) -> Float[np.ndarray, "n 2"]:
+def resampled(path: Path, count: int) -> Path:
     """The corners of a path and about ``count`` evenly spaced points between them.
 
     Parameters
@@ -90,9 +91,7 @@ def resampled(path: Float[np.ndarray, "k 2"], count: int) -> Float[np.ndarray, "
     return np.column_stack([np.interp(places, along, path[:, axis]) for axis in (0, 1)])
 
 
-def thinned(
-    domain: SearchDomain, clearance: Float32[np.ndarray, "r c"], path: Float[np.ndarray, "k 2"]
-) -> Float[np.ndarray, "n 2"]:
+def thinned(domain: SearchDomain, clearance: Clearance, path: Path) -> Path:
     """Points one block apart on a cell path; all of its cells where the straight line between them is not free.
 
     Parameters
@@ -114,11 +113,7 @@ def thinned(
 
 
 def unclear_steps(
-    domain: SearchDomain,
-    shifts: Float[np.ndarray, "bodies 2"],
-    clearance: Float32[np.ndarray, "r c"],
-    cells: Float[np.ndarray, "k 2"],
-    low: Int[np.ndarray, "2"],
+    domain: SearchDomain, shifts: Shifts, clearance: Clearance, cells: Path, low: Int[np.ndarray, "2"]
 ) -> Int[np.ndarray, "n 2"]:
     """Cells (x, y) of a path that are reached by a diagonal step with insufficient clearance.
 

@@ -31,7 +31,7 @@ def build_search_domain(
     problem
         Map, objects and robot.
     costs
-        Limits that decide which objects may be pushed.
+        Costs of pushes, and limits that decide which objects may be pushed.
     block
         Edge length of a node of the lattice [cells]; by default chosen for the robot's radius.
     """
@@ -72,6 +72,8 @@ def build_search_domain(
         lower_clearance(clearance, outline, full_speed_clearance(radius))
     block = block or _block(occupied.size, radius)
     return SearchDomain(
+        problem,
+        costs,
         grid,
         robot,
         needed_clearance(radius),

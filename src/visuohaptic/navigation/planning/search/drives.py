@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int32
+from jaxtyping import Float
 
+from ..arrays import Field, Nodes, Path, Point, Shifts
 from ._push_search_kernels import corridor_clearance, largest_in_blocks
 from ._travel_kernels import string_pull
 from .cell_paths import cheapest_cells, resampled, thinned, unclear_steps
@@ -26,18 +27,14 @@ MAX_PIECES = 64
 class _Drive(NamedTuple):
     """Start and goal of a drive, and the configuration of the bodies during it."""
 
-    shifts: Float[np.ndarray, "bodies 2"]  #: displacements of the bodies from their mapped positions [cells]
-    start: Float[np.ndarray, "2"]  #: grid coordinates [cells]
-    goal: Float[np.ndarray, "2"]
+    shifts: Shifts  #: displacements of the bodies from their mapped positions [cells]
+    start: Point  #: grid coordinates [cells]
+    goal: Point
 
 
 def pull_string(
-    domain: SearchDomain,
-    shifts: Float[np.ndarray, "bodies 2"],
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-    deadline: Deadline | None = None,
-) -> tuple[Float[np.ndarray, "k 2"], float]:
+    domain: SearchDomain, shifts: Shifts, start: Point, goal: Point, deadline: Deadline | None = None
+) -> tuple[Path, float]:
     """Cheapest any-angle path between two points: lattice search, refinement on the map, then string pulling.
 
     A long path is processed piece by piece; corners are cut from the middle of each piece to the middle of the next.
@@ -79,10 +76,9 @@ def pull_string(
 def drives_cost(
     domain: SearchDomain,
     steps: tuple[PushStep, ...],
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
+    start: Point,
     most: float = float("inf"),
-    field: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "n"]] | None = None,
+    field: tuple[Nodes, Field] | None = None,
 ) -> float:
     """Cost of a plan's drives on the map [cells at full speed]; infinite if one of them does not exist there.
 
@@ -92,14 +88,14 @@ def drives_cost(
         Static map and bodies.
     steps
         Pushes in order.
-    start, goal
+    start
         Grid coordinates [cells].
     most
         Costs from this one on count as infinite [cells at full speed].
     field
         Lattice field of the last drive: its start nodes and costs [units].
     """
-    ends = _ends(domain, steps, start, goal)
+    ends, goal = _ends(domain, steps, start), domain.goal
     if not domain.clear_straight(ends[-1].shifts, goal, goal[None])[0]:
         return float("inf")
     if field is not None:
@@ -115,12 +111,7 @@ def drives_cost(
     return total
 
 
-def drive_cost(
-    domain: SearchDomain,
-    shifts: Float[np.ndarray, "bodies 2"],
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-) -> float:
+def drive_cost(domain: SearchDomain, shifts: Shifts, start: Point, goal: Point) -> float:
     """Cost of one drive on the map [cells at full speed]; infinite if it does not exist.
 
     Parameters
@@ -135,23 +126,22 @@ def changed_drives_cost(
     domain: SearchDomain,
     steps: tuple[PushStep, ...],
     changed: tuple[PushStep, ...],
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
+    start: Point,
     most: float,
 ) -> float:
     """:func:`drives_cost` of pushes with other lengths, along the drives of a known plan.
 
     Parameters
     ----------
-    domain, steps, start, goal, most
+    domain, steps, start, most
         See :func:`drives_cost`; the drives of ``steps`` exist.
     changed
         The same pushes with other lengths.
     """
-    if not domain.clear_straight(changed[-1].shifts_after, goal, goal[None])[0]:
+    if not domain.clear_straight(changed[-1].shifts_after, domain.goal, domain.goal[None])[0]:
         return float("inf")
     total = 0.0
-    for old, new in zip(_ends(domain, steps, start, goal), _ends(domain, changed, start, goal), strict=True):
+    for old, new in zip(_ends(domain, steps, start), _ends(domain, changed, start), strict=True):
         key = _key(*new)
         if key not in domain.drives:
             block, nodes, cost, cells = _drive(domain, old)
@@ -175,29 +165,18 @@ def changed_drives_cost(
     return total
 
 
-def drives_cells(
-    domain: SearchDomain,
-    steps: tuple[PushStep, ...],
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-) -> list[Float[np.ndarray, "n 2"]]:
+def drives_cells(domain: SearchDomain, steps: tuple[PushStep, ...], start: Point) -> list[Path]:
     """Points of every drive of a plan, one cell apart [cells].
 
     Parameters
     ----------
-    domain, steps, start, goal
+    domain, steps, start
         See :func:`drives_cost`.
     """
-    return [_drive(domain, end)[3] for end in _ends(domain, steps, start, goal)]
+    return [_drive(domain, end)[3] for end in _ends(domain, steps, start)]
 
 
-def _near_path(
-    domain: SearchDomain,
-    nodes: Float[np.ndarray, "k 2"],
-    block: int,
-    before: Float[np.ndarray, "bodies 2"],
-    after: Float[np.ndarray, "bodies 2"],
-) -> bool:
+def _near_path(domain: SearchDomain, nodes: Path, block: int, before: Shifts, after: Shifts) -> bool:
     """Whether the old or new position of a moved body affects the cost along a path."""
     moved = np.flatnonzero((before != after).any(axis=1))
     low, high = (corners[moved] for corners in domain.extents)
@@ -208,16 +187,11 @@ def _near_path(
     return bool((away.min(axis=1) < np.tile(half, 2) + domain.reach + 4.0 * block).any())
 
 
-def _ends(
-    domain: SearchDomain,
-    steps: tuple[PushStep, ...],
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-) -> list[_Drive]:
+def _ends(domain: SearchDomain, steps: tuple[PushStep, ...], start: Point) -> list[_Drive]:
     """All drives of a plan."""
     shifts = [np.zeros((len(domain.bodies), 2)), *(step.shifts_after for step in steps)]
     begins = [start, *(step.retreat for step in steps)]
-    return list(map(_Drive, shifts, begins, [*(step.approach for step in steps), goal]))
+    return list(map(_Drive, shifts, begins, [*(step.approach for step in steps), domain.goal]))
 
 
 def _key(*arrays: Float[np.ndarray, "..."]) -> tuple[bytes, ...]:
@@ -225,10 +199,8 @@ def _key(*arrays: Float[np.ndarray, "..."]) -> tuple[bytes, ...]:
 
 
 def _over_lattice(
-    domain: SearchDomain,
-    drive: _Drive,
-    field: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "n"]] | None = None,
-) -> tuple[Float[np.ndarray, "k 2"], float]:
+    domain: SearchDomain, drive: _Drive, field: tuple[Nodes, Field] | None = None
+) -> tuple[Path, float]:
     """Blocks (x, y) of a drive over the lattice, and its cost [cells at full speed]."""
     key = _key(*drive)
     if key not in domain.paths:
@@ -240,9 +212,7 @@ def _over_lattice(
     return domain.paths[key]
 
 
-def _drive(
-    domain: SearchDomain, drive: _Drive, *, complete: bool = True
-) -> tuple[int, Float[np.ndarray, "k 2"], float, Float[np.ndarray, "n 2"]]:
+def _drive(domain: SearchDomain, drive: _Drive, *, complete: bool = True) -> tuple[int, Path, float, Path]:
     """Block size, blocks (x, y) along which the drive exists on the map, its cost there, and its cells.
 
     The clearance of a block is that of its clearest cell. If the drive does not exist on the map along the lattice path,
@@ -267,9 +237,7 @@ def _drive(
     return domain.drives[key]
 
 
-def _cost_along(
-    domain: SearchDomain, drive: _Drive, nodes: Float[np.ndarray, "k 2"], block: int
-) -> tuple[float, Float[np.ndarray, "n 2"]]:
+def _cost_along(domain: SearchDomain, drive: _Drive, nodes: Path, block: int) -> tuple[float, Path]:
     """Cost on the map of a drive along a path over blocks, passages included, and the centres of its cells [cells]."""
     cost, parts = 0.0, [drive.start[None]]
     for part, piece in _pieces(domain, drive, nodes, block):
@@ -287,9 +255,7 @@ def _cost_along(
     return cost, np.concatenate([*parts, drive.goal[None]])
 
 
-def _pieces(
-    domain: SearchDomain, drive: _Drive, nodes: Float[np.ndarray, "k 2"], block: int
-) -> list[tuple[_Drive, Float[np.ndarray, "p 2"]]]:
+def _pieces(domain: SearchDomain, drive: _Drive, nodes: Path, block: int) -> list[tuple[_Drive, Path]]:
     """Drives along the pieces of a path over blocks, each with its blocks; a piece ends at the clearest cell of a block."""
     shifts, start, goal = drive
     pieces = []
@@ -307,9 +273,7 @@ def _pieces(
     return pieces
 
 
-def _pulled_piece(
-    domain: SearchDomain, drive: _Drive, nodes: Float[np.ndarray, "k 2"], block: int
-) -> Float[np.ndarray, "q 2"]:
+def _pulled_piece(domain: SearchDomain, drive: _Drive, nodes: Path, block: int) -> Path:
     """Cheapest subset of the points of the map path along a path over blocks; empty if there is no path."""
     found = _cells_along(domain, drive, nodes, block)
     if found is None:
@@ -320,7 +284,7 @@ def _pulled_piece(
     return path[string_pull(clearance, domain.radius, domain.slow, path, STRING_WINDOW)[0]] + low
 
 
-def _halved(path: Float[np.ndarray, "q 2"]) -> tuple[Float[np.ndarray, "a 2"], Float[np.ndarray, "b 2"]]:
+def _halved(path: Path) -> tuple[Float[np.ndarray, "a 2"], Float[np.ndarray, "b 2"]]:
     """The two halves of a path, up to its middle and from there on."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     after = max(int(np.searchsorted(along, 0.5 * along[-1])), 1)
@@ -329,11 +293,8 @@ def _halved(path: Float[np.ndarray, "q 2"]) -> tuple[Float[np.ndarray, "a 2"], F
 
 
 def _without_corners(
-    domain: SearchDomain,
-    shifts: Float[np.ndarray, "bodies 2"],
-    path: Float[np.ndarray, "q 2"],
-    deadline: Deadline | None,
-) -> tuple[Float[np.ndarray, "p 2"], float]:
+    domain: SearchDomain, shifts: Shifts, path: Path, deadline: Deadline | None
+) -> tuple[Path, float]:
     """A path on the map with its corners cut by chords until the deadline, and its cost."""
 
     low = np.maximum(np.floor(path.min(axis=0)).astype(int) - 2, 0)
@@ -355,9 +316,7 @@ def _without_corners(
     return path + low, float(cost)
 
 
-def _cells_along(
-    domain: SearchDomain, drive: _Drive, nodes: Float[np.ndarray, "k 2"], block: int
-) -> Corridor | None:
+def _cells_along(domain: SearchDomain, drive: _Drive, nodes: Path, block: int) -> Corridor | None:
     """Cells of a drive along a path over blocks, cached because the drive evaluated last is usually executed."""
     key = _key(*drive, nodes, np.array(block))
     if key not in domain.pieces:
@@ -367,9 +326,7 @@ def _cells_along(
     return domain.pieces[key]
 
 
-def _found_along(
-    domain: SearchDomain, drive: _Drive, nodes: Float[np.ndarray, "k 2"], block: int
-) -> Corridor | None:
+def _found_along(domain: SearchDomain, drive: _Drive, nodes: Path, block: int) -> Corridor | None:
     shifts, start, goal = drive
     rows, columns = domain.clearance.shape
     # Chords stay within the bounding box of the path; the clearance accounts for obstacles outside.

@@ -12,8 +12,9 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int32
+from jaxtyping import Bool, Int
 
+from ..arrays import Clearance, Nodes, Path, Point, Shifts
 from . import _travel_kernels
 from ._travel_kernels import FAR, reach_costs
 from .push_heuristic import PushHeuristic
@@ -45,7 +46,7 @@ class Infeasibility:
         self.step = max(STEP_M / self.domain.map.resolution_m, 0.5)
         self.max_states = limits.memory_bytes // 1000
 
-    def prove(self, first: SearchState, cells: Int32[np.ndarray, "k"]) -> str:
+    def prove(self, first: SearchState, cells: Nodes) -> str:
         """The reason why no plan exists; empty if this is not proved.
 
         Parameters
@@ -64,7 +65,7 @@ class Infeasibility:
                     return f"no sequence of straight pushes moves {names} out of the way"
         return ""
 
-    def _blocked(self, chosen: tuple[int, ...], first: SearchState, cells: Int32[np.ndarray, "k"]) -> bool:
+    def _blocked(self, chosen: tuple[int, ...], first: SearchState, cells: Nodes) -> bool:
         """Whether some bodies keep the robot from the goal wherever they are pushed, with all others removed."""
         open_states: list[Any] = [(first.shifts, cells, None)]  # positions, nodes or position of the robot
         domain, heuristic = self.domain, self.heuristic
@@ -86,7 +87,7 @@ class Infeasibility:
             if key in seen:
                 continue
             seen.add(key)
-            goal_cells, _ = domain.seeds(clearance, heuristic.goal)
+            goal_cells, _ = domain.seeds(clearance, domain.goal)
             if goal_cells.size and reached[goal_cells].any():
                 return False
             for after, robot in self._after_pushes(chosen, shifts, clearance, reached, pushes):
@@ -97,18 +98,18 @@ class Infeasibility:
                     open_states.append((after, None, robot))
         return True
 
-    def _places(self, chosen: tuple[int, ...], shifts: Float[np.ndarray, "bodies 2"]) -> bytes:
+    def _places(self, chosen: tuple[int, ...], shifts: Shifts) -> bytes:
         """Positions of the bodies, quantized to half a step."""
         return np.rint(shifts[list(chosen)] * (2.0 / self.step)).astype(np.int32).tobytes()
 
     def _after_pushes(
         self,
         chosen: tuple[int, ...],
-        shifts: Float[np.ndarray, "bodies 2"],
-        clearance: Float32[np.ndarray, "r c"],
+        shifts: Shifts,
+        clearance: Clearance,
         reached: Bool[np.ndarray, "n"],
-        pushes: tuple[Int[np.ndarray, "m 2"], Float[np.ndarray, "m 2"]],
-    ) -> Iterator[tuple[Float[np.ndarray, "bodies 2"], Float[np.ndarray, "2"]]]:
+        pushes: tuple[Int[np.ndarray, "m 2"], Path],
+    ) -> Iterator[tuple[Shifts, Point]]:
         """Configurations after one push step, and the positions of the robot."""
 
         domain, heuristic = self.domain, self.heuristic

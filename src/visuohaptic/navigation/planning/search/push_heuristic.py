@@ -10,10 +10,11 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int16, Int32, UInt32
+from jaxtyping import Int, UInt32
 
 from ...problem.push_costs import PushCosts, push_cost
 from ...pushing.contact_candidates import PushContact
+from ..arrays import Clearance, Field, Labels, Nodes, Path, Point, Shifts
 from ..place_costs import places_s
 from . import _travel_kernels
 from ._travel_kernels import FAR, UNITS, mark_region, reach_costs
@@ -36,8 +37,6 @@ class PushHeuristic:
     ----------
     domain
         Static map and bodies.
-    goal
-        Grid coordinates of the goal [cells].
     costs
         Cost model of the pushes.
     active
@@ -53,7 +52,6 @@ class PushHeuristic:
     def __init__(
         self,
         domain: SearchDomain,
-        goal: Float[np.ndarray, "2"],
         costs: PushCosts,
         active: Collection[int],
         *,
@@ -62,20 +60,18 @@ class PushHeuristic:
         free: PushHeuristic | None = None,
     ) -> None:
 
-        self.domain, self.goal, self.costs = domain, goal, costs
+        self.domain, self.costs = domain, costs
         self.active, self.oblique = sorted(active), oblique
         self.far, self.units = int(FAR), int(UNITS)
         self.units_per_s = UNITS * domain.robot.v_max_m_s / (domain.map.resolution_m * domain.block)
         still = [i for i in range(len(domain.bodies)) if i not in {*self.active, *left_out}]
         zeros = np.zeros((len(domain.bodies), 2))
         #: without the pushable bodies
-        self.base: Float32[np.ndarray, "rows columns"] = (
+        self.base: Clearance = (
             free.base if free else domain.lowered(domain.lattice, zeros, still, domain.block)
         )
         self.stand_off = domain.robot.stand_off_m / domain.map.resolution_m
-        self.centres: Float[np.ndarray, "bodies 2"] = np.array(
-            [body.centre for body in domain.bodies]
-        ).reshape(-1, 2)
+        self.centres: Shifts = np.array([body.centre for body in domain.bodies]).reshape(-1, 2)
         self._costs: dict[tuple[int, float, int], float] = (
             free._costs if free and free.domain is domain else {}
         )
@@ -84,18 +80,18 @@ class PushHeuristic:
         self.min_any_push = min(self.min_push.values(), default=float("inf"))
         self.alone = dict(self.min_push)  #: lower bounds of crossing each body at its mapped position [units]
         self.labels, self.passing = domain.labels(domain.block), domain.charges(domain.block)
-        self.goal_cells, self.goal_costs = domain.seeds(self.base, goal)
-        self._fields: dict[bytes, Int32[np.ndarray, "n"]] = {}
-        self._marked: dict[tuple[int, ...], Int16[np.ndarray, "r c"]] = {}
+        self.goal_cells, self.goal_costs = domain.seeds(self.base, domain.goal)
+        self._fields: dict[bytes, Field] = {}
+        self._marked: dict[tuple[int, ...], Labels] = {}
         self._both: UInt32[np.ndarray, "r c"] | None = (
             None  # sum of costs from the start and to the goal, with charges for bodies
         )
         #: cost from the start, cached [units]
-        self.begin: Int32[np.ndarray, "n"] | None = None
-        self._begin: Int32[np.ndarray, "n"] | None = None  # with the present charges
+        self.begin: Field | None = None
+        self._begin: Field | None = None  # with the present charges
         self.limit = self.far  #: cost of a known plan [units]: more expensive nodes are not expanded
         #: cost-to-go when no pushable body is an obstacle [units]
-        self.free_field: Int32[np.ndarray, "n"] = free.free_field if free else self._field(zeros, [])
+        self.free_field: Field = free.free_field if free else self._field(zeros, [])
 
     def contacts(self, body: int) -> tuple[PushContact, ...]:
         """Stable pushes of a body.
@@ -108,7 +104,7 @@ class PushHeuristic:
         found = self.domain.bodies[body]
         return found.with_oblique if self.oblique else found.contacts
 
-    def stands(self, bodies: Collection[int]) -> tuple[Int[np.ndarray, "m 2"], Float[np.ndarray, "m 2"]]:
+    def stands(self, bodies: Collection[int]) -> tuple[Int[np.ndarray, "m 2"], Path]:
         """Body and contact of every push, and the robot's approach position relative to the body's centre [cells].
 
         Parameters
@@ -188,7 +184,7 @@ class PushHeuristic:
         """
         return self.domain.bodies[body].allowed.max_length_m / self.domain.map.resolution_m
 
-    def separating(self, start: Int32[np.ndarray, "k"], bodies: Collection[int]) -> list[int]:
+    def separating(self, start: Nodes, bodies: Collection[int]) -> list[int]:
         """Bodies that, by themselves and at their mapped positions, separate the robot from the goal.
 
         Parameters
@@ -203,12 +199,12 @@ class PushHeuristic:
         found = []
         for index in bodies:
             alone = domain.lowered(self.base, np.zeros((len(domain.bodies), 2)), [index], domain.block)
-            cells, _ = domain.seeds(alone, self.goal)
+            cells, _ = domain.seeds(alone, domain.goal)
             if not _travel_kernels.flood(alone, domain.radius, cells, start)[start].any():
                 found.append(index)
         return found
 
-    def crossing(self, body: int, shift: Float[np.ndarray, "2"]) -> float:
+    def crossing(self, body: int, shift: Point) -> float:
         """Lower bound of the cost of crossing the region covered by a body [units].
 
         Parameters
@@ -220,9 +216,7 @@ class PushHeuristic:
         """
         return self.min_push[body] if shift.any() else self.alone[body]
 
-    def field(
-        self, shifts: Float[np.ndarray, "bodies 2"], robot: Float[np.ndarray, "2"] | None = None
-    ) -> Int32[np.ndarray, "n"]:
+    def field(self, shifts: Shifts, robot: Point | None = None) -> Field:
         """Lower bound of the cost-to-go from every node [units].
 
         Parameters
@@ -243,12 +237,12 @@ class PushHeuristic:
 
     def _field(
         self,
-        shifts: Float[np.ndarray, "bodies 2"],
+        shifts: Shifts,
         bodies: Collection[int],
-        robot: Float[np.ndarray, "2"] | None = None,
-        seeds: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]] | None = None,
-        rest: Int32[np.ndarray, "n"] | None = None,
-    ) -> Int32[np.ndarray, "n"]:
+        robot: Point | None = None,
+        seeds: tuple[Nodes, Nodes] | None = None,
+        rest: Field | None = None,
+    ) -> Field:
 
         domain = self.domain
         moved = [index for index in bodies if shifts[index].any()]
@@ -280,7 +274,7 @@ class PushHeuristic:
             np.minimum(cost, np.where(self.free_field < self.far, cost[near].max(), self.far), out=cost)
         return cost
 
-    def through(self, start: Int32[np.ndarray, "k"], body: int) -> float:
+    def through(self, start: Nodes, body: int) -> float:
         """Lower bound of a plan that pushes a body: drive to the body, push it, and drive to the goal [units].
 
         Parameters
@@ -304,7 +298,7 @@ class PushHeuristic:
             through = np.where(place[r0:r1, c0:c1] > 0, near, through)
         return float(through.min())
 
-    def crossed(self, start: Int32[np.ndarray, "k"]) -> list[int]:
+    def crossed(self, start: Nodes) -> list[int]:
         """Bodies whose regions are crossed by the cheapest path of the bound.
 
         Parameters
@@ -322,7 +316,7 @@ class PushHeuristic:
         at_most = 1.001 * both.min() + self.units  # both costs are integers, and diagonal steps are rounded
         return [k for k in self.active if cheapest[k + 1] <= at_most]
 
-    def lower_bound(self, start: Int32[np.ndarray, "k"]) -> float:
+    def lower_bound(self, start: Nodes) -> float:
         """Lower bound of every plan [units]: each body on the way costs at least its shortest push.
 
         Parameters
@@ -332,14 +326,14 @@ class PushHeuristic:
         """
         return float((self._from_start(start)[self.goal_cells] + self.goal_costs).min())
 
-    def _from_start(self, start: Int32[np.ndarray, "k"]) -> Int32[np.ndarray, "n"]:
+    def _from_start(self, start: Nodes) -> Field:
         if self._begin is None:
             shifts, seeds = np.zeros((len(self.domain.bodies), 2)), (start, np.zeros_like(start))
             known = self.free_field if self.limit < self.far else None
             self.begin = self._begin = self._field(shifts, self.active, seeds=seeds, rest=known)
         return self._begin
 
-    def _from_start_to_goal(self, start: Int32[np.ndarray, "k"]) -> UInt32[np.ndarray, "r c"]:
+    def _from_start_to_goal(self, start: Nodes) -> UInt32[np.ndarray, "r c"]:
         """Lower bound of a plan through each node."""
         if self._both is None:
             shifts, begin = np.zeros((len(self.domain.bodies), 2)), self._from_start(start)
@@ -352,9 +346,7 @@ class PushHeuristic:
             self._both += charge[self._regions(tuple(self.active), shifts)]
         return self._both
 
-    def _regions(
-        self, bodies: tuple[int, ...], shifts: Float[np.ndarray, "bodies 2"]
-    ) -> Int16[np.ndarray, "r c"]:
+    def _regions(self, bodies: tuple[int, ...], shifts: Shifts) -> Labels:
         """Regions of some bodies on the lattice: index + 1, that of the cheapest body where regions overlap."""
 
         known = not shifts[list(bodies)].any()
@@ -369,7 +361,7 @@ class PushHeuristic:
             self._marked[bodies] = region
         return region
 
-    def to_go(self, field: Int32[np.ndarray, "n"], points: Float[np.ndarray, "m 2"]) -> Int[np.ndarray, "m"]:
+    def to_go(self, field: Field, points: Path) -> Int[np.ndarray, "m"]:
         """Values of a field at points between the nodes [units].
 
         Parameters

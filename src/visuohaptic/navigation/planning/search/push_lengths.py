@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 
 from ....core.geometry import rotation_2d
 from ...pushing.push_failure import covariance_of_ends
+from ..arrays import Among, Path, Point, Shifts
 from ..footprint._footprint_kernels import free_drive
 from . import _travel_kernels
 from ._push_search_kernels import free_push_length, opening_lengths
@@ -35,7 +36,7 @@ STEPS_M = (0.05, 0.0125)
 
 
 def refine_lengths(
-    heuristic: PushHeuristic, start: Float[np.ndarray, "2"], plan: SearchResult, deadline: Deadline
+    heuristic: PushHeuristic, start: Point, plan: SearchResult, deadline: Deadline
 ) -> tuple[tuple[PushStep, ...], float]:
     """Pushes of a plan with the lengths of minimum expected cost, and the cost with drives [cells at full speed].
 
@@ -52,7 +53,7 @@ def refine_lengths(
     deadline
         Time limit.
     """
-    domain, goal, scale = heuristic.domain, heuristic.goal, heuristic.domain.block / heuristic.units
+    domain, scale = heuristic.domain, heuristic.domain.block / heuristic.units
     steps, cost = plan.steps, plan.cost
     risk = replanning_units(heuristic, steps, start) * scale
     refused: set[tuple[float, ...]] = set()  # lengths that were too expensive
@@ -68,7 +69,7 @@ def refine_lengths(
             tried_cost = float("inf")
             if tried:
                 most = cost + risk - pushes
-                tried_cost = pushes + changed_drives_cost(domain, steps, tried, start, goal, most)
+                tried_cost = pushes + changed_drives_cost(domain, steps, tried, start, most)
             tried_risk = 0.0
             if tried_cost < cost + risk:
                 tried_risk = replanning_units(heuristic, tried, start) * scale
@@ -112,9 +113,7 @@ def replayed(
     return tuple(done)
 
 
-def push_step(
-    heuristic: PushHeuristic, shifts: Float[np.ndarray, "bodies 2"], body: int, contact: int, length: float
-) -> PushStep:
+def push_step(heuristic: PushHeuristic, shifts: Shifts, body: int, contact: int, length: float) -> PushStep:
     """A push of a given length from a configuration.
 
     Parameters
@@ -152,12 +151,7 @@ def stand_is_free(heuristic: PushHeuristic, step: PushStep) -> bool:
     )
 
 
-def free_length(
-    heuristic: PushHeuristic,
-    step: PushStep,
-    limit: float,
-    among: Bool[np.ndarray, "bodies"] | None = None,
-) -> float:
+def free_length(heuristic: PushHeuristic, step: PushStep, limit: float, among: Among | None = None) -> float:
     """Maximum collision-free length of a push [cells].
 
     Parameters
@@ -192,12 +186,12 @@ def free_length(
 
 def opening_at(
     domain: SearchDomain,
-    shifts: Float[np.ndarray, "bodies 2"],
+    shifts: Shifts,
     index: int,
-    direction: Float[np.ndarray, "2"],
+    direction: Point,
     limit: float,
-    ends: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]],
-    among: Bool[np.ndarray, "bodies"],
+    robot: Point,
+    among: Among,
 ) -> Float[np.ndarray, "k"]:
     """Push lengths [cells] at which the robot's side of a body is connected with other free space around the body.
 
@@ -213,8 +207,8 @@ def opening_at(
         Direction of the push.
     limit
         Collision-free push distance [cells].
-    ends
-        Positions of the robot and of its goal [cells].
+    robot
+        Position of the robot [cells].
     among
         Mask of the bodies that count as obstacles.
     """
@@ -227,7 +221,7 @@ def opening_at(
     without = domain.part(domain.lattice, low, high, shifts, block, among)
     found: Float[np.ndarray, "k"] = opening_lengths(
         without, domain.bodies[index].kept_clear + shift - corner, *direction, domain.radius, block, limit,
-        *(ends[0] - corner), *(ends[1] - corner),
+        *(robot - corner), *(domain.goal - corner),
     )  # fmt: skip
     return found
 
@@ -252,9 +246,7 @@ def end_of_push(domain: SearchDomain, step: PushStep) -> tuple[float, Float[np.n
     return turn_rad, covariance_of_ends(errors)
 
 
-def replanning_units(
-    heuristic: PushHeuristic, steps: tuple[PushStep, ...], start: Float[np.ndarray, "2"]
-) -> float:
+def replanning_units(heuristic: PushHeuristic, steps: tuple[PushStep, ...], start: Point) -> float:
     """Expected cost of additional pushes where an object of the plan ends in a pose that blocks a later drive [units].
 
     Such an object is pushed once more, at least by its shortest push.
@@ -273,7 +265,7 @@ def replanning_units(
     domain = heuristic.domain
     if not (steps and heuristic.costs.price_ends):
         return 0.0
-    drives = drives_cells(domain, steps, start, heuristic.goal)
+    drives = drives_cells(domain, steps, start)
     total = 0.0
     for index, step in enumerate(steps):
         again = next((k for k in range(index + 1, len(steps)) if steps[k].body == step.body), len(steps))
@@ -301,11 +293,7 @@ def replanning_units(
 
 
 def _closed(
-    domain: SearchDomain,
-    shifts: Float[np.ndarray, "bodies 2"],
-    index: int,
-    outlines: Float[np.ndarray, "n p 2"],
-    drive: Float[np.ndarray, "k 2"],
+    domain: SearchDomain, shifts: Shifts, index: int, outlines: Float[np.ndarray, "n p 2"], drive: Path
 ) -> Bool[np.ndarray, "n"]:
     """Whether a body at each outline [cells] blocks a drive, within a window of the map around all outlines."""
 

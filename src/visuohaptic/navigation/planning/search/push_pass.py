@@ -13,8 +13,9 @@ from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float, Int32
+from jaxtyping import Float
 
+from ..arrays import Field, Nodes, Path
 from ..place_costs import places_s
 from . import _travel_kernels
 from ._travel_kernels import clearances_at, reach_costs
@@ -185,7 +186,7 @@ class PushPass:
         else:
             cost = state.travel[1]
         self.seen.add(state, cost)
-        goal_cells, goal_costs = domain.seeds(clearance, heuristic.goal)
+        goal_cells, goal_costs = domain.seeds(clearance, domain.goal)
         reached = False
         if goal_cells.size:
             cheapest = int((cost[goal_cells].astype(np.int64) + goal_costs).min())
@@ -212,9 +213,7 @@ class PushPass:
             body, number = int(bodies[usable[i]]), int(numbers[usable[i]])
             queue.push(float(estimates[i]), _Contact(state, body, number, float(spent[i]), reached))
 
-    def _arrive(
-        self, cost: float, state: SearchState, field: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "n"]]
-    ) -> bool:
+    def _arrive(self, cost: float, state: SearchState, field: tuple[Nodes, Field]) -> bool:
         """A plan that ends with the drive from a state to the goal; accepted if it is better and exists on the map.
 
         Returns whether the drive exists; on the lattice alone passages appear wider by up to a cell.
@@ -226,14 +225,12 @@ class PushPass:
         units, pushes = heuristic.units / self.domain.block, heuristic.pushes_units(steps)
         if self.on_map:
             most = (best - pushes) / units
-            cost = pushes + units * drives_cost(self.domain, steps, self.start, heuristic.goal, most, field)
+            cost = pushes + units * drives_cost(self.domain, steps, self.start, most, field)
         if cost < best:
             self.queue.best, self.queue.goal = cost, state
         return cost < best or np.isfinite(best)
 
-    def _left(
-        self, state: SearchState, bodies: Int32[np.ndarray, "n"], ends: Float[np.ndarray, "n 2"]
-    ) -> Float[np.ndarray, "n"]:
+    def _left(self, state: SearchState, bodies: Field, ends: Path) -> Float[np.ndarray, "n"]:
         """Lower bounds of the cost-to-go after pushes that leave the robot at given points [units]."""
         heuristic = self.heuristic
         # The field of the new configuration is computed only for successors that are taken.
@@ -257,8 +254,7 @@ class PushPass:
         if free < 0.5:
             return
         others = np.arange(len(domain.bodies)) != contact.body
-        ends = stand, heuristic.goal
-        opening = opening_at(domain, state.shifts, contact.body, push.direction, free, ends, others)
+        opening = opening_at(domain, state.shifts, contact.body, push.direction, free, stand, others)
         opens_at = float(opening.min()) if len(opening) else float("inf")
         lengths = np.array([n for n in self._tried(free, opening) if not contact.reached or n >= opens_at])
         if not len(lengths):

@@ -19,12 +19,12 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float, Int32
 
 from ....core.objects import HapticTag
 from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ...problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 from ...problem.push_costs import PushCosts
+from ..arrays import Nodes, Point
 from .domain_builder import build_search_domain
 from .drives import drives_cost
 from .infeasibility import Infeasibility
@@ -32,7 +32,7 @@ from .push_heuristic import PushHeuristic
 from .push_lengths import opening_at, push_step, refine_lengths, replayed
 from .push_pass import LENGTH_STEP_M, PushPass
 from .push_states import Deadline, PushStep, SearchLimits, SearchResult, SearchState
-from .search_domain import SearchDomain, grid_from_world
+from .search_domain import SearchDomain
 
 #: Heuristic weights of the passes for a first plan, and of a last pass if nothing was found.
 WEIGHTS, LAST_WEIGHT = (1.2, 3.0), 10.0
@@ -49,11 +49,10 @@ ALONE, CROSSED, SOON, PROOF, LATE = 0.3, 0.35, (0.4, 0.55), 0.75, (0.8, 0.9, 1.0
 
 def search_pushes(
     domain: SearchDomain,
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-    costs: PushCosts | None = None,
+    start: Point,
     limits: SearchLimits | None = None,
     *,
+    costs: PushCosts | None = None,
     active: Collection[int] | None = None,
     oblique: bool = False,
 ) -> SearchResult:
@@ -63,12 +62,12 @@ def search_pushes(
     ----------
     domain
         Static map and bodies.
-    start, goal
+    start
         Grid coordinates [cells].
-    costs
-        Cost model of the pushes.
     limits
         Limits of the search.
+    costs
+        Cost model of the pushes; by default that of the domain.
     active
         Indices of the bodies that may be pushed; all of them by default.
     oblique
@@ -80,7 +79,7 @@ def search_pushes(
     """
     load_kernels()
     chosen = frozenset(range(len(domain.bodies)) if active is None else active)
-    return _Search(domain, start, goal, costs or PushCosts(), limits or SearchLimits(), chosen, oblique).run()
+    return _Search(domain, start, costs or domain.costs, limits or SearchLimits(), chosen, oblique).run()
 
 
 @lru_cache(maxsize=1)
@@ -93,8 +92,7 @@ def load_kernels() -> None:
     ends_m = np.array([0.45, 0.6]), np.array([2.0, 0.6])
     robot, box = RobotModel(0.15), MovableObject("box", outline_m, HapticTag())
     domain = build_search_domain(PlanningProblem(OccupancyMap(cells, 0.1), robot, *ends_m, (box,)), block=2)
-    start, goal = (grid_from_world(domain.map, end_m) for end_m in ends_m)
-    _Search(domain, start, goal, PushCosts(), SearchLimits(budget_s=600.0), frozenset((0,)), False).run()
+    _Search(domain, domain.start, domain.costs, SearchLimits(budget_s=600.0), frozenset((0,)), False).run()
 
 
 @dataclass(slots=True, eq=False)
@@ -102,8 +100,7 @@ class _Search:
     """One search with its budget: a first plan or an infeasibility proof, then better plans and bounds."""
 
     domain: SearchDomain
-    start: Float[np.ndarray, "2"]
-    goal: Float[np.ndarray, "2"]
+    start: Point
     costs: PushCosts
     limits: SearchLimits
     active: frozenset[int]
@@ -113,7 +110,7 @@ class _Search:
     first: SearchState = field(init=False)
     #: for each body that separates start and goal, the push that passes it when the other bodies are absent
     lone: list[PushStep] = field(default_factory=list)
-    cells: Int32[np.ndarray, "k"] = field(init=False)  #: start nodes of the robot
+    cells: Nodes = field(init=False)  #: start nodes of the robot
 
     def __post_init__(self) -> None:
         self.deadline = Deadline.after(self.limits.budget_s)
@@ -148,11 +145,7 @@ class _Search:
     def _with_pushes(self, free: PushHeuristic, plan: SearchResult) -> SearchResult:
         """A plan with pushes, if a cheaper one than the plan without pushes is found within the budget."""
         # A known plan excludes more bodies by their costs, below.
-        needed = (
-            self.active
-            if plan.found
-            else _bottlenecks(self.domain, self.goal, self.active, self._until(ALONE))
-        )
+        needed = self.active if plan.found else _bottlenecks(self.domain, self.active, self._until(ALONE))
         if self._until(SOON[-1]).passed:
             return plan if plan.found else self._late()
         heuristic = self._heuristic(needed, free)
@@ -205,7 +198,7 @@ class _Search:
     def _heuristic(self, bodies: Collection[int], free: PushHeuristic | None = None) -> PushHeuristic:
         left_out = self.active - frozenset(bodies)
         return PushHeuristic(
-            self.domain, self.goal, self.costs, bodies, left_out=left_out, oblique=self.oblique, free=free
+            self.domain, self.costs, bodies, left_out=left_out, oblique=self.oblique, free=free
         )
 
     def _late(self) -> SearchResult:
@@ -262,7 +255,7 @@ class _Search:
             if not steps:
                 break
             cost = heuristic.pushes_units(steps) / units
-            cost += drives_cost(self.domain, steps, self.start, self.goal, most - cost)
+            cost += drives_cost(self.domain, steps, self.start, most - cost)
             if cost < most:
                 return SearchResult(True, steps, cost, bound)
         return known
@@ -299,7 +292,7 @@ class _Search:
             body, first = (domain.bodies[index],), SearchState(0.0, self.start, np.zeros((1, 2)))
             alone = replace(domain, bodies=body, lattice=heuristic.base)
             cells, _ = domain.seeds(heuristic.base, self.start)
-            part = PushHeuristic(alone, self.goal, self.costs, (0,), oblique=self.oblique, free=heuristic)
+            part = PushHeuristic(alone, self.costs, (0,), oblique=self.oblique, free=heuristic)
             most = min(ALONE_EXPANSIONS, limits.expansions)
             found = PushPass(part, 1.0, limits, deadline, on_map=False).run(first, most, gap=ALONE_GAP)
             if not found.found:
@@ -315,7 +308,7 @@ class _Search:
 
     def _impossible(self, heuristic: PushHeuristic) -> str:
         """The reason why no sequence of pushes can solve the problem; empty if one may exist."""
-        domain, goal = self.domain, self.goal
+        domain, goal = self.domain, self.domain.goal
         still = np.array([k not in self.active for k in range(len(domain.bodies))], dtype=bool)
         fits = domain.clear_straight(self.first.shifts, goal, goal[None], still)[0]
         if not fits or not heuristic.goal_cells.size:
@@ -327,9 +320,7 @@ class _Search:
         return ""
 
 
-def _bottlenecks(
-    domain: SearchDomain, goal: Float[np.ndarray, "2"], active: Collection[int], deadline: Deadline
-) -> frozenset[int]:
+def _bottlenecks(domain: SearchDomain, active: Collection[int], deadline: Deadline) -> frozenset[int]:
     """Bodies that divide the free space around them or cover the goal; also those not tested before the deadline."""
     everything = np.ones(len(domain.bodies), dtype=bool)
     still = np.array([k not in active for k in range(len(domain.bodies))], dtype=bool)
@@ -346,7 +337,7 @@ def _bottlenecks(
         for others in (everything, still):
             among = others.copy()
             among[index] = False
-            if len(opening_at(domain, shifts, index, np.array([1.0, 0.0]), far, (body.centre, goal), among)):
+            if len(opening_at(domain, shifts, index, np.array([1.0, 0.0]), far, body.centre, among)):
                 found.add(index)
                 break
     return frozenset(found)

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int32
 
 from ....core.kernels import compiled_s
 from ....core.ranges import NON_NEGATIVE, POSITIVE, check_ranges
+from ..arrays import Field, Nodes, Point, Shifts
 
 #: Limit of the wall time, as a multiple of the budget: a search may share its processor.
 WALL_PER_CPU = 3.0
@@ -92,11 +92,11 @@ class PushStep:
     body: int
     contact: int  #: index into the body's contacts, the oblique ones last
     length: float  #: [cells]
-    shifts_before: Float[np.ndarray, "bodies 2"]
-    shifts_after: Float[np.ndarray, "bodies 2"]
-    approach: Float[np.ndarray, "2"]  #: the robot's centre, clear of the body
-    touch: Float[np.ndarray, "2"]  #: the robot's centre at the contact
-    retreat: Float[np.ndarray, "2"]
+    shifts_before: Shifts
+    shifts_after: Shifts
+    approach: Point  #: the robot's centre, clear of the body
+    touch: Point  #: the robot's centre at the contact
+    retreat: Point
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,13 +118,13 @@ class SearchState:
     """A node of the search: positions of all bodies and of the robot, and the preceding pushes."""
 
     spent: float  #: cost from the start [units]
-    robot: Float[np.ndarray, "2"]  #: centre [cells]
-    shifts: Float[np.ndarray, "bodies 2"]  #: displacements of the bodies from their mapped positions [cells]
+    robot: Point  #: centre [cells]
+    shifts: Shifts  #: displacements of the bodies from their mapped positions [cells]
     parent: SearchState | None = None
     step: PushStep | None = None
     depth: int = 0
     #: costs of driving from its robot position to each node, and the cost of a plan up to which they are known [units]
-    travel: tuple[int, Int32[np.ndarray, "n"]] | None = None
+    travel: tuple[int, Field] | None = None
 
 
 @dataclass(slots=True, eq=False)
@@ -132,9 +132,9 @@ class SeenFields:
     """Travel costs in expanded configurations, to prune states that are reached at a higher cost."""
 
     cells_left: int
-    fields: dict[bytes, list[tuple[float, Int32[np.ndarray, "n"]]]] = field(default_factory=dict)
+    fields: dict[bytes, list[tuple[float, Field]]] = field(default_factory=dict)
 
-    def dominated(self, state: SearchState, cells: Int32[np.ndarray, "k"]) -> bool:
+    def dominated(self, state: SearchState, cells: Nodes) -> bool:
         """Whether another state of the same configuration reaches one of the cells at no higher cost.
 
         Parameters
@@ -147,7 +147,7 @@ class SeenFields:
         known = self.fields.get(_key(state.shifts), ())
         return any(spent + int(cost[cells].min()) <= state.spent + 1 for spent, cost in known)
 
-    def add(self, state: SearchState, cost: Int32[np.ndarray, "n"]) -> None:
+    def add(self, state: SearchState, cost: Field) -> None:
         """Store the field of an expanded state until the memory limit is reached.
 
         Parameters
@@ -162,7 +162,7 @@ class SeenFields:
             self.fields.setdefault(_key(state.shifts), []).append((state.spent, cost))
 
 
-def _key(shifts: Float[np.ndarray, "bodies 2"]) -> bytes:
+def _key(shifts: Shifts) -> bytes:
     return np.rint(shifts * 4.0).astype(np.int32).tobytes()
 
 

@@ -10,13 +10,16 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int16, Int32
+from jaxtyping import Bool, Float, Int, Int32
 
 from ....io.maps.occupancy_map import OccupancyMap
 from ...problem.passages import Passage
-from ...problem.planning_problem import MovableObject, RobotModel
+from ...problem.planning_problem import MovableObject, PlanningProblem
+from ...problem.push_costs import PushCosts
+from ...problem.robot_model import RobotModel
 from ...pushing._outline_kernels import clear_straight, distance_patch
 from ...pushing.push_model import PushModel
+from ..arrays import Among, Clearance, Labels, Nodes, Outline, Path, Point, Shifts
 from ._push_search_kernels import block_patch
 from ._travel_kernels import UNITS, nodes_around
 from .bodies import Body, lower_window
@@ -29,8 +32,14 @@ CLEAR_SLACK_M = 1e-6
 MAX_PATCHES = 5000
 #: Maximum number of nodes of cached lattices.
 MAX_STILL_NODES = 20_000_000
+#: Bytes of the arrays on which a cached result depends.
+Key = tuple[bytes, ...]
+#: Maximum distance from a body in the blocks around it, and the first row and column.
+Patch = tuple[Clearance, int, int]
+#: Model, maximum length [m], pushes by rows by x, y, rotation.
+PushEnds = tuple[PushModel, float, Float[np.ndarray, "n k 3"]]
 #: Cells along a path, the clearance around it, the cell (x, y) at which both start, and the cost of the path [cells].
-Corridor = tuple[Float[np.ndarray, "k 2"], Float32[np.ndarray, "r c"], Float[np.ndarray, "2"], float]
+Corridor = tuple[Path, Clearance, Point, float]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,61 +50,57 @@ class SearchDomain:
     the lattice is also disconnected on the map. The drives of a plan are computed on the map itself.
     """
 
+    problem: PlanningProblem
+    costs: PushCosts  #: with which the plans' durations are computed
     map: OccupancyMap
     robot: RobotModel
     radius: float  #: clearance that the robot needs: its radius and the interpolation error [cells]
     slow: float  #: v_max / v_min
     occupied: Bool[np.ndarray, "rows columns"]  #: static obstacles that are not objects
     #: of a cell's centre from the border of such cells, and from the outlines of immovable objects [cells]
-    clearance: Float32[np.ndarray, "rows columns"]
+    clearance: Clearance
     bodies: tuple[Body, ...]
     immovable: tuple[MovableObject | Passage, ...]  #: fixed, tipping, too heavy or locked
     why_immovable: dict[str, str]  #: reasons by id
     block: int  #: edge length of a node of the lattice [cells]
-    lattice: Float32[np.ndarray, "blocks_down blocks_across"]  #: maximum clearance in each block [cells]
-    immovable_outlines: tuple[Float[np.ndarray, "p 2"], ...]
-    passages: tuple[tuple[Passage, Float[np.ndarray, "p 2"], float], ...] = ()  #: outline, seconds
-    places: Float32[np.ndarray, "rows columns"] | None = None  #: cost of an object that ends in a cell [s]
+    lattice: Clearance  #: maximum clearance in each block [cells]
+    immovable_outlines: tuple[Outline, ...]
+    passages: tuple[tuple[Passage, Outline, float], ...] = ()  #: outline, seconds
+    places: Clearance | None = None  #: cost of an object that ends in a cell [s]
     #: distances around bodies, cached because most bodies do not move
-    patches: dict[tuple[int, int, float, float], tuple[Float32[np.ndarray, "r c"], int, int]] = field(
-        default_factory=dict, init=False
-    )
-
+    patches: dict[tuple[int, int, float, float], Patch] = field(default_factory=dict, init=False)
     #: cached lattices with the unmoved bodies, by the set of moved ones
-    still: dict[tuple[int, ...], Float32[np.ndarray, "r c"]] = field(default_factory=dict, init=False)
-
+    still: dict[tuple[int, ...], Clearance] = field(default_factory=dict, init=False)
     #: cached drives, by displacements, start and goal: block size, blocks, cost, cells
-    drives: dict[tuple[bytes, ...], tuple[int, Float[np.ndarray, "k 2"], float, Float[np.ndarray, "n 2"]]] = (
-        field(default_factory=dict, init=False)
-    )
-
+    drives: dict[Key, tuple[int, Path, float, Path]] = field(default_factory=dict, init=False)
     #: their last pieces on the map: cells, clearance around them, common corner, cost
-    pieces: dict[tuple[bytes, ...], Corridor | None] = field(default_factory=dict, init=False)
-
+    pieces: dict[Key, Corridor | None] = field(default_factory=dict, init=False)
     #: the same over the lattice: blocks, cost
-    paths: dict[tuple[bytes, ...], tuple[Float[np.ndarray, "k 2"], float]] = field(
-        default_factory=dict, init=False
-    )
-
-    #: poses of a body along simulated pushes, by body and contact: model, maximum length [m], pushes by rows by x, y,
-    #: rotation
-    ends: dict[tuple[int, int], tuple[PushModel, float, Float[np.ndarray, "n k 3"]]] = field(
-        default_factory=dict, init=False
-    )
+    paths: dict[Key, tuple[Path, float]] = field(default_factory=dict, init=False)
+    #: poses of a body along simulated pushes, by body and contact
+    ends: dict[tuple[int, int], PushEnds] = field(default_factory=dict, init=False)
 
     @cached_property
     def counts(self) -> Int32[np.ndarray, "rows columns"]:
         """Number of :attr:`occupied` cells of a row before each column, the last one included."""
         return np.pad(np.cumsum(self.occupied, axis=1, dtype=np.int32), ((0, 0), (1, 0)))
 
+    @cached_property
+    def start(self) -> Point:
+        """Start of the problem [cells]."""
+        return grid_from_world(self.map, self.problem.start_m)
+
+    @cached_property
+    def goal(self) -> Point:
+        """Goal of the problem [cells]."""
+        return grid_from_world(self.map, self.problem.goal_m)
+
     @property
     def reach(self) -> float:
         """Clearance above which the robot drives at full speed [cells]."""
         return full_speed_clearance(self.radius)
 
-    def clearance_with(
-        self, shifts: Float[np.ndarray, "bodies 2"], without: int = -1
-    ) -> Float32[np.ndarray, "rows columns"]:
+    def clearance_with(self, shifts: Shifts, without: int = -1) -> Clearance:
         """Distance to the nearest obstacle [cells] with displaced bodies, optionally without one of them.
 
         Parameters
@@ -107,9 +112,7 @@ class SearchDomain:
         """
         return self.lowered(self.clearance, shifts, [i for i in range(len(self.bodies)) if i != without], 1)
 
-    def lattice_with(
-        self, shifts: Float[np.ndarray, "bodies 2"]
-    ) -> Float32[np.ndarray, "blocks_down blocks_across"]:
+    def lattice_with(self, shifts: Shifts) -> Clearance:
         """:meth:`clearance_with` of the lattice's nodes; not to be changed in place.
 
         Parameters
@@ -127,13 +130,8 @@ class SearchDomain:
         return self.lowered(self.still[moved], shifts, moved, self.block) if moved else self.still[moved]
 
     def seeds(
-        self,
-        layer: Float32[np.ndarray, "r c"],
-        point: Float[np.ndarray, "2"],
-        *,
-        reach: int = 1,
-        block: int | None = None,
-    ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
+        self, layer: Clearance, point: Point, *, reach: int = 1, block: int | None = None
+    ) -> tuple[Nodes, Nodes]:
         """Free nodes of a layer around a point (flat indices), and the costs from the point to them [units].
 
         Parameters
@@ -148,18 +146,12 @@ class SearchDomain:
             Edge length of a node [cells]; that of the lattice by default.
         """
 
-        found: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]] = nodes_around(
+        found: tuple[Nodes, Nodes] = nodes_around(
             layer, float(point[0]), float(point[1]), self.radius, self.slow, reach, block or self.block
         )
         return found
 
-    def lowered(
-        self,
-        layer: Float32[np.ndarray, "r c"],
-        shifts: Float[np.ndarray, "bodies 2"],
-        chosen: Sequence[int],
-        block: int,
-    ) -> Float32[np.ndarray, "r c"]:
+    def lowered(self, layer: Clearance, shifts: Shifts, chosen: Sequence[int], block: int) -> Clearance:
         """A copy of a clearance layer with some bodies added, by cells (block 1) or by blocks.
 
         Parameters
@@ -180,13 +172,13 @@ class SearchDomain:
 
     def part(
         self,
-        layer: Float32[np.ndarray, "r c"],
+        layer: Clearance,
         low: Int[np.ndarray, "2"],
         high: Int[np.ndarray, "2"],
-        shifts: Float[np.ndarray, "bodies 2"],
+        shifts: Shifts,
         block: int,
-        among: Bool[np.ndarray, "bodies"] | None = None,
-    ) -> Float32[np.ndarray, "h w"]:
+        among: Among | None = None,
+    ) -> Clearance:
         """A copy of a window of a layer, ``low`` <= (x, y) < ``high``, with the bodies added.
 
         Parameters
@@ -199,20 +191,12 @@ class SearchDomain:
             Mask of the bodies; all by default.
         """
         part = layer[low[1] : high[1], low[0] : high[0]].copy()
-        lows, highs = self.extents
-        near = (lows + shifts - self.reach < high * block).all(axis=1)
-        near &= (highs + shifts + self.reach > low * block).all(axis=1)
-        for index in np.flatnonzero(near if among is None else near & among).tolist():
+        for index in self._near(shifts, low * block - self.reach, high * block + self.reach, among):
             self._lower(part, low, index, shifts[index], block)
         return part
 
     def _lower(
-        self,
-        part: Float32[np.ndarray, "h w"],
-        low: Int[np.ndarray, "2"],
-        index: int,
-        shift: Float[np.ndarray, "2"],
-        block: int,
+        self, part: Clearance, low: Int[np.ndarray, "2"], index: int, shift: Point, block: int
     ) -> None:
         """Add a body to a window of a layer that starts at ``low`` (x, y), in place."""
         # A patch of cells can be shifted by whole cells; a patch of blocks depends on the cells in each block.
@@ -220,16 +204,21 @@ class SearchDomain:
         patch, row, column = self.patch(index, shift - whole, block)
         lower_window(part, patch, row + int(whole[1] - low[1]), column + int(whole[0] - low[0]))
 
+    def _near(self, shifts: Shifts, low: Point, high: Point, among: Among | None) -> list[int]:
+        """Bodies in a box, of those among which it is asked for."""
+        lows, highs = self.extents
+        near = (lows + shifts < high).all(axis=1) & (highs + shifts > low).all(axis=1)
+        found: list[int] = np.flatnonzero(near if among is None else near & among).tolist()
+        return found
+
     @cached_property
-    def extents(self) -> tuple[Float[np.ndarray, "bodies 2"], Float[np.ndarray, "bodies 2"]]:
+    def extents(self) -> tuple[Shifts, Shifts]:
         """Minimum and maximum x, y of every body at its mapped position [cells]."""
         boxes = np.array([(o.min(axis=0), o.max(axis=0)) for o in (body.kept_clear for body in self.bodies)])
         low, high = boxes.reshape(-1, 2, 2).swapaxes(0, 1)
         return low, high
 
-    def patch(
-        self, index: int, shift: Float[np.ndarray, "2"], block: int
-    ) -> tuple[Float32[np.ndarray, "r c"], int, int]:
+    def patch(self, index: int, shift: Point, block: int) -> Patch:
         """Maximum distance from a body in the blocks around it, and the first row and column.
 
         Parameters
@@ -252,12 +241,7 @@ class SearchDomain:
         return self.patches[key]
 
     def obstacle_outlines(
-        self,
-        shifts: Float[np.ndarray, "bodies 2"],
-        without: int,
-        low: Float[np.ndarray, "2"],
-        high: Float[np.ndarray, "2"],
-        among: Bool[np.ndarray, "bodies"] | None = None,
+        self, shifts: Shifts, without: int, low: Point, high: Point, among: Among | None = None
     ) -> tuple[Float[np.ndarray, "v 2"], Int32[np.ndarray, "o"]]:
         """Concatenated outlines of all objects in a box except one, and the start index of each.
 
@@ -272,20 +256,14 @@ class SearchDomain:
         among
             Mask of the bodies; all by default.
         """
-        lows, highs = self.extents
-        near = (lows + shifts <= high).all(axis=1) & (highs + shifts >= low).all(axis=1)
-        near = near if among is None else near & among
-        outlines = [self.bodies[k].outline + shifts[k] for k in np.flatnonzero(near).tolist() if k != without]
+        near = self._near(shifts, low, high, among)
+        outlines = [self.bodies[k].outline + shifts[k] for k in near if k != without]
         # Doors are obstacles for pushed objects.
         outlines += [*self.immovable_outlines, *(outline for _, outline, _ in self.passages)]
         return joined_outlines(outlines)
 
     def clear_straight(
-        self,
-        shifts: Float[np.ndarray, "bodies 2"],
-        begin: Float[np.ndarray, "2"],
-        ends: Float[np.ndarray, "n 2"],
-        among: Bool[np.ndarray, "bodies"] | None = None,
+        self, shifts: Shifts, begin: Point, ends: Path, among: Among | None = None
     ) -> Bool[np.ndarray, "n"]:
         """Whether the straight drives from a point to each of the ends have sufficient clearance.
 
@@ -302,17 +280,15 @@ class SearchDomain:
         """
 
         radius = (self.robot.radius_m - CLEAR_SLACK_M) / self.map.resolution_m
-        lows, highs = self.extents
-        near = (lows + shifts < np.maximum(ends.max(axis=0), begin) + radius).all(axis=1)
-        near &= (highs + shifts > np.minimum(ends.min(axis=0), begin) - radius).all(axis=1)
-        chosen = np.flatnonzero(near if among is None else near & among).tolist()
+        low, high = np.minimum(ends.min(axis=0), begin), np.maximum(ends.max(axis=0), begin)
+        chosen = self._near(shifts, low - radius, high + radius, among)
         outlines = [*(self.bodies[k].outline + shifts[k] for k in chosen), *self.immovable_outlines]
         found: Bool[np.ndarray, "n"] = clear_straight(
             self.occupied, *joined_outlines(outlines), float(begin[0]), float(begin[1]), ends, radius
         )
         return found
 
-    def labels(self, block: int) -> Int16[np.ndarray, "blocks_down blocks_across"]:
+    def labels(self, block: int) -> Labels:
         """Blocks that passages touch: their index + 1; empty without passages.
 
         Parameters
@@ -355,9 +331,7 @@ class SearchDomain:
         return cells_at_full_speed * self.map.resolution_m / self.robot.v_max_m_s
 
 
-def joined_outlines(
-    outlines: Sequence[Float[np.ndarray, "p 2"]],
-) -> tuple[Float[np.ndarray, "v 2"], Int32[np.ndarray, "o"]]:
+def joined_outlines(outlines: Sequence[Outline]) -> tuple[Float[np.ndarray, "v 2"], Int32[np.ndarray, "o"]]:
     """Concatenated outlines, and the start index of each, followed by the end of the last.
 
     Parameters
