@@ -121,6 +121,17 @@ def test_flips_remove_obtuse_angles_and_nothing_else() -> None:
     assert (flip_edges(sheared, faces, 1e-9) == faces).all()
 
 
+@pytest.mark.parametrize("height", [1e-9, -1e-9])
+def test_a_triangle_without_height_is_flipped_away(height: float) -> None:
+    """Its normal is noise: it may look against those of its neighbours."""
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0.4, height, 0], [0.5, -1, 0], [0.5, 1, 0]], dtype=float)
+    faces = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 4], [2, 1, 4]])
+    flipped = flip_edges(vertices, faces, 1e-6)
+    assert np.degrees(largest_angles(vertices, flipped)).max() < 120
+    a, b, c = (vertices[flipped[:, k]] for k in range(3))
+    assert (np.cross(b - a, c - a)[:, 2] > 0.1).all()
+
+
 @pytest.mark.parametrize("fraction", [0.3, 0.7])
 def test_sides_are_made_to_agree_with_the_majority(fraction: float) -> None:
     vertices, faces = tube(24, 10)

@@ -29,6 +29,15 @@ def test_a_closed_box_of_loose_triangles_is_whole() -> None:
     assert (len(found.vertices), len(found.faces), found.loops, found.defects) == (8, 12, (), [])
 
 
+def test_corners_that_differ_by_less_than_the_resolution_are_one() -> None:
+    """Wherever they lie: rounding alone separates two that are on both sides of a border between its cells."""
+    vertices, faces = _box()
+    rng = np.random.default_rng(0)
+    loose = (vertices * [1.0, 0.5000003, 0.2500003])[faces].reshape(-1, 3) + rng.uniform(-2e-7, 2e-7, (36, 3))
+    found = inspect_mesh(loose, np.arange(36).reshape(12, 3))
+    assert (len(found.vertices), len(found.faces), found.loops, found.defects) == (8, 12, (), [])
+
+
 def test_an_open_box_has_a_rim() -> None:
     vertices, faces = _box()
     side = (vertices[faces][:, :, 2] > 0.4).all(axis=1)

@@ -229,14 +229,13 @@ def flip_edges(
         )
         good = gain > 1e-3
         some = np.flatnonzero(good)
-        normal = [
-            area_vectors(vertices, triangles) for triangles in (faces[one[some]], first[some], second[some])
-        ]
+        # Of both together: the normal of a triangle without height is noise.
+        normal = sum(area_vectors(vertices, faces[side[some]]) for side in (one, two))
         cross = np.cross(vertices[b[some]] - vertices[a[some]], vertices[d[some]] - vertices[c[some]])
         away = np.abs(np.einsum("ei,ei->e", cross, vertices[c[some]] - vertices[a[some]]))
         good[some] = away <= tolerance * np.linalg.norm(cross, axis=1)
-        for new in normal[1:]:
-            good[some] &= np.einsum("ei,ei->e", normal[0], new) > 0
+        for new in (first[some], second[some]):
+            good[some] &= np.einsum("ei,ei->e", normal, area_vectors(vertices, new)) > 0
         count = len(vertices)
         known = edges[:, 0] * count + edges[:, 1]
         good[some] &= ~np.isin(np.minimum(c, d)[some] * count + np.maximum(c, d)[some], known)

@@ -125,7 +125,8 @@ def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
         (cell[:, 0] << 42) + (cell[:, 1] << 21) + cell[:, 2], return_index=True, return_inverse=True
     )
     faces, vertices = number.reshape(-1)[faces], vertices[first]
-    before = len(faces)
+    near = _joined(vertices, faces, grid)  # on both sides of a border between cells
+    faces, before = near[faces], len(faces)
     sides = vertices[faces[:, [1, 2, 0]]] - vertices[faces]
     longest = np.einsum("fij,fij->fi", sides, sides).max(axis=1)
     doubled = np.linalg.norm(np.cross(sides[:, 0], -sides[:, 2]), axis=1)
@@ -136,6 +137,21 @@ def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
         _, once = np.unique(pair * len(vertices) + c, return_index=True)
         faces = faces[np.sort(once)]
     return vertices, faces, before - len(faces)
+
+
+def _joined(vertices: np.ndarray, faces: np.ndarray, distance: float) -> Int[np.ndarray, "v"]:
+    """One vertex for each chain of vertices that are closer than a distance."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    used = np.unique(faces)
+    pairs = used[cKDTree(vertices[used]).query_pairs(distance, output_type="ndarray")]
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(vertices), len(vertices)))
+    _, first, label = np.unique(
+        connected_components(graph, directed=False)[1], return_index=True, return_inverse=True
+    )
+    return first[label.reshape(-1)]
 
 
 def boundary_edges(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "e 2"]:
