@@ -12,7 +12,6 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.kernels import kernel
-from .tracing._path_kernels import longer_rows
 
 #: Potential of cells that are not reachable from any node.
 UNREACHED = np.int32(2**31 - 1)
@@ -20,34 +19,6 @@ _SHIFT = 31
 _SEED = np.int64(2**31 - 1)
 #: Pair of a cell that is not reachable from any node.
 _FAR = (np.int64(UNREACHED) << _SHIFT) | _SEED
-
-
-@kernel(error_model="numpy")
-def _runs(step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Start index of the runs of reachable cells of each row, and the runs: (first, stop) columns."""
-    rows, columns = step.shape
-    start = np.zeros(rows + 1, np.int32)
-    runs = np.empty((max(columns, 1024), 2), np.int32)
-    change = np.empty(columns + 2, np.int32)
-    count = 0
-    for row in range(rows):
-        line = step[row]
-        # Branch-free, because the limits of runs cannot be predicted.
-        changes = np.uint32(0)
-        before = False
-        for k in range(columns):
-            reachable = line[k] != 0
-            change[changes] = k
-            changes += np.uint32(reachable != before)
-            before = reachable
-        change[changes] = columns
-        if count + columns > len(runs):
-            runs = longer_rows(runs)
-        for k in range(0, np.int64(changes), 2):
-            runs[count, 0], runs[count, 1] = change[k], change[k + 1]
-            count += 1
-        start[row + 1] = count
-    return start, runs
 
 
 @kernel(error_model="numpy")
@@ -107,13 +78,17 @@ def _along(here: np.ndarray, cost: np.ndarray, potential: np.ndarray, seed: np.n
 
 
 @kernel(error_model="numpy")
-def sweep(step: np.ndarray, potential: np.ndarray, seed: np.ndarray) -> None:
+def sweep(
+    step: np.ndarray, start: np.ndarray, runs: np.ndarray, potential: np.ndarray, seed: np.ndarray
+) -> None:
     """Propagate all values until convergence.
 
     Parameters
     ----------
     step
         Cost of a straight step onto each cell [units], (rows, columns) uint16; 0 where the robot does not fit.
+    start, runs
+        Runs of cells where it fits: start index of each row's, (rows + 1,), and first column and end of each, (runs, 2).
     potential
         Cost from each cell to its node [units], (rows, columns) int32.
     seed
@@ -123,7 +98,6 @@ def sweep(step: np.ndarray, potential: np.ndarray, seed: np.ndarray) -> None:
     here = np.empty(columns + 2, np.int64)
     beside = np.empty(columns + 2, np.int64)
     cost = np.empty(columns + 2, np.int64)
-    start, runs = _runs(step)
     improved = 1
     while improved > 0:
         improved = 0

@@ -75,5 +75,9 @@ def assign_regions(layers: GridLayers, graph: NavigationGraph) -> Regions:
     rows, columns = graph.node_cells.T
     potential[rows, columns] = 0
     seed[rows, columns] = rows * layers.shape[1] + columns
-    sweep(layers.step, potential, seed)
+    # Reachable cells row by row: where they begin and end, in rows with a blocked cell at either end.
+    changes = np.flatnonzero(np.diff(np.pad(layers.step > 0, ((0, 0), (1, 1))).ravel()))
+    row, limits = np.divmod(changes, layers.shape[1] + 2)
+    start = np.searchsorted(row[::2], np.arange(len(potential) + 1))
+    sweep(layers.step, start, limits.reshape(-1, 2), potential, seed)
     return Regions(potential, seed, layers.unit_s, layers, graph)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int32
+from jaxtyping import Bool, Float, Int
 
 from ..graph.navigation_graph import NavigationGraph
 from ..graph.regions import Regions
@@ -13,6 +13,7 @@ from ..grid.cost_grid import OBSTACLE_FROM, window_distance
 from ..problem.node_types import NodeType
 from ..problem.robot_model import RobotModel
 from ..pushing._outline_kernels import distance_patch
+from .arrays import Clearance, Nodes
 from .joint_graph import JointGraph, JointNode, costs_between
 from .object_cells import clear_cells, window_around
 from .search import _travel_kernels
@@ -112,10 +113,10 @@ class _Builder:
     def _neighbours(
         self,
         window: tuple[slice, slice],
-        clearance: Float32[np.ndarray, "r c"],
+        clearance: Clearance,
         mine: Bool[np.ndarray, "r c"],
         start: Int[np.ndarray, "2"],
-    ) -> tuple[Int32[np.ndarray, "k"], Float[np.ndarray, "k"], tuple[Int[np.ndarray, "n 2"], ...]]:
+    ) -> tuple[Nodes, Float[np.ndarray, "k"], tuple[Int[np.ndarray, "n 2"], ...]]:
         """Steps 5 to 7: nodes of adjacent regions to which an edge is worthwhile, the drives [s], the cells up to there."""
         import cv2
 

@@ -71,14 +71,9 @@ class JointGraph:
         cost = self.visual.edge_cost_s.copy()
         for node in self.added:
             cost[node.blocked_edges] = np.inf
-        ends = [self.visual.edges]
-        costs = [cost]
-        for node in self.added:
-            ends.append(
-                np.column_stack([node.neighbours, np.full(len(node.neighbours), node.number, np.int32)])
-            )
-            costs.append(node.edge_s)
-        return np.concatenate(ends).astype(np.int32), np.concatenate(costs)
+        added = [np.column_stack([n.neighbours, np.full_like(n.neighbours, n.number)]) for n in self.added]
+        costs = np.concatenate([cost, *(node.edge_s for node in self.added)])
+        return np.concatenate([self.visual.edges, *added]).astype(np.int32), costs
 
     def benefit_s(self, id: str) -> float:
         """Maximum reduction of the path cost between any two of its neighbours by a node [s]: Eq. (4.2), corrected.

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from ...core import POSITIVE, BaseState, InputError, wrap_angle
 from ..grid.cost_grid import SpeedLimits
+from .arrays import Point
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +63,7 @@ class PathFollower:
         path_m: Float[np.ndarray, "k 2"],
         limits: FollowLimits | None = None,
         *,
-        clearance: Callable[[Float[np.ndarray, "2"]], float] | None = None,
+        clearance: Callable[[Point], float] | None = None,
         heading_rad: float | None = None,
     ) -> None:
         path = np.asarray(path_m, dtype=np.float64)
@@ -81,7 +82,7 @@ class PathFollower:
         self.done = False
 
     @property
-    def goal_m(self) -> Float[np.ndarray, "2"]:
+    def goal_m(self) -> Point:
         """End of the path."""
         return self._path[-1]
 
@@ -100,69 +101,50 @@ class PathFollower:
         """
         if self.done:
             return 0.0, 0.0
-        place = np.array([state.x_m, state.y_m])
+        limits, place = self._limits, np.array([state.x_m, state.y_m])
         while self._part < len(self._path) - 1:
             begin, end = self._path[self._part], self._path[self._part + 1]
-            chord = end - begin
-            length = float(np.hypot(*chord))
-            ahead = chord / length
+            ahead = (end - begin) / np.hypot(*(end - begin))
             rest = float((end - place) @ ahead)
             last = self._part == len(self._path) - 2
             corner = 0.0 if last else self._corner(self._part)
-            reached = rest <= (
-                0.3 * self._limits.tolerance_m if last or corner > self._limits.corner_rad else 0.01
-            )
-            if not reached:
-                return self._along(state, place, begin, ahead, rest, corner, last)
+            stop = last or corner > limits.corner_rad
+            if rest > (0.3 * limits.tolerance_m if stop else 0.01):
+                return self._along(state, place - begin, ahead, rest, corner, stop)
             self._part += 1
-            self._turning = self._turning or corner > self._limits.corner_rad or last
+            self._turning = self._turning or stop
         return self._arrived(state, place)
 
     def _along(
-        self,
-        state: BaseState,
-        place: Float[np.ndarray, "2"],
-        begin: Float[np.ndarray, "2"],
-        ahead: Float[np.ndarray, "2"],
-        rest: float,
-        corner: float,
-        last: bool,
+        self, state: BaseState, gone: Point, ahead: Point, rest: float, corner: float, stop: bool
     ) -> tuple[float, float]:
-        limits = self._limits
-        along = math.atan2(ahead[1], ahead[0])
-        error = wrap_angle(state.heading_rad - along)
+        limits, place = self._limits, np.array([state.x_m, state.y_m])
+        error = wrap_angle(state.heading_rad - math.atan2(ahead[1], ahead[0]))
         if self._turning or abs(error) > 0.8:
             # Rotation at standstill; it ends well below the angle of a sharp corner.
             self._turning = abs(error) > 0.03
             if self._turning:
                 return 0.0, self._turn(-error)
-        side = ahead[0] * (place[1] - begin[1]) - ahead[1] * (place[0] - begin[0])
-        speed = min(
-            limits.speed_m_s(float(self._clearance(place))),
-            limits.speed_m_s(float(self._clearance(place + min(rest, 0.3) * ahead))),
-        )
-        # Stop at the goal and at sharp corners, slow down before others.
-        stop = last or corner > limits.corner_rad
-        brake = math.sqrt(2.0 * limits.acceleration_m_s2 * max(rest, 0.0))
-        if stop:
-            speed = min(speed, max(brake, 0.02))
-        elif corner > 0.05:
-            speed = min(speed, max(brake, limits.v_min_m_s))
+        side = ahead[0] * gone[1] - ahead[1] * gone[0]
+        clear_m = (self._clearance(place), self._clearance(place + min(rest, 0.3) * ahead))
+        speed = min(limits.speed_m_s(float(value)) for value in clear_m)
+        if stop or corner > 0.05:  # stop at the goal and at sharp corners, slow down before others
+            slowest = 0.02 if stop else limits.v_min_m_s
+            speed = min(speed, max(math.sqrt(2.0 * limits.acceleration_m_s2 * max(rest, 0.0)), slowest))
         speed *= max(0.0, math.cos(error))
         sinc = math.sin(error) / error if abs(error) > 1e-6 else 1.0
         turn = -limits.offset_gain_per_m2 * speed * side * sinc - limits.heading_gain_per_s * error
         return speed, max(-limits.turn_max_rad_s, min(limits.turn_max_rad_s, turn))
 
-    def _arrived(self, state: BaseState, place: Float[np.ndarray, "2"]) -> tuple[float, float]:
+    def _arrived(self, state: BaseState, place: Point) -> tuple[float, float]:
         limits = self._limits
         off = self._path[-1] - place
         away = float(np.hypot(*off))
         if away > limits.tolerance_m:
             # Ended beside the goal, after slip: drive straight to it, slowly.
             error = wrap_angle(math.atan2(off[1], off[0]) - state.heading_rad)
-            if abs(error) > 0.2:
-                return 0.0, self._turn(error)
-            return min(limits.v_min_m_s, max(away, 0.01)), self._turn(error)
+            speed = 0.0 if abs(error) > 0.2 else min(limits.v_min_m_s, max(away, 0.01))
+            return speed, self._turn(error)
         if self._heading_rad is not None:
             error = wrap_angle(self._heading_rad - state.heading_rad)
             if abs(error) > 0.02:

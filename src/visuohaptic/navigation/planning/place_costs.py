@@ -8,12 +8,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool
 
 from ...io.maps.occupancy_map import OCCUPIED, OccupancyMap
 from ..graph.navigation_graph import build_graph
 from ..grid.cost_grid import cell_distance, grid_layers
 from ..problem.planning_problem import PlanningProblem
+from .arrays import Clearance, Outline, Point, Shifts
 from .object_cells import fill_cells
 from .search.bodies import grid_from_world
 
@@ -25,8 +26,8 @@ def place_costs(
     problem: PlanningProblem,
     on_route_s: float,
     occupied: Bool[np.ndarray, "rows columns"],
-    fixed: tuple[Float[np.ndarray, "p 2"], ...],
-) -> Float32[np.ndarray, "rows columns"] | None:
+    fixed: tuple[Outline, ...],
+) -> Clearance | None:
     """Cost of an object that ends in each cell [s]; ``None`` if no place is better than another.
 
     Parameters
@@ -64,7 +65,7 @@ def place_costs(
     return costs
 
 
-def place_s(domain: SearchDomain, body: Body, shift: Float[np.ndarray, "2"]) -> float:
+def place_s(domain: SearchDomain, body: Body, shift: Point) -> float:
     """Cost of the place of a body [s].
 
     Parameters
@@ -83,7 +84,7 @@ def place_s(domain: SearchDomain, body: Body, shift: Float[np.ndarray, "2"]) -> 
     return float(domain.places[np.clip(y, 0, rows - 1), np.clip(x, 0, columns - 1)].max())
 
 
-def places_s(domain: SearchDomain, shifts: Float[np.ndarray, "bodies 2"]) -> float:
+def places_s(domain: SearchDomain, shifts: Shifts) -> float:
     """Cost of the places of all bodies that were moved [s].
 
     Parameters

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 
 from ...problem import Task, failure_probability
 from ...pushing.contact_candidates import PushContact
+from ..arrays import Path
 from ..search.bodies import Body
 from ..search.drives import pull_string
 from ..search.search_domain import SearchDomain, world_from_grid
 
 
-def nearest_contact(
-    domain: SearchDomain, body: Body
-) -> tuple[Float[np.ndarray, "k 2"], float, PushContact] | None:
+def nearest_contact(domain: SearchDomain, body: Body) -> tuple[Path, float, PushContact] | None:
     """The contact of a body with the cheapest drive to its approach pose, without pushing.
 
     Parameters

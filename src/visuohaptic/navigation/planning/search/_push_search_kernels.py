@@ -13,7 +13,7 @@ import numpy as np
 from ....core.kernels import kernel
 from ...graph.tracing._path_kernels import longer_rows
 from ...pushing._outline_kernels import extent, inside_polygon, polygon_distance
-from ._travel_kernels import clearance_at
+from ._travel_kernels import clearance_at, flood
 
 
 @kernel
@@ -62,19 +62,6 @@ def largest_in_blocks(clearance: np.ndarray, block: int) -> np.ndarray:
             for c in range(column * block, min((column + 1) * block, columns)):
                 out[row, column] = max(out[row, column], best[c])
     return out
-
-
-@kernel
-def corridor_clearance(clearance: np.ndarray, path: np.ndarray, block: int) -> np.ndarray:
-    """Clearance in the blocks (x, y) of a path and in their neighbours; 0 elsewhere."""
-    rows, columns = clearance.shape
-    found = np.zeros((rows, columns), np.float32)
-    for i in range(len(path)):
-        c0, r0 = (int(path[i, 0]) - 1) * block, (int(path[i, 1]) - 1) * block
-        for r in range(max(r0, 0), min(r0 + 3 * block, rows)):
-            for c in range(max(c0, 0), min(c0 + 3 * block, columns)):
-                found[r, c] = clearance[r, c]
-    return found
 
 
 @kernel
@@ -234,7 +221,7 @@ def opening_lengths(
     needed = radius - 0.5 * (block - 1)
     # Push length after which a block stays free; infinite where it never does.
     last = np.full(height * width, np.inf)
-    label = np.full(height * width, -1, np.int32)
+    label, free = np.full(height * width, -1, np.int32), np.zeros((height, width), np.float32)
     for r in range(height):
         for c in range(width):
             if without[r + r0, c + c0] < radius:
@@ -242,7 +229,7 @@ def opening_lengths(
             x, y = (c + c0 + 0.5) * block, (r + r0 + 0.5) * block
             u = r * width + c
             if polygon_distance(x, y, polygon) >= needed:
-                label[u] = -2  # free at length 0
+                label[u], free[r, c] = -2, 1.0  # at length 0
             t = limit
             while t >= 0.0:
                 gap = polygon_distance(x - t * dir_x, y - t * dir_y, polygon) - needed
@@ -250,23 +237,16 @@ def opening_lengths(
                     break
                 t -= max(gap, 0.1)
             last[u] = 0.0 if t < 0.0 else (np.inf if t == limit else t + 0.1)
-    stack = np.zeros(height * width, np.int32)
     pieces = 0
+    one, none = np.zeros(1, np.int32), np.zeros(0, np.int32)
     for seed in range(height * width):
         if label[seed] != -2:
             continue
-        label[seed] = pieces
-        stack[0] = seed
-        used = 1
-        while used > 0:
-            used -= 1
-            r, c = stack[used] // width, stack[used] % width
-            for rr in range(max(r - 1, 0), min(r + 2, height)):
-                for cc in range(max(c - 1, 0), min(c + 2, width)):
-                    if label[rr * width + cc] == -2:
-                        label[rr * width + cc] = pieces
-                        stack[used] = rr * width + cc
-                        used += 1
+        one[0] = seed
+        connected = flood(free, 0.5, one, none)
+        for u in range(height * width):
+            if connected[u]:
+                label[u] = pieces
         pieces += 1
     own = -1
     nearest = np.inf

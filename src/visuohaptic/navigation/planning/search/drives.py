@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..arrays import Field, Nodes, Path, Point, Shifts
-from ._push_search_kernels import corridor_clearance, largest_in_blocks
+from ._push_search_kernels import largest_in_blocks
 from ._travel_kernels import string_pull
 from .cell_paths import cheapest_cells, resampled, thinned, unclear_steps
 from .push_states import Deadline, PushStep
@@ -334,7 +334,10 @@ def _found_along(domain: SearchDomain, drive: _Drive, nodes: Path, block: int) -
     low = low_block * block
     high = np.minimum((nodes.max(axis=0).astype(int) + 3) * block, (columns, rows))
     clearance = domain.part(domain.clearance, low, high, shifts, 1)
-    corridor = corridor_clearance(clearance, nodes - low_block, block)
+    corridor = np.zeros_like(clearance)
+    for c, r in (nodes - low_block).astype(int).tolist():  # the path's blocks, and those around them
+        around = np.s_[max(r - 1, 0) * block : (r + 2) * block, max(c - 1, 0) * block : (c + 2) * block]
+        corridor[around] = clearance[around]
     while True:
         cells, cost = cheapest_cells(domain, corridor, start - low, goal - low, 1, beside=(shifts, low))
         closed = unclear_steps(domain, shifts, corridor, cells, low)
