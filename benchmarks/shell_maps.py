@@ -9,6 +9,7 @@ import time
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
 from visuohaptic.deformation.shells import (
@@ -85,7 +86,13 @@ def _factor_s(model: ShellModel) -> float:
 
 def _peer(model: ShellModel, stiffness: np.ndarray) -> tuple[float, float, float]:
     free = model.free
-    matrix = model.stiffness_matrix[free][:, free].tocsc()
+    dofs = (model.mesh.faces[:, :, None] * 6 + np.arange(6)).reshape(-1, 18)
+    rows, columns = np.broadcast_arrays(dofs[:, :, None], dofs[:, None])
+    size = 6 * model.nodes
+    whole = coo_array(
+        (model.element_matrices.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size)
+    ).tocsr()
+    matrix = whole[free][:, free].tocsc()
     started_s = time.process_time()
     factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     factor_s = time.process_time() - started_s

@@ -11,8 +11,10 @@ from scipy.spatial import Delaunay
 
 from visuohaptic.core import InputError
 from visuohaptic.deformation.shapes import grid_faces
-from visuohaptic.deformation.shells import factorise, front_tree, sparse_matrix
+from visuohaptic.deformation.shells import factorise, front_tree
 from visuohaptic.deformation.shells.factor import BLOCK_PIVOTS
+
+from .assembly import assembled
 
 
 def problem(seed, nodes, dofs=2):
@@ -59,7 +61,7 @@ def test_solve_compliance_and_coupling_equal_dense_algebra(seed, nodes, leaf, de
     rng, points, faces, matrices, diagonal = problem(seed, nodes)
     if not definite:
         matrices = matrices - 0.3 * np.abs(matrices).max() * np.eye(6)
-    dense = sparse_matrix(matrices, faces, nodes, diagonal).toarray()
+    dense = assembled(matrices, faces, nodes, diagonal).toarray()
     factor = factorise(front_tree(points, faces, leaf), matrices, diagonal, definite=definite)
     right = rng.normal(size=(2 * nodes, 3))
     found = factor.solve(right)
@@ -84,7 +86,7 @@ def test_large_fronts_divided_by_blocks_equal_dense_algebra(columns):
     tree = front_tree(points, faces, leaf=90)
     bordered = np.diff(tree.offset) > 0
     assert (2 * np.diff(tree.first)[bordered]).max() > 2 * BLOCK_PIVOTS
-    dense = sparse_matrix(matrices, faces, 400, diagonal).toarray()
+    dense = assembled(matrices, faces, 400, diagonal).toarray()
     factor = factorise(tree, matrices, diagonal)
     loads = rng.normal(size=(800, columns)) * (rng.uniform(size=(800, columns)) < 0.02)
     solved = np.linalg.solve(dense, loads)
@@ -95,7 +97,7 @@ def test_large_fronts_divided_by_blocks_equal_dense_algebra(columns):
 def test_unsymmetric_matrices():
     rng, points, faces, matrices, diagonal = problem(3, 50)
     matrices = matrices + 0.5 * rng.normal(size=matrices.shape)
-    dense = sparse_matrix(matrices, faces, 50, diagonal).toarray()
+    dense = assembled(matrices, faces, 50, diagonal).toarray()
     factor = factorise(front_tree(points, faces, 6), matrices, diagonal, definite=False)
     right = rng.normal(size=100)
     assert dense @ factor.solve(right) == pytest.approx(right, abs=1e-8)

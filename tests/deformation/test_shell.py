@@ -20,6 +20,8 @@ from visuohaptic.deformation.shells import (
     volume_gradient,
 )
 
+from .assembly import stiffness_matrix
+
 MATERIAL = IsotropicMaterial(1e6, 0.3)
 CORNERS = np.array([[0.0, 0], [2, 0], [2, 1], [0, 1]])
 
@@ -57,7 +59,7 @@ def test_patch_tests_are_exact(seed):
     points, faces, turn = patch(rng)
     thickness = 0.01
     mesh = ShellMesh(np.column_stack([points, 0 * points[:, 0]]) @ turn.T, faces, thickness)
-    stiffness = ShellModel(mesh, MATERIAL, [0]).stiffness_matrix
+    stiffness = stiffness_matrix(ShellModel(mesh, MATERIAL, [0]))
     law = plane_stress(MATERIAL)
     for strain, curvature in (
         (rng.normal(size=3) * 1e-3, np.zeros(3)),
@@ -80,13 +82,13 @@ def test_rigid_motions_are_the_only_ones_without_energy():
     points, faces, turn = patch(rng)
     vertices = np.column_stack([points, 0.2 * np.sin(3 * points[:, 0])]) @ turn.T
     model = ShellModel(ShellMesh(vertices, faces, 0.02), MATERIAL, [0])
-    values = np.linalg.eigvalsh(model.stiffness_matrix.toarray())
+    values = np.linalg.eigvalsh(stiffness_matrix(model).toarray())
     assert np.abs(values[:6]).max() < 1e-12 * values[-1]
     assert values[6] > 1e-10 * values[-1]
     for axis in range(3):
         spin = np.eye(3)[axis]
         motion = np.hstack([np.cross(spin, vertices), np.tile(spin, (len(vertices), 1))])
-        assert np.abs(model.stiffness_matrix @ motion.ravel()).max() < 1e-12 * values[-1]
+        assert np.abs(stiffness_matrix(model) @ motion.ravel()).max() < 1e-12 * values[-1]
 
 
 @pytest.mark.parametrize("name", COURSE)
@@ -114,7 +116,7 @@ def test_the_factor_is_the_matrix():
     loads = rng.normal(size=(model.nodes, 6, 3))
     found = model.solve(loads)
     free = model.free
-    expected = spsolve(model.stiffness_matrix[free][:, free], loads.reshape(-1, 3)[free])
+    expected = spsolve(stiffness_matrix(model)[free][:, free], loads.reshape(-1, 3)[free])
     assert np.abs(found.reshape(-1, 3)[free] - expected).max() < 1e-8 * np.abs(expected).max()
     assert np.all(found.reshape(-1, 3)[~free] == 0)
     assert model.solve(loads[:, :, 0]).shape == (model.nodes, 6)

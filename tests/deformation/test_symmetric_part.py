@@ -9,7 +9,7 @@ import pytest
 
 from visuohaptic.deformation.shapes import (
     ShellObject,
-    detect_symmetry,
+    is_round,
     load_container,
     mesh_container,
     symmetric_part,
@@ -37,7 +37,7 @@ def test_the_part_is_as_small_as_the_mirrors_allow(
     name: str, angle: float, copies: int, round_: bool
 ) -> None:
     container = shipped(name)
-    assert detect_symmetry(container).round == round_
+    assert is_round(container) == round_
     part = symmetric_part(container, angle_rad=angle)
     assert part.copies == copies
     whole = part.whole.mesh.vertices_m

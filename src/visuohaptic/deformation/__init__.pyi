@@ -49,8 +49,7 @@ from .shapes.mesher import with_elastic_base as with_elastic_base
 from .shapes.patches import grid_faces as grid_faces
 from .shapes.patches import tube_mesh as tube_mesh
 from .shapes.symmetry_reduction import SymmetricPart as SymmetricPart
-from .shapes.symmetry_reduction import Symmetry as Symmetry
-from .shapes.symmetry_reduction import detect_symmetry as detect_symmetry
+from .shapes.symmetry_reduction import is_round as is_round
 from .shapes.symmetry_reduction import symmetric_part as symmetric_part
 from .shapes.variants import draw_variant as draw_variant
 from .shapes.variants import draw_variants as draw_variants

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..core import InputError, StiffnessMap, at_least, check_numbers
-from ..deformation import GraspCoupling, ShellModel, ShellObject, couple, detect_symmetry
+from ..deformation import GraspCoupling, ShellModel, ShellObject, couple, is_round
 from ..deformation.maps.confidence_band import object_map, object_stiffness
 from ..deformation.nonlinear.contents import Contents, enclosed_gradient, tip_approach
 from ..deformation.shells.stiffness_map import DualTips, antipodal_points, opposing_points
@@ -112,7 +112,7 @@ def plan_grasps(
     task = task or GraspTask()
     contents = Contents(fill=task.fill) if task.closed else None
     tips = None
-    if surface is None and task.pairs == "antipodal" and not detect_symmetry(container).round:
+    if surface is None and task.pairs == "antipodal" and not is_round(container):
         tips = antipodal_points(container.mesh, max_slant_rad=float(np.arctan(task.gripper.friction)))
         values = object_stiffness(container, tips, contents)
         surface = StiffnessMap(container.mesh.vertices_m, container.surface_faces, *values)
@@ -120,7 +120,7 @@ def plan_grasps(
     load = task.load or object_load(container, task.fill, liquid_kg_per_m3=task.liquid_kg_per_m3)
     headspace = None if task.closed or not task.fill else (1 - task.fill) * container.volume_m3
     model = None if confirm is False and headspace is None else container.model()
-    even, max_linear_m = detect_symmetry(container).round, _wall_m(container)
+    even, max_linear_m = is_round(container), _wall_m(container)
     known: dict[tuple[float, float], Confirmation] = {}
 
     def check(grasp: Grasp) -> Confirmation | None:

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from ...core.errors import InputError
 from ..nonlinear.contents import Contents
-from ..shapes import ShellObject, detect_symmetry
+from ..shapes import ShellObject, is_round
 from .features import (
     HEIGHTS,
     HELD,
@@ -85,7 +85,7 @@ def nonlinear_features(
     valid = np.zeros(departure.shape, dtype=bool)
     reason = np.full((HEIGHTS, len(SIDES)), NO_CURVE, dtype=object)
     close = _close_to_an_end(body)
-    round_ = detect_symmetry(body).round
+    round_ = is_round(body)
     for axis in range(1 if round_ else 2):
         plane = PinchPlane(body, axis * np.pi / 2, one_way=True)
         for height in chosen:

@@ -76,27 +76,19 @@ def contact_loads(
     check_numbers("contact_loads", NON_NEGATIVE, tip_radius_m=tip_radius_m)
     if tip_radius_m == 0:
         return points
-    from scipy.sparse import csc_array, lil_array
+    from scipy.sparse import csc_array
 
-    mesh = model.mesh
-    area = _vertex_area(model)
-    places = (
-        mesh.vertices_m[tips.first],
-        np.einsum("mk,mki->mi", tips.weights, mesh.vertices_m[tips.second]),
-    )
-    out = lil_array(points.shape)
-    for pair in np.flatnonzero(tips.valid):
-        for place, sign in ((places[0][pair], 1.0), (places[1][pair], -1.0)):
-            away = mesh.vertices_m - place
-            weight = area * np.maximum(1 - np.einsum("vi,vi->v", away, away) / tip_radius_m**2, 0.0)
-            if not weight.any():
-                # The tip is smaller than the mesh cells: a point load.
-                weight[np.argmin(np.einsum("vi,vi->v", away, away))] = 1.0
-            weight /= weight.sum()
-            for vertex in np.flatnonzero(weight):
-                for axis in range(3):
-                    out[6 * vertex + axis, pair] += sign * weight[vertex] * tips.direction[pair, axis]
-    return csc_array(out)
+    vertices = model.mesh.vertices_m
+    places = np.stack([vertices[tips.first], np.einsum("mk,mki->mi", tips.weights, vertices[tips.second])])
+    square = ((vertices - places[:, :, None]) ** 2).sum(axis=3)
+    weight = _vertex_area(model) * np.maximum(1 - square / tip_radius_m**2, 0.0)
+    # A tip that is smaller than the mesh cells is a point load.
+    nearest = np.arange(model.nodes) == square.argmin(axis=2)[..., None]
+    weight = np.where(weight.any(axis=2, keepdims=True), weight, nearest)
+    first, second = weight / weight.sum(axis=2, keepdims=True)
+    out = np.zeros((model.nodes, 6, len(tips)))
+    out[:, :3] = np.einsum("m,mv,mi->vim", tips.valid, first - second, tips.direction)
+    return csc_array(out.reshape(-1, len(tips)))
 
 
 def couple(model: ShellModel, tips: DualTips, *, tip_radius_m: float = 0.0) -> GraspCoupling:

@@ -30,8 +30,7 @@ from .quantities import quantity as quantity
 from .resample import Wall as Wall
 from .resample import find_wall as find_wall
 from .symmetry_reduction import SymmetricPart as SymmetricPart
-from .symmetry_reduction import Symmetry as Symmetry
-from .symmetry_reduction import detect_symmetry as detect_symmetry
+from .symmetry_reduction import is_round as is_round
 from .symmetry_reduction import symmetric_part as symmetric_part
 from .symmetry_reduction import turned as turned
 from .variants import draw_variant as draw_variant

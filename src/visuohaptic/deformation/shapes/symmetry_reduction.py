@@ -20,15 +20,6 @@ from .mesher import ShellObject
 TOLERANCE = 1e-6
 
 
-@dataclass(frozen=True, slots=True)
-class Symmetry:
-    """Symmetries of an object, within a tolerance relative to its size."""
-
-    mirror_x: bool  #: x to -x
-    mirror_y: bool  #: y to -y
-    round: bool  #: any rotation that the mesh allows, at least a quarter turn
-
-
 @dataclass(frozen=True, eq=False)
 class SymmetricPart:
     """A part that represents ``copies`` copies of itself.
@@ -172,8 +163,10 @@ def symmetric_part(
     )
 
 
-def detect_symmetry(container: ShellObject) -> Symmetry:
-    """Find the symmetries of a container: images of its vertices fall on vertices with the same wall.
+def is_round(container: ShellObject) -> bool:
+    """Whether a container is invariant under the rotations that its mesh allows, at least a quarter turn.
+
+    Images of its vertices fall on vertices with the same wall.
 
     Parameters
     ----------
@@ -195,11 +188,7 @@ def detect_symmetry(container: ShellObject) -> Symmetry:
     wall = counts == np.bincount(counts).argmax()
     even = bool((most - least < TOLERANCE * size)[wall].mean() > 0.95)
     quarter = points[:, [1, 0, 2]] * np.array([-1.0, 1.0, 1.0])
-    return Symmetry(
-        _image(whole, 0) is not None,
-        _image(whole, 1) is not None,
-        even and _falls_on(whole, quarter) is not None,
-    )
+    return even and _falls_on(whole, quarter) is not None
 
 
 def _image(container: ShellObject, axis: int) -> Int[np.ndarray, "v"] | None:

@@ -3,7 +3,6 @@ from .corotational import PressureLaw as PressureLaw
 from .corotational import ShellState as ShellState
 from .factor import Factor as Factor
 from .factor import factorise as factorise
-from .factor import sparse_matrix as sparse_matrix
 from .fourier_shell import RevolutionShell as RevolutionShell
 from .fourier_shell import pinch_stiffness as pinch_stiffness
 from .laminate import Laminate as Laminate

@@ -307,34 +307,3 @@ def _assembled_front(
     if diagonal is not None:
         f11.flat[:: inside + 1] += diagonal[tree.order[begin:end]].ravel()
     return f11, f21, f22, f12
-
-
-def sparse_matrix(
-    matrices: Float[np.ndarray, "e s s"],
-    elements: Int[np.ndarray, "e corners"],
-    nodes: int,
-    diagonal: Float[np.ndarray, "v k"] | None = None,
-) -> Any:
-    """The sum of element matrices as a scipy CSC array, for other solvers.
-
-    Parameters
-    ----------
-    matrices
-        Element matrices; degrees of freedom of a node are adjacent.
-    elements
-        Nodes of each element.
-    nodes
-        Number of nodes.
-    diagonal
-        Added to the diagonal, by node and degree of freedom.
-    """
-    from scipy.sparse import coo_array, diags_array
-
-    size = matrices.shape[1] // elements.shape[1]
-    dofs = (np.asarray(elements)[:, :, None] * size + np.arange(size)).reshape(len(elements), -1)
-    rows = np.repeat(dofs, dofs.shape[1], axis=1).ravel()
-    columns = np.tile(dofs, (1, dofs.shape[1])).ravel()
-    total = coo_array((matrices.ravel(), (rows, columns)), shape=(nodes * size,) * 2).tocsc()
-    if diagonal is not None:
-        total = (total + diags_array(diagonal.ravel())).tocsc()
-    return total

@@ -18,7 +18,7 @@ from ...core.errors import InputError
 from ...core.geometry import area_vectors
 from ...core.objects import Material
 from ...core.ranges import POSITIVE, above, check_numbers, finite_array
-from .factor import Factor, factorise, sparse_matrix
+from .factor import Factor, factorise
 from .laminate import Laminate, wall_directions
 from .ordering import FrontTree, front_tree
 from .shell_material import IsotropicMaterial
@@ -184,13 +184,8 @@ class ShellModel:
         return front_tree(self.mesh.vertices_m, self.mesh.faces)
 
     @cached_property
-    def stiffness_matrix(self) -> Any:
-        """K (6v, 6v) as a scipy CSC array, with springs but without supports: see ``free``."""
-        return sparse_matrix(self.element_matrices, self.mesh.faces, self.nodes, self.springs)
-
-    @cached_property
     def free(self) -> Bool[np.ndarray, "n"]:
-        """Free degrees of freedom, in the order of ``stiffness_matrix``."""
+        """Free degrees of freedom, node by node."""
         return ~self.fixed.ravel()
 
     @cached_property
