@@ -15,9 +15,9 @@ HDPE = IsotropicMaterial.of("HDPE")
 Z = np.linspace(0.0, 0.15, 61)
 
 
-def tube(a_m: float, squash: float, closed: bool, **contents: float) -> OvalContainer:
-    outline = np.column_stack([np.full(61, a_m), Z])
-    return oval_container(outline, squash, np.full(61, 7e-4), HDPE, closed=closed, **contents)
+def tube(a_m: float, squash: float, closed: bool, fill: float = 0.0) -> OvalContainer:
+    wall = np.column_stack([np.full(61, a_m), Z, np.full(61, 7e-4)])
+    return oval_container(wall, (squash, 0.0), HDPE, closed=closed, fill=fill)
 
 
 def stiffness(felt: DeformableContainer, height_m: float) -> float:
@@ -38,6 +38,7 @@ def test_a_round_tube_is_as_stiff_as_a_shell_of_revolution(closed: bool) -> None
 def test_an_elliptic_tube_is_as_stiff_as_one_of_triangle_shells() -> None:
     found = tube(0.042, 0.62, True)
     described = ContainerDescription(
+        name="oval",
         base=Base(shape="ellipse", radius=(0.042, 0.042), radius_y=(0.026, 0.026)),
         sections=[WallSection(height=(0.15, 0.15))], wall=(7e-4, 7e-4), material="HDPE", top=Top(kind="stiff"),
     )  # fmt: skip

@@ -102,14 +102,13 @@ def filled_container(
     filling: BulkFill = WATER_FILL,
     material: str = "PET",
     neck_m: float = NECK_M,
-    oval: tuple[float, float] = (1.0, 0.0),
-) -> DeformableContainer | OvalContainer:
-    """Force-deformation curve of a bottle with the given outline.
+) -> DeformableContainer:
+    """Force-deformation curve of a round bottle with the given outline.
 
     Parameters
     ----------
     outline_m
-        Radius and height (k, 2) [m]; the larger half-axis if it is not round.
+        Radius and height (k, 2) [m].
     wall_m
         Thickness of the wall [m].
     closed
@@ -124,28 +123,28 @@ def filled_container(
         Name of its material.
     neck_m
         Thickness of the uppermost tenth, where it is larger than that of the wall [m].
-    oval
-        Ratio of the half-axes, 1 for a round one, and direction of the smaller one [rad].
     """
-    z = np.linspace(outline_m[0, 1], outline_m[-1, 1], 81)
-    r = np.interp(z, outline_m[:, 1], outline_m[:, 0])
-    thickness = np.where(z > 0.9 * z[-1], max(neck_m, wall_m), wall_m)
+    wall, mass = _wall(outline_m, max(neck_m, wall_m), wall_m)
+    r, z, thickness = wall.T
     # A relative change of the modulus changes the force equally: represented by the thickness, by its third power.
-    felt, (squash, yaw_rad) = thickness * stiffer ** (1 / 3), oval
-    mean = (0.5 + 0.5 * squash) * r
-    step = np.hypot(np.diff(mean), np.diff(z))
-    area = 2 * math.pi * 0.5 * (mean[1:] + mean[:-1]) * step
-    mass = DENSITY * float((area * 0.5 * (thickness[1:] + thickness[:-1])).sum())
-    if squash < 1.0:
-        return oval_container(
-            np.column_stack([r, z]), squash, felt, IsotropicMaterial.of(material), closed=closed, fill=fill,
-            filling=filling, yaw_rad=yaw_rad, mass_kg=mass,
-        )  # fmt: skip
-    shell = RevolutionShell(r, z, felt, rim_held=closed)
+    shell = RevolutionShell(r, z, thickness * stiffer ** (1 / 3), rim_held=closed)
     return DeformableContainer.of_revolution(
         "closed" if closed else "open", shell, material, closed=closed, fill=fill, mass_kg=mass, max_m=0.01,
         filling=filling,
     )  # fmt: skip
+
+
+def _wall(
+    outline_m: Float[np.ndarray, "k 2"], neck_m: float, wall_m: float, squash: float = 1.0
+) -> tuple[Float[np.ndarray, "n 3"], float]:
+    """Radius, height and thickness from the foot up [m], and the mass [kg]; oval, the radius is the larger half-axis."""
+    z = np.linspace(outline_m[0, 1], outline_m[-1, 1], 81)
+    r = np.interp(z, outline_m[:, 1], outline_m[:, 0])
+    thickness, mean = np.where(z > 0.9 * z[-1], neck_m, wall_m), (0.5 + 0.5 * squash) * r
+    step = np.hypot(np.diff(mean), np.diff(z))
+    area = 2 * math.pi * 0.5 * (mean[1:] + mean[:-1]) * step
+    mass = DENSITY * float((area * 0.5 * (thickness[1:] + thickness[:-1])).sum())
+    return np.column_stack([r, z, thickness]), mass
 
 
 def container_of_outline(outline_m: Float[np.ndarray, "k 2"], squash: float = 1.0) -> ContainerDescription:
@@ -238,17 +237,21 @@ def _random_container(
     closed, wet, dry = today.random(3) < (0.0 if name in CUPS else 0.5, 0.65, 0.25)
     fill = float(today.uniform(0.02, 1.0)) if wet else 0.0
     turn = float(rng.uniform(0, math.pi)) if opaque else 0.0
-    container = filled_container(
-        outline,
-        wall,
-        closed=bool(closed),
-        fill=fill,
-        stiffer=stiffer,
-        filling=GRAIN_FILL if dry else WATER_FILL,
-        material="PET" if name == UNKNOWN else load_container(name).material,
-        neck_m=0.0 if name in CUPS else NECK_M,
-        oval=(squash, turn),
-    )
+    filling = GRAIN_FILL if dry else WATER_FILL
+    material = "PET" if name == UNKNOWN else load_container(name).material
+    neck = 0.0 if name in CUPS else NECK_M
+    container: DeformableContainer | OvalContainer
+    if squash == 1.0:
+        container = filled_container(
+            outline, wall, closed=bool(closed), fill=fill, stiffer=stiffer, filling=filling,
+            material=material, neck_m=neck,
+        )  # fmt: skip
+    else:
+        oval, mass = _wall(outline, neck, wall, squash)
+        elastic = IsotropicMaterial.of(material).stiffer(stiffer)
+        container = oval_container(
+            oval, (squash, turn), elastic, closed=bool(closed), fill=fill, filling=filling, mass_kg=mass
+        )
     name = next((group for group, members in GROUPS.items() if name in members), name)
     return _on_the_table(
         name if name in TAUGHT else UNKNOWN,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -109,39 +110,20 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     """
     known, bottle = mission.known, place_bottle(mission)
     _, hand = hand_of_mission(mission)
-    object_m, begin_s = _foot_m(known), hand.arm.pose()[0]
-    classes = mission_classes()
-    if known.outline_errors is not None:
-        classes = with_outline(classes, known.outline_m, known.outline_errors)
-    squeezer = BayesSqueezer(
-        classes, float(known.outline_m[-1, 1]), HEIGHTS, mission.rng(32), odds=_odds(mission),
-        readings=known.readings, yaw_rad=known.wide_rad,
-    )  # fmt: skip
-    settings = ClassifySettings(
-        confidence=CONFIDENCE,
-        min_squeezes=1 if mission.known_bottle is not None else MIN_SQUEEZES,
-        squeezes=MAX_SQUEEZES,
-        squeeze=SqueezeSettings(object_m=object_m, open_m=_open_m(known)),
-    )
-    found = classify_by_squeezing(hand, squeezer, settings)
-    if known.squash < 1.0:
-        likely = {name: p for name, p in found.belief.items() if name not in NO_ROUND}
-        right = {name: OVAL_RIGHT * p + (1.0 - OVAL_RIGHT) * (1.0 - p) for name, p in likely.items()}
-        found = replace(found, belief=right)
+    object_m = _foot_m(known)
+    found, history = _classified(mission, hand)
     ranked = _report_classes(mission, found)
-    known.curves += found.curves
-    known.belief = replace(known.belief, classes=found.belief)
-    mission.record_cost(hand.arm.pose()[0] - begin_s, len(found.curves))
     if not found.ending.success and not (
         mission.attempt and found.ending.outcome == ClassifyOutcome.UNDECIDED
     ):
         return failed(f"{found.ending.outcome}: {found.ending.why} ({ranked})")
-    named = "like none of the classes that are known" if found.best == UNKNOWN else f"a {found.best}"
+    article = "an" if found.best[:1] in "aeiou" else "a"
+    named = "like none of the classes that are known" if found.best == UNKNOWN else f"{article} {found.best}"
     called = f"it is {named}"
     # After another squeeze it continues with the most probable class, without claiming it: the measurements correct the map.
     model_wall_m = _take_class(known, found.best)
     if known.squash < 1.0:
-        return _weigh_the_oval(mission, found, called, belief_figure(squeezer.history(), found.curves[-1]))
+        return _weigh_the_oval(mission, found, called, belief_figure(history, found.curves[-1]))
     if known.class_model.base.shape != "circle":
         return failed(f"it is taken for {found.best}, whose contents cannot be identified in this way")
     stiffness = [(curve.place.height_m, curve.stiffness_N_per_m) for curve in known.curves]
@@ -154,7 +136,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
         Measure("squeezes for the class", len(known.curves)),
         Measure("wall [mm]", 1e3 * wall, 1e3 * bottle.wall_m),
         Illustration(
-            belief_figure(squeezer.history(), contents.curves[-1]),
+            belief_figure(history, contents.curves[-1]),
             "Probability of the classes, and the last squeeze, which determines the lid",
         ),
     ]
@@ -172,6 +154,33 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     lid = "" if contents.confident else "whether it is closed stays undecided: "
     why = f"{called} (probability {found.belief[found.best]:.2f}, {gentle}), {lid}{contents.why}"
     return done(why, *_contents_claims(found, contents, bottle), *parts)
+
+
+def _classified(mission: Mission, hand: Hand) -> tuple[Classification, list[Mapping[str, float]]]:
+    """Squeeze until the class is certain; also the probabilities after each squeeze."""
+    known, begin_s = mission.known, hand.arm.pose()[0]
+    classes = mission_classes()
+    if known.outline_errors is not None:
+        classes = with_outline(classes, known.outline_m, known.outline_errors)
+    squeezer = BayesSqueezer(
+        classes, float(known.outline_m[-1, 1]), HEIGHTS, mission.rng(32), odds=_odds(mission),
+        readings=known.readings, yaw_rad=known.wide_rad,
+    )  # fmt: skip
+    settings = ClassifySettings(
+        confidence=CONFIDENCE,
+        min_squeezes=1 if mission.known_bottle is not None else MIN_SQUEEZES,
+        squeezes=MAX_SQUEEZES,
+        squeeze=SqueezeSettings(object_m=_foot_m(known), open_m=_open_m(known)),
+    )
+    found = classify_by_squeezing(hand, squeezer, settings)
+    if known.squash < 1.0:
+        likely = {name: p for name, p in found.belief.items() if name not in NO_ROUND}
+        right = {name: OVAL_RIGHT * p + (1.0 - OVAL_RIGHT) * (1.0 - p) for name, p in likely.items()}
+        found = replace(found, belief=right)
+    known.curves += found.curves
+    known.belief = replace(known.belief, classes=found.belief)
+    mission.record_cost(hand.arm.pose()[0] - begin_s, len(found.curves))
+    return found, squeezer.history()
 
 
 def mission_classes() -> HapticModel:

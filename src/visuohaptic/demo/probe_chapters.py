@@ -54,9 +54,9 @@ NEAR_M = 0.13
 SURFACE_M, EDGE_M = 5e-4, 1e-3
 #: Probability that something transparent is not found. The search is set to as many false ones.
 MISSED = 0.02
-#: Relative amplitude of an ellipse up to which a cross-section is round: half-way between round containers as seen (0.003 to
-#: 0.009) and 200 variants of each class that is not round (0.11 to 0.3).
-MAX_ELLIPSE = 0.06
+#: Ratio of its widths above which a cross-section is round: half-way between round containers as seen (0.98 to 0.99) and
+#: 200 variants of each class that is not round (0.54 to 0.8).
+ROUND = 0.89
 #: Search radius for the bottle around its axis [m].
 REACH_M = 0.065
 
@@ -165,9 +165,8 @@ def find_the_glass(mission: Mission) -> ChapterResult:
 def _find_the_opaque(mission: Mission, found: Reconstruction, picture: Illustration) -> ChapterResult:
     """An object whose whole outline is seen where nothing is transparent."""
     known, bottle = mission.known, place_bottle(mission)
-    foot, ellipse, wide_rad = standing_object(found.surface, np.zeros(2), NEAR_M, REACH_M)
-    oval = (1.0 - ellipse) / (1.0 + ellipse), wide_rad
-    known.squash, known.wide_rad = oval if ellipse > MAX_ELLIPSE else (1.0, 0.0)
+    foot, *oval = standing_object(found.surface, np.zeros(2), NEAR_M, REACH_M)
+    known.squash, known.wide_rad = oval if oval[0] < ROUND else (1.0, 0.0)
     surface = _as_round(axial_part(found.surface, foot, REACH_M), foot, known)
     outline = measured_outline(surface, foot, REACH_M)
     # Two slices may miss: a band without a wall is transparent, whether it is found or not.

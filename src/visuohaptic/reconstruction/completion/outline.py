@@ -80,7 +80,7 @@ def measured_outline(
 def standing_object(
     surface: SurfaceMesh, centre_m: Float[np.ndarray, "2"], near_m: float, reach_m: float
 ) -> tuple[Float[np.ndarray, "2"], float, float]:
-    """Upright axis of the opaque object that stands nearest to a place, and how far its cross-section is from a circle.
+    """Upright axis of the opaque object that stands nearest to a place, and the ellipse that is its cross-section.
 
     Parameters
     ----------
@@ -96,16 +96,15 @@ def standing_object(
     Returns
     -------
     tuple
-        x, y of the axis [m], the relative amplitude of the ellipse in its radius below the shoulder: 0 for a circle,
-        about half of the relative difference of the widths, and the direction of its larger width [rad]. Without a wall, the
-        axis is not finite.
+        x, y of the axis [m], the ratio of its widths below the shoulder: 1 for a circle, and the direction of the larger one
+        [rad]. Without a wall, the axis is not finite.
     """
     axis_m = np.asarray(centre_m, dtype=float)
     for reach in (near_m, reach_m, reach_m):
         part = axial_part(surface, axis_m, reach)
         wall = np.abs(part.face_normals[:, 2]) < MAX_WALL_NZ
         if np.count_nonzero(wall) < MIN_POINTS:
-            return np.full(2, np.nan), 0.0, 0.0
+            return np.full(2, np.nan), 1.0, 0.0
         points_m = part.vertices_m[part.faces[wall]].mean(axis=1)
         low, high = np.quantile(points_m[:, :2], (0.01, 0.99), axis=0)
         axis_m = 0.5 * (low + high)
@@ -113,9 +112,13 @@ def standing_object(
     theta, rho_m = polar(points_m, axis_m)
     # The first harmonic is the error of the axis.
     basis = np.column_stack([np.ones_like(theta), *(f(n * theta) for n in (1, 2) for f in (np.cos, np.sin))])
-    found = np.linalg.lstsq(basis, rho_m, rcond=None)[0]
-    ellipse, wide_rad = np.hypot(*found[3:]) / found[0], 0.5 * np.arctan2(found[4], found[3])
-    return axis_m + found[1:3], float(ellipse), float(wide_rad)
+    axis_m += np.linalg.lstsq(basis, rho_m, rcond=None)[0][1:3]
+    # Of an ellipse about its centre, the second harmonic of rho^-2 is the only one.
+    theta, rho_m = polar(points_m, axis_m)
+    basis = np.column_stack([np.ones_like(theta), -np.cos(2 * theta), -np.sin(2 * theta)])
+    mean, c, s = np.linalg.lstsq(basis, rho_m**-2.0, rcond=None)[0]
+    part = np.hypot(c, s) / mean
+    return axis_m, float(np.sqrt((1.0 - part) / (1.0 + part))), float(0.5 * np.arctan2(s, c))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

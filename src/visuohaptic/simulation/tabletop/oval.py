@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 #: Number of even harmonics, points of a section for its integrals, and heights.
 HARMONICS, POINTS, NODES = 14, 256, 61
+#: Maximum deformation of the curves [m].
+MAX_M = 0.01
 #: Gauss-Legendre points and weights of an element along the height.
 _GAUSS = np.polynomial.legendre.leggauss(3)
 
@@ -77,28 +79,23 @@ class OvalContainer:
 
 
 def oval_container(
-    outline_m: Float[np.ndarray, "k 2"],
-    squash: float,
-    thickness_m: Float[np.ndarray, "k"],
+    wall_m: Float[np.ndarray, "k 3"],
+    oval: tuple[float, float],
     material: IsotropicMaterial,
     *,
     closed: bool = False,
     fill: float = 0.0,
     filling: BulkFill = WATER_FILL,
-    yaw_rad: float = 0.0,
     mass_kg: float = 0.05,
-    max_m: float = 0.01,
 ) -> OvalContainer:
     """Force-deformation curves of an upright container with similar ellipses as cross-sections.
 
     Parameters
     ----------
-    outline_m
-        Larger half-axis, and height (k, 2) [m], from the foot upwards.
-    squash
-        Ratio of the half-axes, at most 1.
-    thickness_m
-        Thickness of the wall there [m].
+    wall_m
+        Larger half-axis, height, and thickness of the wall (k, 3) [m], from the foot upwards.
+    oval
+        Ratio of the half-axes, at most 1, and direction from one narrow side to the other [rad].
     material
         Material of the wall.
     closed
@@ -107,15 +104,11 @@ def oval_container(
         Fraction of the volume that is filled; the weight of the filling is always included.
     filling
         Filling.
-    yaw_rad
-        Direction from one narrow side to the other [rad].
     mass_kg
         Mass of the empty container [kg].
-    max_m
-        Maximum deformation of the curves [m].
     """
-    z = np.linspace(outline_m[0, 1], outline_m[-1, 1], NODES)
-    r, t = (np.interp(z, outline_m[:, 1], values) for values in (outline_m[:, 0], thickness_m))
+    z, (squash, yaw_rad) = np.linspace(wall_m[0, 1], wall_m[-1, 1], NODES), oval
+    r, t = (np.interp(z, wall_m[:, 1], wall_m[:, k]) for k in (0, 2))
     section = _Section.of(squash, material.poisson_ratio)
     areas = math.pi * squash * r**2
     volume = float(np.sum(0.5 * (areas[1:] + areas[:-1]) * np.diff(z)))
@@ -125,7 +118,7 @@ def oval_container(
         gas = AIR_PA / air_m3
         tips = tips - 2.0 * gas * moved**2 / (1.0 + gas * swells)
     inner = slice(1, -1 if closed else None)
-    depth = max_m * np.linspace(0.0, 1.0, 25) ** 2
+    depth = MAX_M * np.linspace(0.0, 1.0, 25) ** 2
     total = mass_kg + filling.kg_per_m3 * fill * volume
     narrow, wide = (
         DeformableContainer("oval", z[inner], half * r[inner], depth, depth / tips[axis, inner, None], total)

@@ -55,6 +55,7 @@ class BayesSqueezer:
     yaw_rad: float = 0.0
     readings: list[TouchReading] = field(default_factory=list)
     _requested: tuple[int, str] = (0, "x")
+    _missed: set[tuple[int, str]] = field(default_factory=set)  #: requested, but not felt
 
     def next_place(self) -> Place | None:
         """The squeeze with the largest expected information gain per time; ``None`` if none is left."""
@@ -62,11 +63,12 @@ class BayesSqueezer:
         gains = {
             touch: value
             for touch, value in gains.items()
-            if END_LEVELS <= touch[0] <= self.levels - END_LEVELS
+            if END_LEVELS <= touch[0] <= self.levels - END_LEVELS and touch not in self._missed
         }
         if not gains:
             return None
         self._requested = max(gains, key=lambda touch: gains[touch][0] / gains[touch][1])
+        self._missed.add(self._requested)
         level, axis = self._requested
         angle_rad = math.remainder(self.yaw_rad + (0.0 if axis == "x" else 0.5 * math.pi), math.pi)
         return Place((level - 0.5) / self.levels * self.height_m, angle_rad)
@@ -80,6 +82,7 @@ class BayesSqueezer:
             Force against deformation there.
         """
         level, axis = self._requested
+        self._missed.discard(self._requested)
         self.readings.append(
             TouchReading(level, axis, (curve_fit(curve), None), 2.0 * curve.surface_m, self.height_m)
         )

@@ -50,7 +50,7 @@ class ClassifySettings:
     confidence: float = 0.9
     min_squeezes: int = 1  #: minimum number of squeezes before a class is accepted
     squeezes: int = 8  #: maximum number of squeezes
-    misses: int = 2  #: number of consecutive places without contact that ends the task
+    misses: int = 2  #: number of consecutive places without contact, or a readable sensor, that ends the task
     squeeze: SqueezeSettings = field(default_factory=SqueezeSettings)
 
     def __post_init__(self) -> None:
@@ -110,15 +110,14 @@ def classify_by_squeezing(
             break
         done = squeeze(hand, [place], settings.squeeze)
         traces.append(done.trace)
-        if done.ending.outcome not in (SqueezeOutcome.SQUEEZED, SqueezeOutcome.SOME_MISSED):
-            return result(False, ClassifyOutcome.SENSOR_FAILED, f"{done.ending.outcome}: {done.ending.why}")
         if not done.ending.success:
             missed += 1
-            if missed >= settings.misses:
-                return result(
-                    False, ClassifyOutcome.NOTHING_FELT, f"{missed} places in succession without contact"
-                )
-            continue
+            if missed < settings.misses:
+                continue
+            if done.ending.outcome == SqueezeOutcome.SOME_MISSED:
+                why = f"{missed} places in succession without contact"
+                return result(False, ClassifyOutcome.NOTHING_FELT, why)
+            return result(False, ClassifyOutcome.SENSOR_FAILED, f"{done.ending.outcome}: {done.ending.why}")
         missed = 0
         curves.extend(done.curves)
         classifier.update(done.curves[0])
