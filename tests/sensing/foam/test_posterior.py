@@ -100,11 +100,11 @@ def strip(rng, front, texture, *, shade=1.0, beyond="body", noise=2.0, blur=1.0)
 
 
 def texture_odds(rest, now, front, texture_part=1.0, variance=4.5) -> np.ndarray:
-    result, ones = np.empty((30, 8)), np.ones(30)
+    result, ones = np.empty((30, 7)), np.ones(30)
     lines = np.tile([0.0, 0.0, 0.0, 1.0, 1.0, 1.0], (30, 1))  # samples are pixels
     places = front * ones, 84.5 * ones, 0 * ones
     shadow_odds(now, rest, lines, *places, 1.0, 0.0 * ones, texture_part, variance, ones > 0, result)
-    return result[:, 0] / np.median(result[:, 6])
+    return result[:, 0] / np.median(result[:, 5])
 
 
 def test_texture_decides_where_a_shaded_foam_is_as_grey_as_the_floor() -> None:
@@ -157,11 +157,11 @@ def test_the_surface_of_a_body_close_to_the_front_at_rest_is_no_second_edge(beyo
     scenes = np.where(j < 85.0, foam, floor), np.where(j < 81.0, foam, other)
     rest, now = (gaussian_filter1d(one, 1.0, axis=2) for one in scenes)
     now = (now + 1.4 * rng.standard_normal(now.shape)).astype(np.float32)
-    found, against = np.empty((30, 8)), np.zeros((30, 6))
+    found, against = np.empty((30, 7)), np.zeros((30, 6))
     lines = np.tile([0.0, 0.0, 0.0, 1.0, 1.0, 1.0], (30, 1))
     places = 80.5 * ones, 84.5 * ones, 0 * ones, 1.0
     shadow_odds(now, np.rint(rest).astype(np.uint8), lines, *places, 0 * ones, 1.0, 2.0, ones > 0, found)
-    level_odds(found, ones, ones, 0 * ones, 175.0 * ones, 2.0, against)
+    level_odds(found, ones, ones, 175.0 * ones, 2.0, against)
     if beyond == "body":
         assert against[:, 1].max() < 0.0
     else:
@@ -180,11 +180,11 @@ def test_foam_in_a_shadow_is_at_rest_where_the_floor_lies_beyond_it(beyond, at_r
     )
     rest, now = (gaussian_filter1d(np.tile(one, (30, 5, 1)), 1.0, axis=2) for one in scenes)
     now = (now + 1.4 * rng.standard_normal(now.shape)).astype(np.float32)
-    found, against = np.empty((30, 8)), np.zeros((30, 6))
+    found, against = np.empty((30, 7)), np.zeros((30, 6))
     lines = np.tile([0.0, 0.0, 0.0, 1.0, 1.0, 1.0], (30, 1))
     places = 59.5 * ones, 84.5 * ones, 0 * ones, 1.0
     shadow_odds(now, np.rint(rest).astype(np.uint8), lines, *places, 0 * ones, 1.0, 2.0, ones > 0, found)
-    bare = level_odds(found, ones, ones, 0 * ones, 170.0 * ones, 2.0, against)
+    bare = level_odds(found, ones, ones, 170.0 * ones, 2.0, against)
     assert bare.min() > 0.9 if at_rest else bare.max() < 0.1
 
 
@@ -225,7 +225,7 @@ def test_a_sharp_edge_between_the_pixels_is_not_two_edges(phase) -> None:
         return found
 
     rest = np.rint(sampled(88.0, 80.0)).astype(np.uint8)
-    now, result = sampled(87.0, 30.0), np.empty((30, 8))
+    now, result = sampled(87.0, 30.0), np.empty((30, 7))
     lines = np.column_stack([base, down, ones, ones])
     front = (84.0 - phase) * ones, (85.0 - phase) * ones, 0.0 * ones
     shadow_odds(now, rest, lines, *front, blur, 0.0 * ones, 1.0, 1.0, ones > 0, result)

@@ -141,6 +141,7 @@ def _residuals(now, template, over, out, surface, first, last, mean, transfer, s
 #: Table of the complementary error function from -5 to 5, interpolated linearly: exact to 3e-6, 1/2000 of a grey level.
 _OVER, _STEPS = 5.0, 200.0
 _ERFC = np.array([math.erfc(i / _STEPS - _OVER) for i in range(int(2.0 * _OVER * _STEPS) + 2)])
+_ERFC[0], _ERFC[-2:] = 2.0, 0.0
 
 
 @kernel(nogil=True)
@@ -178,13 +179,7 @@ def _ramp(over, at, slope, width, taps, apart, first, last):
         for j in range(first, last + 1):
             scale = 1.0 / math.sqrt(2.0 * (width * width + taps[2, lane, j]))
             away, part = (x1 - taps[0, lane, j]) * scale, taps[1, lane, j]
-            other = away - apart * scale
-            if min(away, other) >= _OVER:
-                over[lane, j] = 0.0
-            elif max(away, other) <= -_OVER:
-                over[lane, j] = 1.0
-            else:
-                over[lane, j] = 0.5 * ((1.0 - part) * _beyond(away) + part * _beyond(other))
+            over[lane, j] = 0.5 * ((1.0 - part) * _beyond(away) + part * _beyond(away - apart * scale))
 
 
 @kernel(nogil=True)
@@ -255,11 +250,10 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
     tested
         Points to test, (K,).
     result
-        Filled, (K, 8): log-likelihood ratio of the texture of the zero image beyond the edge against none, for
+        Filled, (K, 7): log-likelihood ratio of the texture of the zero image beyond the edge against none, for
         independent pixels; log-likelihood ratio of a second edge at the front at rest against a single edge, where
         both are too close to be resolved; grey level between edge and front at rest, beyond it, and beyond it at rest;
-        largest distance of a second edge from the front at rest that the residuals permit [samples]; number of pixels
-        equivalent to one independent pixel; log-likelihood ratio of an edge that is softer than lens and motion make
+        number of pixels equivalent to one independent pixel; log-likelihood ratio of an edge that is softer than lens and motion make
         it, for independent pixels.
     """
     parallels, samples = now.shape[1], now.shape[2]
@@ -271,13 +265,13 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
     left, texture = np.zeros((parallels, samples)), np.zeros((parallels, samples))
     body = np.zeros((parallels, samples))
     for k in range(len(front)):
-        for i in range(8):
+        for i in range(7):
             result[k, i] = np.nan
         x0 = resting[k]
         first = max(int(min(front[k], x0) - EDGE * SOFTNESS * blur - 2.0), 0)
         last = min(int(x0 + EDGE * blur) + AHEAD, samples - 1)
-        edge = int(x0 - max(EDGE, 2.5) * blur)  # the template is foam up to here
-        if not tested[k] or edge < 4 or last - first < 6:
+        edge = int(x0 - 2.5 * blur)  # the template is foam up to here
+        if not tested[k] or edge < 4:
             continue
         mean, beyond = 0.0, 0.0
         begin = max(min(first, edge - BAND), 0)
@@ -299,10 +293,10 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
                 floors[1, lane, j] = scale * (rest[k, lane, j] - foam * (1.0 - p0)) if p0 > 0.0 else 0.0
                 bodies[1, lane, j] = floors[1, lane, j] / p0 if p0 > UNCOVERED else bodies[1, lane, j + 1]
         _ramp(over, front[k], slope[k], blur, taps, apart, first, last)
-        count, moving = parallels * (last + 1 - first), smear[k] > 0.5 * blur
+        count, sharp = parallels * (last + 1 - first), math.hypot(blur, smear[k])
         result[k, 4] = beyond
         if x0 - front[k] > 2.0 * EDGE * blur:
-            width, sharp, best, floor = blur, math.hypot(blur, smear[k]), 1e300, floors[0]
+            width, best, floor = blur, 1e300, floors[0]
             for i in range(2):
                 fit = _fit(
                     now[k], template, over, out, floors[i], first, last, mean, transfer, 1, normal, solution
@@ -317,15 +311,14 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
                 )
                 if fit < least:
                     least, width = fit, SOFTNESS**i * blur
-            result[k, 7] = 0.0
+            result[k, 6] = 0.0
             if width > sharp:
-                if moving:
-                    _ramp(over, front[k], slope[k], sharp, taps, apart, first, last)
-                    best = _fit(
-                        now[k], template, over, out, floor, first, last, mean, transfer, 1, normal, solution
-                    )
+                _ramp(over, front[k], slope[k], sharp, taps, apart, first, last)
+                best = _fit(
+                    now[k], template, over, out, floor, first, last, mean, transfer, 1, normal, solution
+                )
                 noise = variance * count
-                result[k, 7] = 0.5 * count * math.log(max(best, noise) / max(least, noise))
+                result[k, 6] = 0.5 * count * math.log(max(best, noise) / max(least, noise))
             given = template, over, out, floor, first, last, mean
             _ramp(over, front[k], slope[k], width, taps, apart, first, last)
             _fit(now[k], *given, 0.0, 1, normal, solution)
@@ -334,21 +327,18 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
             with_texture, count = _residuals(now[k], *given, transfer, solution, left, texture)
             noise = variance * max(count, 1)
             result[k, 0] = 0.5 * count * math.log(max(without, noise) / max(with_texture, noise))
-            result[k, 6] = _dependence(left, texture, first, last)
+            result[k, 5] = _dependence(left, texture, first, last)
             middle = 0.5 * (front[k] + x0)
             result[k, 2] = mean * (solution[1] + solution[2] * (middle - first) / 20.0)
             result[k, 3] = 100.0 * (solution[3] + solution[4] * (x0 - first) / 20.0)
-            # An edge at this distance would leave these residuals.
-            step = parallels * (result[k, 3] - result[k, 2]) ** 2
-            result[k, 5] = max(with_texture - noise, 0.0) / max(step, 1.0)
         else:
             given = first, last, mean, transfer
             # Foam that has moved: beyond it a body or the floor, with the shape of a blurred step or that of the front at rest;
             # and the better of them with the blur of its own motion.
             single, nearest = 1e300, 0
-            for i in range(4 if moving else 3):
+            for i in range(4):
                 if i == 3:
-                    _ramp(over, front[k], slope[k], math.hypot(blur, smear[k]), taps, apart, first, last)
+                    _ramp(over, front[k], slope[k], sharp, taps, apart, first, last)
                 behind = bodies[min(nearest if i == 3 else i, 1)]
                 _behind(behind, over, floors[1], i == 2, x0, front[k], slope[k], blur, body, first, last)
                 fit = _fit(now[k], template, over, out, body, *given, 0, normal, solution)

@@ -173,7 +173,7 @@ def texture_odds(bands, unary, against, gain):
 
 
 @kernel(nogil=True)
-def level_odds(found, dependence, gain, change, foam, variance, against):
+def level_odds(found, dependence, gain, foam, variance, against):
     """Log-odds of the edge of a shadow against that of a body, from the pixels between the edge and its position at rest.
 
     Returns the probability that the floor at rest lies beyond an edge, if it is that of a shadow, (K,).
@@ -183,12 +183,10 @@ def level_odds(found, dependence, gain, change, foam, variance, against):
     found
         From :func:`~visuohaptic.sensing.foam._posterior_kernels.shadow_odds`.
     dependence
-        Median of its seventh column over each point and its neighbours, because a point whose texture agrees by chance
+        Median of its sixth column over each point and its neighbours, because a point whose texture agrees by chance
         leaves residuals that seem independent, (K,).
     gain
         Illumination behind each edge relative to that at rest, NaN where unknown, (K,).
-    change
-        Range of its logarithm over neighbours, (K,).
     foam
         Mean grey level of the foam at rest, (K,).
     variance
@@ -217,13 +215,10 @@ def level_odds(found, dependence, gain, change, foam, variance, against):
         )
         odds = 0.0
         if math.isfinite(near):
-            # The edge of a shadow that crosses the strip changes the illumination between neighbouring points.
-            odds += (
-                ALIKE * min(max(0.5 * (change[k] / SAME_GREY) ** 2 - 3.0, -3.0), 3.0) + _INDEPENDENT * near
-            )
+            odds += _INDEPENDENT * near
         if math.isfinite(texture):
             # A front of foam is as sharp as lens and motion make it; neighbours share the softness of a shadow.
-            odds += (texture + ALIKE * found[k, 7]) / dependence[k]
+            odds += (texture + ALIKE * found[k, 6]) / dependence[k]
             sigma = math.hypot(SAME_GREY * light * foam[k], math.sqrt(variance))
             same = 0.3 * _density(beyond - light * floor, sigma)
             same += 0.3 * _density(beyond - between / foam[k] * floor, sigma)
@@ -231,8 +226,7 @@ def level_odds(found, dependence, gain, change, foam, variance, against):
             shaded = same + 0.2 / 255
             bare[k] = same / shaded
             # An edge of a body would have to coincide with the front at rest by chance.
-            chance = min(_BY_CHANCE * max(found[k, 5], 1.0), 1.0)
-            body = 0.6 * _density(beyond - between, sigma) + 0.4 / 255 * chance
+            body = 0.6 * _density(beyond - between, sigma) + 0.4 / 255 * _BY_CHANCE
             levels = ALIKE * math.log(shaded / body)
             odds += levels if math.isfinite(levels) else 0.0
         against[k, 1] = min(max(odds, -MAX_ODDS), MAX_ODDS)

@@ -248,6 +248,6 @@ def drop_bridged(
     for k in range(len(s)):
         kept[k] = seen[k]
         a, b = k - 1 if k > 0 else k + 1, k + 1 if k < len(s) - 1 else k - 1
-        if seen[a] and seen[k] and seen[b] and sigma[k] > 2.0 * max(sigma[a], sigma[b]):
+        if seen[a] and seen[k] and seen[b]:
             bridge(s, value, sigma, seen, k, k + 1, filled, error)
             kept[k] = not error[k] < sigma[k]

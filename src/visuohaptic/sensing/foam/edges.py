@@ -179,11 +179,11 @@ def light_shift_px(
         with np.errstate(invalid="ignore", divide="ignore"):
             step = np.diff(now / rest, axis=1)[:, 0] * rest.mean(axis=1) / strip.front.contrast
         local.append(np.where(np.isfinite(step), step, np.nan))
-    (shadow, error, _), *steps = (local_statistics(values) for values in local)
+    (shadow, error), *steps = (local_statistics(values) for values in local)
     # Values that neighbours have in common by chance are not attributed to light.
     unlike = np.abs(shadow) > _CHANCE_SIGMAS * error
     variance = _SHADOW_PART / (1.0 - _SHADOW_PART) * np.where(unlike, np.abs(shadow) - error, 0.0)
-    for step, error, _ in steps:
+    for step, error in steps:
         unlike = np.abs(step) > _CHANCE_SIGMAS * error
         variance += 0.125 * math.pi * blur**2 * np.where(unlike, step**2 - error**2, 0.0)
     result: Float[np.ndarray, "K"] = np.sqrt(np.where(np.isfinite(variance), variance, 0.0))
@@ -231,7 +231,7 @@ def with_cancelled_texture(
     """
     texture = np.maximum(sigma_m**2 - noise_m**2, 0.0)
     alike = np.where(clean, np.exp(-0.5 * (delta_m / pixel_m) ** 2), 0.0)
-    rest = alike > 0.6
+    rest = clean & (np.abs(delta_m) < pixel_m)
     middle = rest[:-2] & rest[1:-1] & rest[2:]
     if middle.sum() < SCATTER_POINTS:
         return sigma_m
@@ -274,28 +274,25 @@ def mean_between(
 
 
 @kernel(nogil=True)
-def local_statistics(values: Float[np.ndarray, "K"]) -> Float[np.ndarray, "3 K"]:
-    """Median over each point and ``BESIDE`` neighbours to either side, its standard error from their scatter, and their range.
+def local_statistics(values: Float[np.ndarray, "K"]) -> Float[np.ndarray, "2 K"]:
+    """Median over each point and ``BESIDE`` neighbours to either side, and its standard error from their scatter.
 
     Parameters
     ----------
     values
-        One value for each point, NaN where unknown; where all are unknown, the three are zero, (K,).
+        One value for each point, NaN where unknown; where all are unknown, both are zero, (K,).
     """
-    result = np.empty((3, len(values)))
+    result = np.zeros((2, len(values)))
     near, work = np.empty(2 * BESIDE + 1), np.empty(2 * BESIDE + 1)
     for k in range(len(values)):
-        count, low, high = 0, math.inf, -math.inf
+        count = 0
         for j in range(max(k - BESIDE, 0), min(k + BESIDE + 1, len(values))):
             if math.isfinite(values[j]):
                 near[count] = values[j]
-                low, high = min(low, values[j]), max(high, values[j])
                 count += 1
-        result[0, k], result[1, k], result[2, k] = 0.0, 0.0, 0.0
         if count > 0:
-            middle = median(near, count, work)
+            result[0, k] = median(near, count, work)
             for i in range(count):
-                near[i] = abs(near[i] - middle)
-            error = 1.4826 * median(near, count, work) * math.sqrt(0.5 * math.pi / count)
-            result[0, k], result[1, k], result[2, k] = middle, error, high - low
+                near[i] = abs(near[i] - result[0, k])
+            result[1, k] = 1.4826 * median(near, count, work) * math.sqrt(0.5 * math.pi / count)
     return result

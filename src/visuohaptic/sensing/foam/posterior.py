@@ -271,7 +271,7 @@ def _compare(
     transfer, variance = texture_odds(bands, unary, against, gain)
     if variance == 0.0:
         return np.ones(len(seen))
-    found = np.empty((len(seen), 8))
+    found = np.empty((len(seen), 7))
     lines = np.column_stack(
         [strip.reference_points_px, strip.front.lines.direction_px, strip.step_px, strip.across_px]
     )
@@ -281,9 +281,8 @@ def _compare(
     shadow_odds(strip.image, zero.image, lines, *places, transfer, variance, deflected | hidden, found)
     stop = int(0.9 * resting.min())
     foam = mean_between(zero.image, np.full((len(seen), 2), [float(stop // 2), float(stop)]))[:, 0]
-    change = local_statistics(np.log(np.maximum(gain, 1e-3)))[2]
-    dependence = local_statistics(np.ascontiguousarray(found[:, 6]))[0]
-    bare: Float[np.ndarray, "K"] = level_odds(found, dependence, gain, change, foam, variance, against)
+    dependence = local_statistics(np.ascontiguousarray(found[:, 5]))[0]
+    bare: Float[np.ndarray, "K"] = level_odds(found, dependence, gain, foam, variance, against)
     unary[:, SHADOW] += against[:, 1]
     # Without an edge, only texture tells foam in a shadow from anything else.
     textured = hidden & np.isfinite(found[:, 0])
