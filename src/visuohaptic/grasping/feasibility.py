@@ -141,7 +141,7 @@ def feasibility_map(
     with np.errstate(invalid="ignore", divide="ignore"):
         relative = np.nan_to_num(surface.stiffness_sigma_N_per_m / k, nan=0.0, posinf=0.0)
         limit = k * np.exp(-float(ndtri(task.confidence)) * relative) * task.parameters.max_deformation_m
-    slant = np.arccos(np.clip(np.minimum(scores.perpendicular, scores.opposite(scores.perpendicular)), -1, 1))
+    slant = scores.slant_rad
     needed = np.zeros(len(points))
     if load is not None:
         needed = required_force_N(load, first, second, slant, gripper, task.handling)

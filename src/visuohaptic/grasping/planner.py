@@ -330,10 +330,8 @@ def _success(
     """Probability that a grasp holds its load, times that of staying below the bound of the deformation."""
     from scipy.special import ndtr
 
-    cosine = np.minimum(scores.perpendicular, scores.opposite(scores.perpendicular))[[vertex]]
-    slant = np.arccos(np.clip(cosine, -1, 1))
     holds = success_probability(
-        found.force_N[[vertex]], found.needed_N[[vertex]], slant, load, task.gripper, task.handling,
+        found.force_N[[vertex]], found.needed_N[[vertex]], scores.slant_rad[[vertex]], load, task.gripper, task.handling,
         unloaded_sigma_N=found.unloaded_sigma_N[[vertex]],
     )  # fmt: skip
     margin = np.log(task.parameters.max_deformation_m / max(deformation_m, 1e-12))

@@ -70,6 +70,12 @@ class GraspScores:
         """S_G of both fingers: the smaller one of the point and its opposite."""
         return np.where(self.tips.valid, np.minimum(self.total, self.opposite(self.total)), 0.0)
 
+    @property
+    def slant_rad(self) -> Float[np.ndarray, "v"]:
+        """Larger angle of the two fingers between force and inward normal."""
+        cosine = np.minimum(self.perpendicular, self.opposite(self.perpendicular))
+        return np.arccos(np.clip(cosine, -1, 1))
+
     def opposite(self, values: Float[np.ndarray, "v"]) -> Float[np.ndarray, "v"]:
         """Values of a map at the other finger of each vertex.
 

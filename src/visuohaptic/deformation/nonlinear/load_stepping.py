@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
-from ..shells.corotational import CorotationalShell, ShellState, Tangent
+from ..shells.corotational import CorotationalShell, ShellState
 from .equilibrium_path import EquilibriumPath, PathPoint
 
 _log = logging.getLogger(__name__)
@@ -227,7 +227,8 @@ class _Walk:
     def run_arc(self, first: float, until: float) -> EquilibriumPath:
         points: list[PathPoint] = []
         _, tangent = self.shell.linearised(self.state)
-        arc = abs(first) * float(np.linalg.norm(self._lengths(self._solved(tangent, self.load))))
+        moved = tangent.solve(self.load.reshape(-1, 1)).reshape(self.load.shape)
+        arc = abs(first) * float(np.linalg.norm(self._lengths(moved)))
         longest = 8 * arc
         self.spent = 0
         shrunk = 0
@@ -346,6 +347,3 @@ class _Walk:
     def _lengths(self, step: np.ndarray) -> np.ndarray:
         # Only displacements count: rotations have another unit and follow from them.
         return step[:, :3]
-
-    def _solved(self, tangent: Tangent, load: np.ndarray) -> np.ndarray:
-        return tangent.solve(load.reshape(-1, 1)).reshape(load.shape)

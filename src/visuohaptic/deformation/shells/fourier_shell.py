@@ -72,9 +72,10 @@ def pinch_stiffness(
     material = IsotropicMaterial.of(material)
     size, meridian, hermite, tangent = _meridian(shell)
     held = np.zeros((len(shell.radius_m), 6), dtype=bool)
-    # The slope along the meridian stays free in the surface: only the wall's rotation is fixed.
+    # The slope along the meridian stays free in the surface: only the wall's rotation d(u . n)/dt is fixed. On an upright wall
+    # n is radial, on a flat one vertical; in between both slopes are fixed, which also prevents stretching at this one node.
     held[0, :3] = True
-    held[0, 3:] = _turn_held(tangent[0])
+    held[0, [5, 3]] = np.abs(tangent[0]) > 1e-6
     if shell.rim_held:
         held[-1, :3] = True
     chosen = np.arange(0, max(harmonics, 8), 2)
@@ -93,14 +94,6 @@ def pinch_stiffness(
     tail = parts[-1] * np.sum((last / np.arange(last + 2.0, 100 * last, 2)) ** 3)
     with np.errstate(divide="ignore"):
         return 0.5 / (parts.sum(axis=0) + tail)
-
-
-def _turn_held(tangent: Float[np.ndarray, "2"]) -> list[bool]:
-    # A clamp fixes d(u . n)/dt. On an upright wall n is radial, on a flat one vertical; in between
-    # both slopes are fixed, which also prevents stretching at this one node.
-    upright = abs(tangent[1]) > 1e-6
-    flat = abs(tangent[0]) > 1e-6
-    return [bool(upright), False, bool(flat)]
 
 
 def _meridian(

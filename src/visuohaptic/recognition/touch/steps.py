@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..data import Touch, TouchReading
-from ..trees.tree_nodes import ClassificationTree, feature_name, next_touch, scaled_features, scaling_touches
+from ..trees.tree_nodes import ClassificationTree, feature_name, scaled_features, scaling_touches
 from .belief import update_belief
 from .haptic_model import HapticModel
 
@@ -76,8 +76,7 @@ def tree_steps(tree: ClassificationTree, measured: Float[np.ndarray, "16 4"]) ->
         above = value > threshold
         steps.append((question, f"{'yes' if above else 'no'}, {value:.3g}"))
         node = int((tree.right if above else tree.left)[node])
-    _, leaf = next_touch(tree, measured)
-    return tuple(steps), tree.classes[int(tree.answer[leaf])]
+    return tuple(steps), tree.classes[int(tree.answer[node])]
 
 
 def planner_steps(

@@ -24,10 +24,7 @@ def pruned(tree: ClassificationTree, alpha: float) -> ClassificationTree:
     alpha
         Cost of a leaf, relative to the weight of all objects.
     """
-    from ._tree_kernels import cut_nodes
-
-    cost = alpha * tree.counts[0].sum()
-    cut = cut_nodes(tree.feature, tree.left, tree.right, _errors(tree), cost)
+    cut = _cut(tree, alpha * float(tree.counts[0].sum()))
     keep: list[int] = []
     stack = [0]
     while stack:
@@ -40,11 +37,11 @@ def pruned(tree: ClassificationTree, alpha: float) -> ClassificationTree:
     def renumbered(child: np.ndarray) -> np.ndarray:
         return np.array([-1 if cut[node] else place[int(child[node])] for node in keep], dtype=np.int64)
 
-    index = np.array(keep)
+    index, leaf = np.array(keep), np.array(cut)[keep]
     return replace(
         tree,
-        feature=np.where(cut[index], -1, tree.feature[index]),
-        threshold=np.where(cut[index], 0.0, tree.threshold[index]),
+        feature=np.where(leaf, -1, tree.feature[index]),
+        threshold=np.where(leaf, 0.0, tree.threshold[index]),
         left=renumbered(tree.left),
         right=renumbered(tree.right),
         counts=tree.counts[index],
@@ -59,12 +56,9 @@ def pruning_alphas(tree: ClassificationTree) -> Float[np.ndarray, "k"]:
     tree
         Unpruned tree.
     """
-    from ._tree_kernels import cut_nodes, weakest_link
-
-    found, error, total = [1e-6], _errors(tree), float(tree.counts[0].sum())
+    found, total = [1e-6], float(tree.counts[0].sum())
     while True:
-        cut = cut_nodes(tree.feature, tree.left, tree.right, error, found[-1] * total)
-        link = weakest_link(tree.feature, tree.left, tree.right, error, cut)
+        link = _weakest_link(tree, _cut(tree, found[-1] * total))
         if not np.isfinite(link):
             return np.array(found)
         found.append(max(link / total, found[-1]) * (1 + 1e-9))
@@ -80,8 +74,9 @@ def pruning_middles(tree: ClassificationTree) -> Float[np.ndarray, "k"]:
     tree
         Unpruned tree.
     """
-    ends = list(pruning_alphas(tree)[:1])
-    for alpha in pruning_alphas(tree)[1:]:
+    first, *others = pruning_alphas(tree)
+    ends = [first]
+    for alpha in others:
         if alpha > _NARROW * ends[-1]:
             ends.append(alpha)
     return np.sqrt(np.array(ends[:-1]) * np.array(ends[1:]))
@@ -124,6 +119,34 @@ def stratified_folds(
         out[rows] = (begin + np.arange(len(rows))) % folds
         begin += len(rows)
     return out
+
+
+def _cut(tree: ClassificationTree, cost: float) -> list[bool]:
+    """Nodes that are leaves of the smallest subtree with the lowest cost, given that of a leaf."""
+    best, cut = (_errors(tree) + cost).tolist(), [True] * len(tree.feature)
+    for node, left, right in _inner(tree)[::-1]:
+        below = best[left] + best[right]
+        if below < best[node] - 1e-9:
+            best[node], cut[node] = below, False
+    return cut
+
+
+def _weakest_link(tree: ClassificationTree, cut: list[bool]) -> float:
+    """Smallest increase of the error per removed leaf over the inner nodes of a pruned tree; infinite at the root alone."""
+    error = _errors(tree).tolist()
+    leaves, below, kept = [1] * len(error), list(error), {0}
+    inner = [one for one in _inner(tree) if not cut[one[0]]]
+    for node, left, right in inner[::-1]:
+        leaves[node], below[node] = leaves[left] + leaves[right], below[left] + below[right]
+    for node, left, right in inner:
+        kept |= {left, right} if node in kept else set()
+    return min(((error[k] - below[k]) / (leaves[k] - 1) for k, _, _ in inner if k in kept), default=np.inf)
+
+
+def _inner(tree: ClassificationTree) -> list[tuple[int, int, int]]:
+    """Inner nodes with their children, which come after their parents."""
+    every = zip(range(len(tree.feature)), tree.left.tolist(), tree.right.tolist(), strict=True)
+    return [one for one in every if tree.feature[one[0]] >= 0]
 
 
 def _errors(tree: ClassificationTree) -> Float[np.ndarray, "n"]:

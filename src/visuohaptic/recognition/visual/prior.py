@@ -136,7 +136,7 @@ class VisualPrior:
         if context:
             entry.context.update(set(context))
             entry.sightings += 1
-        self.forget_indexes()
+        self._images = self._views = None  # built again when they are asked for
 
     def add_object(self, obj: VisuoHapticObject, *, points: int = 3000) -> None:
         """Store the appearance of an object of the database.
@@ -225,12 +225,6 @@ class VisualPrior:
         matches, weight = self._matches(features)
         residual, poses = self._residuals(cloud)
         return VisualEvidence(self._log_prior(context), matches, weight, residual, poses)
-
-    def forget_indexes(self) -> None:
-        """Invalidate the search indexes after a change of the entries; the next query builds them again."""
-        self._images = self._views = None
-
-    # ---- internals
 
     def _log_prior(self, context: Sequence[str]) -> Float[np.ndarray, "objects"]:
         """Logarithm of 1 / N, and for each word of the ratio of its fractions, smoothed towards the average."""
