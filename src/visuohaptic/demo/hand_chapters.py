@@ -60,9 +60,9 @@ MOUTH = 1.55
 CLEAR_M, MAX_OPEN_M = 0.003, 0.11
 #: Classes of the classifier, including the unknown class.
 CLASSES = 6
-#: Odds of the classes of an object that is seen not to be round, and how many of those recognised with CONFIDENCE are right: 71 of
-#: 75 on open tables (``benchmarks.table_bottles --oval``), where an elliptic bottle of another brand can be like the class.
-NO_ROUND, OVAL_RIGHT = dict.fromkeys((*ROUND, *CUPS), 0.0), 0.95
+#: Odds of the classes of an object that is seen not to be round, and how many of those recognised with CONFIDENCE are right, by the
+#: rule of succession: 71 of 75 on open tables (``benchmarks.table_bottles --oval``), where another brand can be like the class.
+NO_ROUND, OVAL_RIGHT = dict.fromkeys((*ROUND, *CUPS), 0.0), (71 + 1) / (75 + 2)
 #: Above this fraction of the height the fingers may miss the rim: the height has an error of millimetres.
 TOP = 0.85
 
@@ -175,8 +175,9 @@ def _classified(mission: Mission, hand: Hand) -> tuple[Classification, list[Mapp
     found = classify_by_squeezing(hand, squeezer, settings)
     if known.squash < 1.0:
         likely = {name: p for name, p in found.belief.items() if name not in NO_ROUND}
-        right = {name: OVAL_RIGHT * p + (1.0 - OVAL_RIGHT) * (1.0 - p) for name, p in likely.items()}
-        found = replace(found, belief=right)
+        found = replace(
+            found, belief={n: OVAL_RIGHT * p + (1.0 - OVAL_RIGHT) * (1.0 - p) for n, p in likely.items()}
+        )
     known.curves += found.curves
     known.belief = replace(known.belief, classes=found.belief)
     mission.record_cost(hand.arm.pose()[0] - begin_s, len(found.curves))

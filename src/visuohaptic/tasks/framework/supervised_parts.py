@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -19,11 +19,13 @@ from ...core.robots import (
     ProbeArm,
     require_members,
 )
+from ._motion import SupervisedPart
 from .path_clearance import KnownObstacles
 from .supervisor import SupervisorCore
 from .watched_sensors import WatchedFrames, WatchedSenses, WatchedSensor, force_of
 
 ReadingT = TypeVar("ReadingT")
+DeviceT = TypeVar("DeviceT", bound=MobileBase | ProbeArm | Gripper)
 #: Minimum distance from its target of a commanded part whose constant readings mean that they are frozen, or that it is held [m].
 STANDING_M = 1e-3
 #: Minimum motion between two readings that changes any pose [m or rad]: the last digit is 1e-11 m within 10 km.
@@ -161,14 +163,31 @@ class Supervisor(SupervisorCore):
         return watched
 
 
-class _SupervisedBase(MobileBase):
+class _Supervised(SupervisedPart, Generic[DeviceT]):
+    """What all wrapped parts have in common."""
+
+    def __init__(self, guard: SupervisorCore, device: DeviceT) -> None:
+        self._guard, self._device = guard, device
+        guard.register(self)
+
+    def stop(self) -> None:
+        """Stop, and hold the present state."""
+        self._guard.release(self)
+
+    def halt(self) -> None:
+        self._device.stop()
+
+    def only_opens(self) -> bool:
+        return False
+
+
+class _SupervisedBase(_Supervised[MobileBase], MobileBase):
     name = "the base"
 
     def __init__(self, guard: SupervisorCore, device: MobileBase) -> None:
-        self._guard, self._device = guard, device
         self._velocities = (0.0, 0.0)
         self._last: BaseState | None = None
-        guard.register(self)
+        super().__init__(guard, device)
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
         """Set the velocities, within the limits."""
@@ -184,10 +203,6 @@ class _SupervisedBase(MobileBase):
         )
         self._velocities = (speed_m_s / part, turn_rate_rad_s / part)
         self._guard.request(self)
-
-    def stop(self) -> None:
-        """Stop the base."""
-        self._guard.release(self)
 
     def state(self) -> BaseState:
         """Newest odometry."""
@@ -210,9 +225,6 @@ class _SupervisedBase(MobileBase):
     def execute(self) -> None:
         self._device.drive(*self._velocities)
 
-    def halt(self) -> None:
-        self._device.stop()
-
     def pressing(self) -> tuple[float, float]:
         return self._velocities
 
@@ -222,9 +234,6 @@ class _SupervisedBase(MobileBase):
         (speed, turn), (pressed, turned) = self._velocities, pressing
         # Turning on the spot, a disc is freed by turning back, and by driving backwards.
         return speed * pressed < 0.0 if pressed else speed < 0.0 or turn * turned < 0.0
-
-    def only_opens(self) -> bool:
-        return False
 
 
 def _pose(state: BaseState) -> tuple[float, float, float]:
@@ -252,16 +261,16 @@ def _leap(name: str, step_m: float, passed_s: float, max_speed_m_s: float, guard
     return f"{name} reports a motion of {step_m:.2f} m in {passed_s:.2f} s"
 
 
-class _SupervisedArm(ProbeArm):
+class _SupervisedArm(_Supervised[ProbeArm], ProbeArm):
     name = "the arm"
 
     def __init__(self, guard: SupervisorCore, device: ProbeArm, obstacles: KnownObstacles | None) -> None:
-        self._guard, self._device, self._obstacles = guard, device, obstacles
+        self._obstacles = obstacles
         self._target, self._speed_m_s = Pose.identity(), 0.0
         self._felt_from: Pose | None = None  #: start of the last motion, if it was slow enough for contact
         self._tip_m, self._t_s = np.full(3, math.nan), math.nan
         self._frozen = False
-        guard.register(self)
+        super().__init__(guard, device)
 
     def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
         """Move the tip in a straight line, within the limits."""
@@ -297,10 +306,6 @@ class _SupervisedArm(ProbeArm):
                 f"move_linear: the tool comes within {path}; approach from elsewhere, or slower"
             )
 
-    def stop(self) -> None:
-        """Hold the present pose."""
-        self._guard.release(self)
-
     def pose(self) -> tuple[float, Pose]:
         """Newest time [s] and pose of the tip in the base frame."""
         t_s, pose = self._device.pose()
@@ -325,9 +330,6 @@ class _SupervisedArm(ProbeArm):
     def execute(self) -> None:
         self._device.move_linear(self._target, self._speed_m_s)
 
-    def halt(self) -> None:
-        self._device.stop()
-
     def pressing(self) -> Float[np.ndarray, "3"] | None:
         moves_m = self._target.translation_m - self._tip_m
         return None if float(np.linalg.norm(moves_m)) <= STANDING_M else moves_m
@@ -336,19 +338,15 @@ class _SupervisedArm(ProbeArm):
         moves_m = self._target.translation_m - self._tip_m
         return pressing is None or float(moves_m @ np.asarray(pressing)) < 0.0
 
-    def only_opens(self) -> bool:
-        return False
 
-
-class _SupervisedGripper(Gripper):
+class _SupervisedGripper(_Supervised[Gripper], Gripper):
     name = "the gripper"
 
     def __init__(self, guard: SupervisorCore, device: Gripper) -> None:
-        self._guard, self._device = guard, device
         self._target_m = self._speed_m_s = 0.0
         self._opening_m, self._frozen = math.nan, False
         self._widest_m = math.nan  #: widest opening that it may have reached since the last fresh reading
-        guard.register(self)
+        super().__init__(guard, device)
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
         """Move to an opening, within the limits."""
@@ -357,10 +355,6 @@ class _SupervisedGripper(Gripper):
         self._target_m = opening_m
         self._speed_m_s = min(speed_m_s, self._guard.limits.max_finger_speed_m_s)
         self._guard.request(self)
-
-    def stop(self) -> None:
-        """Hold the present opening."""
-        self._guard.release(self)
 
     def state(self) -> GripperState:
         """Newest reading."""
@@ -377,9 +371,6 @@ class _SupervisedGripper(Gripper):
         if self._target_m > self._widest_m:
             self._widest_m = self._target_m
         self._device.move(self._target_m, self._speed_m_s)
-
-    def halt(self) -> None:
-        self._device.stop()
 
     def pressing(self) -> float:
         return self._target_m - self._opening_m
