@@ -46,7 +46,10 @@ def test_sigma_is_true_where_both_sensors_are_as_noisy_as_the_squeeze_is_small()
     d = np.linspace(0.0001, 0.0018, 24)
     fits = [
         fit_curve(
-            d + rng.normal(0, noise.deformation_m, 24), 1000 * d + rng.normal(0, noise.force_N, 24), noise
+            d + rng.normal(0, noise.deformation_m, 24),
+            1000 * d + rng.normal(0, noise.force_N, 24),
+            noise,
+            from_contact=True,
         )
         for _ in range(800)
     ]
@@ -80,7 +83,10 @@ def test_what_hardly_moves_is_as_compliant_as_its_noise_lets_one_think(stiffness
     rng = np.random.default_rng(2)
     f = np.linspace(20 / 6, 20, 6)
     d = f / stiffness
-    fits = [fit_curve(d + rng.normal(0, 1e-4, 6), f + rng.normal(0, 0.1, 6)) for _ in range(1500)]
+    fits = [
+        fit_curve(d + rng.normal(0, 1e-4, 6), f + rng.normal(0, 0.1, 6), from_contact=True)
+        for _ in range(1500)
+    ]
     sigma = 1e-4 / np.sqrt(f @ f)
     # Expectation over the readings by quadrature: the trapezoidal rule converges geometrically on a Gaussian integrand.
     z = np.linspace(-7, 7, 141)
