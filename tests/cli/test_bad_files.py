@@ -169,6 +169,7 @@ def test_one_line_and_code_2(desk, capsys, command, kind):
         "stiffness cup --around 0",
         "stiffness cup --around 24.5",
         "objects add a --seen nan 0 0",
+        "objects add a --context kitchen",
     ],
 )
 def test_numbers_out_of_range_are_one_line_too(desk, capsys, command):

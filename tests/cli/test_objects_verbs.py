@@ -28,8 +28,10 @@ def test_a_life_of_a_cup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     found = run("add", "cup-1", "--estimate", f"{wall}=0.8e-3+-0.02e-3", "--seen", "1", "2", "0")
     assert found["material"]["wall_thickness_m"]["value"] == pytest.approx(0.802e-3, rel=1e-3)
     assert run("show", "cup-1")["state"] == {"lid": "open"}
+    run("add", "cup-1", "--seen", "1", "2", "0", "--context", "kitchen,sink")  # as in `objects recognise`
     assert [one["id"] for one in run("list", "--class", "cup")["objects"]] == ["cup-1"]
     with open_database(tmp_path / "db") as database:
+        assert database.get("cup-1").seen.context == ("kitchen", "sink")
         for i in range(3):
             features = {"stiffness": FeatureVector(np.full(4, float(i)))}
             database.add(VisuoHapticObject(f"x{i}", features=features))

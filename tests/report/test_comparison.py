@@ -28,6 +28,22 @@ def records(seed=0, *, offset_s=0.0, gain=1.0, sigma_N=0.05, declared=0.05):
     return run, scale
 
 
+def test_a_slow_scale_of_1_g_is_compared_at_its_own_readings() -> None:
+    """Between two readings per second, a line is 0.1 N beside this press: the sensor would be blamed for it."""
+    rng, t_s = np.random.default_rng(3), np.arange(0.0, 60.0, 1.0 / 30.0)
+    always = np.ones(len(t_s), dtype=bool)
+    run = ForceRecord(
+        "foam", t_s, 2.0 * np.sin(t_s) ** 2 + rng.normal(0.0, 0.01, len(t_s)), np.full(len(t_s), 0.01), always
+    )
+    read_s = np.arange(-1.0, 61.0, 0.5)
+    read_N = np.round(2.0 * np.sin(read_s) ** 2 / 9.80665e-3) * 9.80665e-3
+    scale = ForceRecord("scale", read_s, read_N, np.zeros(len(read_s)), np.ones(len(read_s), dtype=bool))
+    found = compare_forces(run, scale, offset_s=0.0)
+    assert found.compared == 120
+    assert found.rms_N == pytest.approx(0.01, rel=0.2)
+    assert found.rms_over_sigma == pytest.approx(1.0, abs=0.15)
+
+
 def test_the_offset_of_the_clocks_is_found_with_its_sigma() -> None:
     errors, sigmas = [], []
     for seed in range(40):

@@ -88,7 +88,7 @@ def test_joints_along_the_drive_are_no_obstacle():
     joint = (eye[1] - eye[2] * rays[..., 1] / rays[..., 2] + 0.06) % 0.09 < 0.0015
     planks = 130.0 - 70.0 * joint.reshape(448, 3, 800, 3).mean(axis=(1, 3))
     detector, rng = ObstacleDetector(view), np.random.default_rng(0)
-    for i in range(32):
+    for i in range(24):
         image = np.clip(planks + rng.normal(0.0, 2.0, planks.shape), 0, 255).astype(np.uint8)
         found = detector.update(image, moved(i, (0.004, 0.0, 0.0)))
     assert found.valid

@@ -337,7 +337,8 @@ class ObjectDatabase(Closing):
         for obj in objects:
             if not _ID.fullmatch(obj.id):
                 raise InputError(
-                    "object", f"found the id {obj.id!r}, expected up to 128 letters, digits, '.', '_', '-'"
+                    "object",
+                    f"found the id {obj.id!r}, expected up to 128 letters a to z, digits, '.', '_', '-'",
                 )
             latest[obj.id] = merge_objects(latest.get(obj.id, obj), obj)
         prepared: dict[str, Prepared] = {}

@@ -77,7 +77,9 @@ def compare_forces(
 ) -> ForceComparison:
     """Compare a run with a reference that may use another clock.
 
-    The reference is interpolated linearly between its samples. If the offset of the clocks is not given, it is
+    The reference is interpolated linearly between its samples. If it has fewer than the run, only the samples of the run
+    nearest to those of the reference are compared: a press between two readings of a scale is unknown. The smallest step of its
+    values is its resolution, a uniform error. If the offset of the clocks is not given, it is
     the one with the smallest sum of squares, refined by a parabola whose curvature gives its standard deviation.
 
     Parameters
@@ -123,7 +125,7 @@ def compare_forces(
     expected_N, expected_sigma_N = (
         _at(run.t_s + offset_s, reference.t_s, values) for values in (truth_N, reference.sigma_N)
     )
-    covered = np.isfinite(expected_N)
+    covered = np.isfinite(expected_N) & _nearest(run.t_s + offset_s, reference.t_s)
     good = covered & run.valid & np.isfinite(run.force_N)
     if good.sum() < 10:
         raise InputError(
@@ -132,8 +134,8 @@ def compare_forces(
             "check the clocks",
         )
     error_N = (run.force_N - expected_N)[good]
-    sigma_N = np.hypot(run.sigma_N, expected_sigma_N)[good]
-    declared = bool((sigma_N > 0).all())
+    declared = bool((np.hypot(run.sigma_N, expected_sigma_N)[good] > 0).all())
+    sigma_N = np.hypot(run.sigma_N, np.maximum(expected_sigma_N, _resolution(truth_N) / np.sqrt(12.0)))[good]
     squares = float(expected_N[good] @ expected_N[good])
     gain_sigma = (
         float(np.abs(expected_N[good]) @ sigma_N) / squares if declared and squares > 0 else float("nan")
@@ -192,6 +194,23 @@ def _at(
 ) -> Float[np.ndarray, "n"]:
     """Interpolated values; NaN before the first and after the last sample, and next to a NaN sample."""
     return np.interp(t_s, known_s, values, left=np.nan, right=np.nan)
+
+
+def _nearest(t_s: Float[np.ndarray, "n"], known_s: Float[np.ndarray, "m"]) -> Bool[np.ndarray, "n"]:
+    """Samples that are nearest to a known one, where the known ones are farther apart; else all."""
+    if len(t_s) < 2 or np.median(np.diff(known_s)) <= np.median(np.diff(t_s)):
+        return np.ones(len(t_s), dtype=bool)
+    known_s = known_s[(known_s >= t_s[0]) & (known_s <= t_s[-1])]
+    at = np.clip(np.searchsorted(t_s, known_s), 1, len(t_s) - 1)
+    chosen = np.zeros(len(t_s), dtype=bool)
+    chosen[at - (known_s - t_s[at - 1] < t_s[at] - known_s)] = True
+    return chosen
+
+
+def _resolution(values: Float[np.ndarray, "m"]) -> float:
+    """Smallest difference of two values."""
+    steps = np.diff(np.unique(values[np.isfinite(values)]))
+    return float(steps.min()) if len(steps) else 0.0
 
 
 def _clock_offset(

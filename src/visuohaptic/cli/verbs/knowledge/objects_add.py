@@ -42,7 +42,7 @@ def add_arguments(add: Any) -> None:
     add(
         "--context",
         str,
-        "word that describes its place: room, furniture, neighbours",
+        "words that describe its place, such as kitchen,sink; may be repeated",
         default=[],
         action="append",
     )
@@ -59,10 +59,13 @@ def run(args: Any) -> dict[str, Any]:
     evidence = [_evidence(text, origin) for text in args.estimate]
     state = dict(_state(text) for text in args.state)
     seen = None
+    words = [word.strip() for text in args.context for word in text.split(",") if word.strip()]
+    if words and args.seen is None:
+        raise InputError("--context", "found no --seen", remedy="it describes the place where the object is")
     if args.seen is not None:
         if not all(abs(value) < float("inf") for value in args.seen):
             raise InputError("--seen", f"found {args.seen}, expected three finite numbers [m]")
-        seen = core.Sighting(tuple(args.seen), 0.05, origin.t_s, context=tuple(args.context))
+        seen = core.Sighting(tuple(args.seen), 0.05, origin.t_s, context=tuple(words))
     given = {"name": args.name, "visual_class": args.visual_class, "licence": args.licence, "state": state}
     obj = core.VisuoHapticObject(
         args.id, seen=seen, provenance={place: origin for place, value in given.items() if value}, **given
