@@ -34,7 +34,7 @@ from .rbf_centres import (
     with_off_surface,
 )
 from .symmetry import ShapePrior, fit_prior, height_axis
-from .touch import CompletionSettings, Touch, TouchPlan, best_vertex, reachable, starts
+from .touch import CompletionSettings, Touch, TouchPlan, reachable, starts
 from .uncertainty import SurfaceUncertainty, TouchResiduals, between, spline_sigma_m
 from .visibility import remove_back_sides
 
@@ -363,8 +363,9 @@ class Completion:
         ok[ok] = self.band.in_front(mesh.vertices_m[ok], begins[ok], 2 * self._d_m)
         gap_m, plans = np.zeros(len(score)), list[TouchPlan]()
         for low_m, high_m in [(0.0, np.inf), *reaches_m]:
-            best = best_vertex(score, ok & (gap_m >= low_m) & (gap_m <= high_m))
-            if best >= 0:
+            chosen = np.where(ok & (gap_m >= low_m) & (gap_m <= high_m), score, -1.0)
+            if chosen.max() >= 0:
+                best = int(chosen.argmax())
                 target_m = mesh.vertices_m[best]
                 sigma_m = float(self._deviation_m(target_m[None])[0])
                 end_m = np.append(self.axis_m, target_m[2])

@@ -190,16 +190,3 @@ def starts(
     found = targets_m.copy()
     found[:, :2] = axis_m + outward / np.maximum(radius, 1e-9) * safe
     return found
-
-
-def best_vertex(score: Float[np.ndarray, "v"], ok: Bool[np.ndarray, "v"]) -> int:
-    """Index of the allowed vertex with the largest score; -1 if none is allowed.
-
-    Parameters
-    ----------
-    score
-        Scores (v).
-    ok
-        Which vertices (v) are allowed.
-    """
-    return int(np.argmax(np.where(ok, score, -1.0))) if ok.any() else -1
