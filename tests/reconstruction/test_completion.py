@@ -151,7 +151,7 @@ def test_contradicting_touches_at_one_place_do_not_tilt_the_surface():
     assert np.ptp(tilted) > 3 * np.ptp(smooth)
 
 
-def test_a_miss_keeps_the_surface_off_the_line_and_is_not_repeated():
+def test_a_miss_keeps_the_surface_off_the_line_and_no_line_is_repeated():
     bottle = bellied()
     visible, region, _ = scene(bottle)
     completion = Completion(visible, region)
@@ -163,6 +163,17 @@ def test_a_miss_keeps_the_surface_off_the_line_and_is_not_repeated():
     assert completion.implicit(inner[None])[0] > -0.25 * 0.05 * region.size_m
     again = completion.next_touch()
     assert np.linalg.norm(again.target_m - plan.target_m) > 0.003
+    # Nor is a line whose contact was short of the target: others are 5 % of the region away.
+    completion.add(Touch(again.target_m - 0.005 * again.direction, again.start_m, again.end_m, 0.02))
+    way = completion.next_touch().target_m - again.start_m
+    assert np.linalg.norm(np.cross(way, again.direction)) > 0.05 * region.size_m
+    # What is behind a visible wall is not met from before it; the wall is.
+    walls_m = completion.band.walls_m[:50]
+    away = (walls_m[:, :2] - completion.axis_m) @ np.eye(2, 3)
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    starts_m = walls_m + 0.05 * away
+    assert not completion.band.in_front(walls_m - 0.012 * away, starts_m, 0.008).any()
+    assert completion.band.in_front(walls_m, starts_m, 0.008).mean() > 0.9
 
 
 def test_lines_to_several_targets_start_outside_each_at_its_height():

@@ -272,7 +272,8 @@ class BodyCompletion:
             )
             if self._free(target, start):
                 score = float(sigma_m[best])
-                return TouchPlan.towards_axis(target, start, self.body.axis_m, score, score)
+                end = np.append(self.body.axis_m, z_m[best])
+                return TouchPlan(target, start, end, score, score)
         raise InputError("BodyCompletion.next_touch", "every horizontal line to the axis is obstructed")
 
     def _free(self, target_m: Float[np.ndarray, "3"], start_m: Float[np.ndarray, "3"]) -> bool:

@@ -29,7 +29,6 @@ from .symmetry import fit_prior as fit_prior
 from .touch import CompletionSettings as CompletionSettings
 from .touch import Touch as Touch
 from .touch import TouchPlan as TouchPlan
-from .touch import best_vertex as best_vertex
 from .touch import reachable as reachable
 from .touch import read_touches as read_touches
 from .touch import starts as starts

@@ -93,6 +93,25 @@ class SupportBand:
         gaps, _ = cKDTree(self.samples_m).query(points_m)
         return gaps > self.spacing_m
 
+    def in_front(
+        self, targets_m: Float[np.ndarray, "n 3"], starts_m: Float[np.ndarray, "n 3"], near_m: float
+    ) -> Bool[np.ndarray, "n"]:
+        """Whether lines from starts to targets meet nothing visible before.
+
+        Parameters
+        ----------
+        targets_m, starts_m
+            Points (n, 3) [m].
+        near_m
+            What is visible nearer to a target may be beside it [m].
+        """
+        way = starts_m - targets_m
+        length_m = np.linalg.norm(way, axis=1)
+        along_m = np.arange(near_m, length_m.max(initial=0.0), self.spacing_m)
+        row, column = np.nonzero(along_m < length_m[:, None])
+        places_m = targets_m[row] + (along_m[column] / length_m[row])[:, None] * way[row]
+        return np.bincount(row[~self.away(places_m)], minlength=len(targets_m)) == 0
+
     def behind(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
         """Whether points are on the inner side of the nearest visible surface sample.
 

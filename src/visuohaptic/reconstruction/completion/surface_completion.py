@@ -34,7 +34,7 @@ from .rbf_centres import (
     with_off_surface,
 )
 from .symmetry import ShapePrior, fit_prior, height_axis
-from .touch import CompletionSettings, Touch, TouchPlan, best_vertex, reachable, starts
+from .touch import CompletionSettings, Touch, TouchPlan, reachable, starts
 from .uncertainty import SurfaceUncertainty, TouchResiduals, between, spline_sigma_m
 from .visibility import remove_back_sides
 
@@ -359,24 +359,24 @@ class Completion:
         ok = missing & reachable(
             mesh, self.axis_m, self.touches, size_m=self.region.size_m, clear_m=self._d_m
         )
-        plans = [self._line(mesh, int(best), score)] if (best := best_vertex(score, ok)) >= 0 else []
-        if not plans:
-            raise InputError("Completion.next_touch", "no point of the missing part can be reached")
-        for low_m, high_m in reaches_m:
-            score = np.minimum(score, distances.distance(np.arange(len(score)), np.array([best]))[:, 0])
-            begins = starts(mesh.vertices_m, self.axis_m, self._supports(), self._d_m)
-            gap = np.linalg.norm(begins - plans[0].start_m, axis=1)
-            chosen = best_vertex(score, ok & (gap >= low_m) & (gap <= high_m))
-            if chosen >= 0:
-                best = chosen
-                plans.append(self._line(mesh, best, score))
+        begins = starts(mesh.vertices_m, self.axis_m, self._supports(), self._d_m)
+        ok[ok] = self.band.in_front(mesh.vertices_m[ok], begins[ok], 2 * self._d_m)
+        gap_m, plans = np.zeros(len(score)), list[TouchPlan]()
+        for low_m, high_m in [(0.0, np.inf), *reaches_m]:
+            chosen = np.where(ok & (gap_m >= low_m) & (gap_m <= high_m), score, -1.0)
+            if chosen.max() >= 0:
+                best = int(chosen.argmax())
+                target_m = mesh.vertices_m[best]
+                sigma_m = float(self._deviation_m(target_m[None])[0])
+                end_m = np.append(self.axis_m, target_m[2])
+                plans.append(TouchPlan(target_m, begins[best], end_m, float(score[best]), sigma_m))
+                if reaches_m:
+                    gap_m = np.linalg.norm(begins - plans[0].start_m, axis=1)
+                    known = distances.distance(np.arange(len(score)), np.array([best]))
+                    score = np.minimum(score, known[:, 0])
+            elif not plans:
+                raise InputError("Completion.next_touch", "no point of the missing part can be reached")
         return plans
-
-    def _line(self, mesh: SurfaceMesh, vertex: int, score: Float[np.ndarray, "v"]) -> TouchPlan:
-        target_m = mesh.vertices_m[vertex]
-        start_m = starts(target_m[None], self.axis_m, self._supports(), self._d_m)[0]
-        sigma_m = float(self._deviation_m(target_m[None])[0])
-        return TouchPlan.towards_axis(target_m, start_m, self.axis_m, float(score[vertex]), sigma_m)
 
     def expected_error_m(self) -> float:
         """Root mean square standard deviation of the missing part [m]."""

@@ -78,35 +78,14 @@ class TouchPlan:
     target_m: Float[np.ndarray, "3"]  #: least supported point of the estimated surface [m]
     start_m: Float[np.ndarray, "3"]  #: start at a safe distance outside [m]
     end_m: Float[np.ndarray, "3"]  #: end on the height axis [m]: a probe that reaches it has missed
-    direction: Float[np.ndarray, "3"]  #: horizontal unit vector
     score: float  #: biharmonic distance from the nearest support
     sigma_m: float  #: expected distance of the surface from the target [m]
 
-    @classmethod
-    def towards_axis(
-        cls,
-        target_m: Float[np.ndarray, "3"],
-        start_m: Float[np.ndarray, "3"],
-        axis_m: Float[np.ndarray, "2"],
-        score: float,
-        sigma_m: float,
-    ) -> TouchPlan:
-        """The horizontal line from a start at the height of the target to the height axis.
-
-        Parameters
-        ----------
-        target_m, start_m
-            Points (3) at the same height [m].
-        axis_m
-            x and y of the height axis [m].
-        score
-            Biharmonic distance of the target from the nearest support.
-        sigma_m
-            Standard deviation of the surface at the target [m].
-        """
-        end_m = np.array([*axis_m, target_m[2]])
-        direction = (end_m - start_m) / np.linalg.norm(end_m - start_m)
-        return cls(target_m, start_m, end_m, direction, score, sigma_m)
+    @property
+    def direction(self) -> Float[np.ndarray, "3"]:
+        """Horizontal unit vector from the start to the end."""
+        way: Float[np.ndarray, "3"] = self.end_m - self.start_m
+        return way / np.linalg.norm(way)
 
 
 _AXES = ("x", "y", "z")
@@ -153,7 +132,9 @@ def reachable(
     size_m: float,
     clear_m: float,
 ) -> Bool[np.ndarray, "v"]:
-    """Vertices at which a horizontal line from outside meets the surface, and no earlier line nearby missed.
+    """Vertices at which a horizontal line from outside meets the surface, away from earlier lines.
+
+    What is behind a contact on its line is not met by the same line, and before it there is no surface.
 
     Parameters
     ----------
@@ -166,7 +147,7 @@ def reachable(
     size_m
         Size of the region [m].
     clear_m
-        Minimum distance from earlier lines without contact [m].
+        Minimum distance from earlier lines [m].
     """
     outward = mesh.vertices_m[:, :2] - axis_m
     radius = np.linalg.norm(outward, axis=1)
@@ -174,8 +155,9 @@ def reachable(
     facing = (normals[:, :2] * outward).sum(axis=1) / np.maximum(radius, 1e-9)
     ok = (facing > 0.2) & (radius > 0.02 * size_m)
     for touch in touches:
-        if touch.contact_m is None and touch.start_m is not None and touch.end_m is not None:
-            way = touch.end_m - touch.start_m
+        end_m = touch.contact_m if touch.end_m is None else touch.end_m
+        if touch.start_m is not None and end_m is not None:
+            way = end_m - touch.start_m
             fraction = np.clip((mesh.vertices_m - touch.start_m) @ way / max(way @ way, 1e-12), 0, 1)
             gap = np.linalg.norm(mesh.vertices_m - touch.start_m - fraction[:, None] * way, axis=1)
             ok &= gap > clear_m
@@ -208,16 +190,3 @@ def starts(
     found = targets_m.copy()
     found[:, :2] = axis_m + outward / np.maximum(radius, 1e-9) * safe
     return found
-
-
-def best_vertex(score: Float[np.ndarray, "v"], ok: Bool[np.ndarray, "v"]) -> int:
-    """Index of the allowed vertex with the largest score; -1 if none is allowed.
-
-    Parameters
-    ----------
-    score
-        Scores (v).
-    ok
-        Which vertices (v) are allowed.
-    """
-    return int(np.argmax(np.where(ok, score, -1.0))) if ok.any() else -1
