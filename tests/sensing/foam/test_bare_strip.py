@@ -109,19 +109,6 @@ def test_a_shadow_that_makes_foam_as_grey_as_the_lit_floor_is_no_force(images, c
         assert not profile.valid or profile.force_N <= 3.0 * profile.force_sigma_N + ALLOWED_N, i
 
 
-@pytest.mark.parametrize("seed", [2, 20])
-def test_a_band_of_shadow_as_grey_as_the_lit_floor_hides_no_foam(images, config, seed) -> None:
-    """Some points lie wholly in the band: they have no edge, but show the texture of foam at rest."""
-    world = images.World(seed)
-    sensor = zeroed(config, world)
-    turn, dark = 1.2, 1.0 - world.floor / world.foam
-    left, right = (images.edge_shadow(0.01, side * 0.012, -side * turn, dark) for side in (-1.0, 1.0))
-    band = world.image(shadow=lambda x, s: np.maximum(left(x, s), right(x, s)), floor_in_shadow=False)
-    profile = sensor.read(frame(band, 0))
-    assert profile.valid, profile.evidence
-    assert profile.force_N <= 3.0 * profile.force_sigma_N + ALLOWED_N
-
-
 def test_a_shadow_is_no_force_after_loading_a_zero_either(images, config) -> None:
     world = images.World(13)
     zeroed(config, world).zero_reference.save(config.parent / "zero.yaml")

@@ -93,7 +93,7 @@ def measure_deflection(
     # Under the edge of a shadow the foam looks like the zero image in another light: at rest within the pixel resolution.
     delta = np.where(states.shadow, 0.0, edges.delta_m)
     sigma = np.where(states.shadow, REST_PX * strip.pixel_m, edges.sigma_m)
-    seen = states.shadow | (states.foam & (strip.usable | strip.low_confidence))
+    seen = (states.foam | states.shadow) & (strip.usable | strip.low_confidence)
     delta, sigma, noise, own, hidden = fill_gaps(
         geometry, delta, sigma, edges.noise_m, edges.systematic_m, seen
     )

@@ -5,8 +5,7 @@ rest), O (occluder) and N (no edge). With the image I along its line, the zero i
 now and x0 at rest, the likelihoods of a frame, each relative to that of O, are
 
     foam      p(I before x | F) = 0.6 p(I | g Z(t x0/x)) + 0.3 p(I | g Z(t)) + 0.1 p(I | any)
-    shadow    p(I | S) : I = light(t) Z(t), or light(t) Z(t) up to x0, then another floor; p(I | F) : g Z up to x, then a surface;
-              also where no edge is found: foam that is wholly in a shadow may be as grey as the floor
+    shadow    p(I | S) : I = light(t) Z(t), or light(t) Z(t) up to x0, then another floor; p(I | F) : g Z up to x, then a surface
     floor     p(I beyond x0 | S) : the floor of Z in any light, or a body that may press: then the front is not seen
     position  p(x | F) : at rest, or within reach of the last position at max_contact_speed;  p(x | O) : anywhere
     blur      p(b | F, pressed) : that of the lens and of its own motion;  p(b | O) : any, the edge of a shadow may be soft
@@ -40,7 +39,7 @@ from jaxtyping import Bool, Float
 
 from ...tracking.contours.contour import PIXEL_PX
 from ._chain_kernels import BLUR, FOAM, NOTHING, OPTICS, SHADOW, edge_crossing, filter_runs, join, place_odds
-from ._posterior_kernels import BAND, shadow_odds
+from ._posterior_kernels import shadow_odds
 from ._texture_kernels import MAX_ODDS, SAME_GREY, foam_bands, level_odds, texture_odds
 from .edges import MeasuredEdges, local_statistics, mean_between
 from .strip.optics import ObservedStrip
@@ -154,7 +153,7 @@ class EdgePosterior:
         )  # fmt: skip
         against[~seen, :] = 0.0
         against[~seen, 4] = MAX_ODDS
-        unary[~seen, FOAM] = -60.0
+        unary[~seen] = [-60.0, -60.0, 0.0, 0.0]
         unary[seen, NOTHING] = -MAX_ODDS
         # The front corner of a free end moves inwards beside a body: the last line may meet the end face, or no edge.
         corner = np.zeros(len(seen), dtype=bool)
@@ -222,14 +221,13 @@ class EdgePosterior:
             np.zeros((len(seen), len(_CHANNELS))),
             np.ones(len(seen)),
         )
-        unary[~seen, SHADOW] = -60.0
         if strip.stripe:
             against[:, 1] = -MAX_ODDS
         else:
             moved_m = np.abs(delta - self.last_m)
             moved_px = np.where(np.isfinite(moved_m), moved_m, 0.0) / strip.pixel_m
             bare = _compare(strip, zero, seen, deflected, moved_px, unary, against)
-        unary[:, SHADOW] = np.where(deflected | ~seen, unary[:, SHADOW], -MAX_ODDS)
+        unary[:, SHADOW] = np.where(deflected, unary[:, SHADOW], -MAX_ODDS)
         known = seen & deflected & self._pressed
         away = (surface - self._beyond) / SAME_GREY
         density = np.exp(-0.5 * away**2) / (2.5 * SAME_GREY)
@@ -261,9 +259,7 @@ def _compare(
     """
     step = strip.step_px * (strip.image.shape[2] - 1) / (zero.image.shape[2] - 1)
     resting = strip.rest_px / step
-    # Without an edge, at least two bands behind the front at rest are compared.
-    front = strip.front.position_px / step
-    front = np.where(seen, front, np.fmax(np.fmin(front, resting - 2.0 * BAND), 0.0))
+    front = np.where(seen, strip.front.position_px, strip.rest_px) / step
     blur = math.hypot(strip.blur_px, PIXEL_PX) / float(np.median(step)) if np.isfinite(strip.blur_px) else 1.0
     bands, gain = np.empty((len(seen), 9)), np.empty(len(seen))
     slope = strip.front.slope * strip.across_px / step
@@ -277,14 +273,10 @@ def _compare(
     )
     # A shutter that is open from frame to frame, at the most, sees the edge move by a box.
     places = front, resting, slope, blur, moved_px / step / math.sqrt(12.0)
-    hidden = ~seen & zero.known
-    shadow_odds(strip.image, zero.image, lines, *places, transfer, variance, deflected | hidden, found)
+    shadow_odds(strip.image, zero.image, lines, *places, transfer, variance, deflected, found)
     stop = int(0.9 * resting.min())
     foam = mean_between(zero.image, np.full((len(seen), 2), [float(stop // 2), float(stop)]))[:, 0]
     dependence = local_statistics(np.ascontiguousarray(found[:, 5]))[0]
     bare: Float[np.ndarray, "K"] = level_odds(found, dependence, gain, foam, variance, against)
     unary[:, SHADOW] += against[:, 1]
-    # Without an edge, only texture tells foam in a shadow from anything else.
-    textured = hidden & np.isfinite(found[:, 0])
-    unary[textured, SHADOW] = against[textured, 1]
     return bare
