@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Int
 
+from ..pushing._outline_kernels import distance_patch
 from .arrays import Outline
 
 #: Distance from an object's outline within which spurious components are searched [cells].
@@ -50,24 +51,26 @@ def clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Outline) ->
     """
 
     import cv2
-    import shapely
 
     window = window_around(occupied.shape, outline, 4.0)
     part = occupied[window]
-    inside = np.argwhere(part)
-    if not len(inside):
+    if not part.size:
         return
-    cells = inside + np.array([side.start for side in window])
-    part[tuple(inside.T)] = ~_touched(outline, cells.T)
+    patch, row, column = distance_patch(outline, 4.0)
+    away = patch[
+        window[0].start - row : window[0].stop - row, window[1].start - column : window[1].stop - column
+    ]
+    part[away == 0.0] = False
+    beside = np.argwhere(part & (away < 0.7072))  # the centre is outside, the square may overlap
+    part[tuple(beside.T)] = ~_touched(outline, beside.T + np.array([[window[0].start], [window[1].start]]))
     # What remains beside it and is not part of a wall: components that lie completely within the reach.
-    away = shapely.distance(shapely.Polygon(outline), shapely.points(cells[:, ::-1] + 0.5))
-    near = np.zeros(part.shape, dtype=bool)
-    near[tuple(inside.T)] = away <= SPURIOUS_REACH_CELLS
-    near &= part
+    near = part & (away <= SPURIOUS_REACH_CELLS)
+    if not near.any():
+        return
     labels = cv2.connectedComponents(near.astype(np.uint8), connectivity=8)[1]
     rest = np.pad(part & ~near, 1, constant_values=True).astype(np.uint8)
-    beside = cv2.dilate(rest, np.ones((3, 3), np.uint8))[1:-1, 1:-1] > 0
-    part[near & ~np.isin(labels, labels[near & beside])] = False
+    walls = cv2.dilate(rest, np.ones((3, 3), np.uint8))[1:-1, 1:-1] > 0
+    part[near & ~np.isin(labels, labels[near & walls])] = False
 
 
 def fill_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Outline) -> None:

@@ -6,7 +6,6 @@ Lengths are in cells; points are (x, y), and cell (row, column) covers ``column.
 
 from __future__ import annotations
 
-import heapq
 import math
 
 import numpy as np
@@ -156,6 +155,43 @@ def free_drive(
 
 
 @kernel
+def _queue(heap: np.ndarray, used: int, key: int, state: int) -> np.ndarray:
+    """Add an entry to a binary heap with ``used`` entries; returns the heap, a larger copy where it was full."""
+    if used == len(heap):
+        larger = np.empty((2 * used, 2), np.int64)
+        for i in range(used):
+            larger[i, 0], larger[i, 1] = heap[i, 0], heap[i, 1]
+        heap = larger
+    at = used
+    while at > 0:
+        above = (at - 1) // 2
+        if heap[above, 0] <= key:
+            break
+        heap[at, 0], heap[at, 1] = heap[above, 0], heap[above, 1]
+        at = above
+    heap[at, 0], heap[at, 1] = key, state
+    return heap
+
+
+@kernel
+def _unqueue(heap: np.ndarray, used: int) -> None:
+    """Remove the first of ``used`` entries of a binary heap."""
+    key, state = heap[used - 1, 0], heap[used - 1, 1]
+    at = 0
+    while True:
+        below = 2 * at + 1
+        if below >= used - 1:
+            break
+        if below + 1 < used - 1 and heap[below + 1, 0] < heap[below, 0]:
+            below += 1
+        if heap[below, 0] >= key:
+            break
+        heap[at, 0], heap[at, 1] = heap[below, 0], heap[below, 1]
+        at = below
+    heap[at, 0], heap[at, 1] = key, state
+
+
+@kernel
 def lattice_path(
     counts: np.ndarray,
     outline: np.ndarray,
@@ -202,13 +238,17 @@ def lattice_path(
     count = len(angles)
     spent = np.full(rows * columns * count, FAR, np.int32)
     parent = np.full(rows * columns * count, -1, np.int32)
-    queue = [(np.int64(seed_costs[i] + to_go[seeds[i] // count]), seeds[i]) for i in range(len(seeds))]
-    heapq.heapify(queue)
+    heap = np.empty((1024, 2), np.int64)
+    used = 0
     for i in range(len(seeds)):
         spent[seeds[i]] = seed_costs[i]
+        heap = _queue(heap, used, seed_costs[i] + to_go[seeds[i] // count], seeds[i])
+        used += 1
     ends = np.empty((2, 2))
-    while len(queue) > 0:
-        key, state = heapq.heappop(queue)
+    while used > 0:
+        key, state = heap[0, 0], heap[0, 1]
+        _unqueue(heap, used)
+        used -= 1
         node, heading = state // count, state % count
         cost = int(spent[state])
         if key > cost + to_go[node]:
@@ -249,5 +289,6 @@ def lattice_path(
             if not runs_clear(counts, runs, starts[swept], starts[swept + 1], at_column, at_row):
                 continue
             parent[following], spent[following] = state, new
-            heapq.heappush(queue, (np.int64(new + to_go[onto]), following))
+            heap = _queue(heap, used, new + to_go[onto], following)
+            used += 1
     return np.empty(0, np.int64)
