@@ -265,7 +265,7 @@ class Travel(Rig):
     def tick(self) -> tuple[float, bool]:
         base = self.world.base
         # Sustained force: the impacts of a rigid contact are shorter than any reading.
-        return abs(self.world._back_N), bool(base.target_speed_m_s or base.target_turn_rate_rad_s)
+        return abs(float(self.world._back[0])), bool(base.target_speed_m_s or base.target_turn_rate_rad_s)
 
     def bump(self) -> None:
         self.world._pose[:2] += 0.03 * self.rng.standard_normal(2).clip(-1, 1)

@@ -18,6 +18,7 @@ from visuohaptic.recognition import TouchReading
 from visuohaptic.recognition.touch import update_belief
 from visuohaptic.recognition.touch.haptic_model import MOUTH_REACH
 from visuohaptic.recognition.touch.outline_match import container_outline
+from visuohaptic.tasks.manipulation import BayesSqueezer
 
 CLASSES = ("bottle", "smoothie")
 
@@ -49,6 +50,14 @@ def test_the_effect_of_the_mouth_is_that_of_the_shell_solver() -> None:
     # Half of the objects are open; the fit is good to a tenth, and a change by a fifth of either constant is noticed.
     assert pytest.approx(reach, rel=0.1) == MOUTH_REACH
     assert pytest.approx(size / math.sqrt(2), rel=0.1) == MOUTH
+
+
+def test_a_place_that_was_not_felt_is_not_requested_again() -> None:
+    squeezer = BayesSqueezer(mission_classes(), 0.16, HEIGHTS, np.random.default_rng(0), yaw_rad=0.3)
+    places = [squeezer.next_place() for _ in range(4)]
+    assert len(set(places)) == 4
+    turns = [math.sin(2.0 * (place.angle_rad - 0.3)) for place in places if place]
+    assert turns == pytest.approx([0.0] * 4, abs=1e-9)
 
 
 @pytest.mark.parametrize("name", CLASSES)

@@ -183,6 +183,21 @@ def test_it_says_so_when_it_is_not_sure() -> None:
     assert classify_by_squeezing(hand, TwoClasses()).ending.outcome == ClassifyOutcome.SENSOR_FAILED
 
 
+def test_a_place_where_the_finger_cannot_be_read_is_left_for_another() -> None:
+    world, hand = table(container((4000.0, 4000.0, 4000.0)))
+
+    def feel(frame: Frame) -> Any:
+        # What stands behind the foam hides its edge on the first approach.
+        felt = world.feel(frame)
+        return replace(felt, valid=False) if 2.0 < frame.t_s < 2.6 else felt
+
+    found = classify_by_squeezing(replace(hand, feel=feel), TwoClasses())
+    assert found.best == "stiff"
+    assert found.ending.success
+    assert found.traces[0].ending is not None
+    assert found.traces[0].ending.outcome == SqueezeOutcome.SENSOR_FAILED
+
+
 def test_a_grasp_lifts() -> None:
     kitchen, hand = table(container(mass_kg=0.3))
     plan = LiftPlan(Place(0.1), force_N=4.0)

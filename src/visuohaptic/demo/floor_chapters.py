@@ -217,8 +217,8 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     ahead_rad = heading_across(near, path)
     known.obstacles = tuple(fit_outlines(one, views_m, ahead_rad) for one in join_sides(near, ahead_rad))
     for one, _ in known.obstacles:
-        x, y, heading = one.pose
-        shape = "round" if one.round else f"a box turned by {math.degrees(heading - ahead_rad):.0f} degrees"
+        (x, y), turned = one.centre_m, math.degrees(one.pose[2] - ahead_rad)
+        shape = "round" if one.round else f"a box turned by {turned:.0f} degrees"
         mission.log(f"  new object at ({x:.2f}, {y:.2f}) m, {100 * one.size_m[0]:.0f} cm wide, {shape}")
     return done(
         f"{len(known.obstacles)} objects block every path to the table",

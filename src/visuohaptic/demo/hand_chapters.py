@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float
 
 from ..core import Estimate, Frame
 from ..deformation.maps.features import HEIGHTS
@@ -314,7 +315,7 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
         Measure("deformation of one side at the grasp [mm]", deformed_mm, truly_mm),
         Measure("lifted [m]", lift.lift_m if held.ending.success else 0.0, truth["lifted_m"]),
         Illustration(
-            grasp_figure(plan, lift, mission.known.outline_m, held.ending.success),
+            grasp_figure(plan, lift, _between_fingers(mission.known, lift), held.ending.success),
             "Grasp score and stiffness of the recognised class with the grasp (circles), and the lifted bottle",
         ),
         Illustration(finger.image, "The camera on the finger sees its foam, in the end"),
@@ -324,6 +325,12 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
         return failed(f"{held.ending.outcome}: {held.ending.why}", *parts)
     lifted = truth["lifted_m"] > 0.8 * lift.lift_m and not truth["fallen"]
     return done(f"lifted: {held.ending.why}", Claim("grip", "bottle", True, lifted), *parts)
+
+
+def _between_fingers(known: Known, lift: LiftPlan) -> Float[np.ndarray, "k 2"]:
+    """Outline in the plane of the fingers: half of the width between them, and the height."""
+    angle = lift.place.angle_rad - known.wide_rad
+    return known.outline_m * (math.hypot(math.cos(angle), known.squash * math.sin(angle)), 1.0)
 
 
 def _planned(known: Known) -> tuple[GraspPlan, float]:

@@ -56,7 +56,7 @@ SURFACE_M, EDGE_M = 5e-4, 1e-3
 MISSED = 0.02
 #: Ratio of its widths above which a cross-section is round: half-way between round containers as seen (0.98 to 0.99) and
 #: 200 variants of each class that is not round (0.54 to 0.8).
-ROUND = 0.89
+ROUND_RATIO = 0.89
 #: Search radius for the bottle around its axis [m].
 REACH_M = 0.065
 
@@ -166,7 +166,7 @@ def _find_the_opaque(mission: Mission, found: Reconstruction, picture: Illustrat
     """An object whose whole outline is seen where nothing is transparent."""
     known, bottle = mission.known, place_bottle(mission)
     foot, *oval = standing_object(found.surface, np.zeros(2), NEAR_M, REACH_M)
-    known.squash, known.wide_rad = oval if oval[0] < ROUND else (1.0, 0.0)
+    known.squash, known.wide_rad = oval if oval[0] < ROUND_RATIO else (1.0, 0.0)
     surface = _as_round(axial_part(found.surface, foot, REACH_M), foot, known)
     outline = measured_outline(surface, foot, REACH_M)
     # Two slices may miss: a band without a wall is transparent, whether it is found or not.

@@ -6,7 +6,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -124,9 +124,9 @@ def run_demo(
     with MeasurementWriter(folder / "run.mcap") as recording, TableWriter(folder / "run.csv") as table:
         recording.write_camera(sensor.setup.camera, 0.0)
         recording.write_map(grid, 0.0)
-        stage = _Stage(world, virtual, sensor, on_message, page, recording, table)
         for number, path in enumerate(paths):
-            objects.append(_Push(stage, path, seed + number).explore(explore, wrap_frames))
+            push = _Push(world, virtual, sensor, on_message, page, recording, table, path, seed + number)
+            objects.append(push.explore(explore, wrap_frames))
             if page is not None:
                 page.set_tags({one.name: one.tag for one in objects})
     return DemoResult(tuple(objects), sensor, time.monotonic() - start_s)
@@ -145,9 +145,9 @@ def _placed(
     return grid, paths
 
 
-@dataclass(frozen=True, slots=True)
-class _Stage:
-    """Shared state of all pushes of a run."""
+@dataclass(slots=True)
+class _Push:
+    """One obstacle: drive to it, explore it, record everything."""
 
     world: FoamPushWorld
     virtual: VirtualSensor
@@ -156,40 +156,33 @@ class _Stage:
     page: LivePage | None
     recording: MeasurementWriter
     table: TableWriter
-
-
-class _Push:
-    """One obstacle: drive to it, explore it, record everything."""
-
-    def __init__(self, stage: _Stage, path: ApproachPath, seed: int) -> None:
-        self.stage, self.path, self.seed = stage, path, seed
-        self.samples: list[tuple[ForceProfile, float]] = []
-        self.best: tuple[float, UInt8[np.ndarray, "rows columns 3"], ObservedStrip] | None = None
-        self.touching = False
+    path: ApproachPath
+    seed: int
+    samples: list[tuple[ForceProfile, float]] = field(default_factory=list)
+    best: tuple[float, UInt8[np.ndarray, "rows columns 3"], ObservedStrip] | None = None
 
     def explore(
         self, settings: ExploreSettings, wrap_frames: Callable[[FrameSource], FrameSource]
     ) -> DemoObject:
-        stage, path = self.stage, self.path
-        world = stage.world
+        world, path = self.world, self.path
         world.place_platform(*path.start)
         world.forget_events()
-        self.stage.log("")
-        self.stage.log(f"{path.obstacle.name}")
-        self.stage.log(_TABLE_HEAD)
-        self.stage.sensor.reset()
+        self.log("")
+        self.log(f"{path.obstacle.name}")
+        self.log(_TABLE_HEAD)
+        self.sensor.reset()
         tracker = SceneTracker.of_sensor(
-            self.stage.sensor.setup,
+            self.sensor.setup,
             world.config.floor_below_m,
             SceneSettings(ego=EgoMotionSettings(foam_ahead_m=world.config.radius_m)),
             np.random.default_rng(self.seed),
         )
-        camera = SimulatedSensorCamera(world, self.stage.virtual.renderer(), duration_s=60.0, seed=self.seed)
+        camera = SimulatedSensorCamera(world, self.virtual.renderer(), duration_s=60.0, seed=self.seed)
         guard = Supervisor(clock=lambda: world.t_s)
         found = explore_obstacle(
             guard.base(world.base),
             guard.frames(wrap_frames(camera)),
-            guard.sensor(self.stage.sensor),
+            guard.sensor(self.sensor),
             settings,
             scene=tracker,
             on_step=self._step,
@@ -202,37 +195,36 @@ class _Push:
         times = [profile.t_s for profile in found.profiles]
         late = float(np.interp(touched, times, found.travel_m)) - found.expected_m if times else math.nan
         if math.isfinite(found.seen_ahead_m):
-            self.stage.log(
+            self.log(
                 f"  seen {1e3 * found.seen_ahead_m:.0f} mm ahead, "
                 f"contact {1e3 * abs(late):.1f} mm {'after' if late > 0 else 'before'} the predicted place"
             )
         return DemoObject(path.obstacle.name, path, found, tuple(self.samples), picture, strip, place)
 
     def _step(self, step: ExploreStep) -> None:
-        profile, truth = step.profile, self.stage.world.truth.load_N
+        profile, truth = step.profile, self.world.truth.load_N
         self.samples.append((profile, truth))
-        self.stage.recording.write_force(profile)
-        self.stage.table.write(profile)
+        self.recording.write_force(profile)
+        self.table.write(profile)
         if step.scene is not None:
-            write_scene(self.stage.recording, step.scene)
+            write_scene(self.recording, step.scene)
         for event in step.events:
-            self.stage.recording.write_event(event)
-        self.touching = bool(profile.contacts)
-        if step.events or (self.touching and len(self.samples) % _TABLE_FRAMES == 0):
+            self.recording.write_event(event)
+        if step.events or (profile.contacts and len(self.samples) % _TABLE_FRAMES == 0):
             names = ", ".join(event.kind.value for event in step.events)
             measured = f"{profile.force_N:9.3f} N" if profile.valid else f"{profile.reason.value:>11}"
             sigma = f"{profile.force_sigma_N:7.3f} N" if profile.valid else " " * 9
-            self.stage.log(f"{profile.t_s:7.2f} s  {truth:9.3f} N  {measured}  {sigma}   {names}".rstrip())
-        strip = self.stage.sensor.strip
+            self.log(f"{profile.t_s:7.2f} s  {truth:9.3f} N  {measured}  {sigma}   {names}".rstrip())
+        strip = self.sensor.strip
         if profile.valid and strip is not None and (self.best is None or profile.force_N > self.best[0]):
             self.best = (profile.force_N, step.frame.image, strip)
-        if self.stage.page is not None:
+        if self.page is not None:
             self._show(step, truth)
 
     def _show(self, step: ExploreStep, truth_N: float) -> None:
-        assert self.stage.page is not None
-        scene = self.stage.world.scene()
-        self.stage.page.update(
+        assert self.page is not None
+        scene = self.world.scene()
+        self.page.update(
             step.profile.t_s,
             frame_bgr=step.frame.image,
             profile=step.profile,
@@ -241,7 +233,7 @@ class _Push:
             note=", ".join(event.kind.value for event in step.events),
         )
         if self.path.obstacle.movable:
-            show_obstacle(self.stage.page, self.path.obstacle, _pose_of(self.stage.world, self.path.obstacle))
+            show_obstacle(self.page, self.path.obstacle, _pose_of(self.world, self.path.obstacle))
 
 
 def _pose_of(world: FoamPushWorld, obstacle: SimulatedObstacle) -> tuple[float, float, float]:

@@ -79,12 +79,9 @@ def write_story(story: Story, path: Path | str) -> Path:
         if one.claims:
             report.table([_claim_row(claim) for claim in one.claims])
         if one.measures:
-            report.table(
-                [
-                    dict(zip(("quantity", "measured", "truth"), measure_texts(m), strict=True))
-                    for m in one.measures
-                ]
-            )
+            compared = any(measure.truth is not None for measure in one.measures)
+            columns = ("quantity", "measured", *["truth"] * compared)
+            report.table([dict(zip(columns, measure_texts(m), strict=False)) for m in one.measures])
         for picture in one.pictures:
             if isinstance(picture.content, np.ndarray):
                 report.image(picture.content, picture.caption)
@@ -283,7 +280,7 @@ def grasp_figure(plan: GraspPlan, lift: LiftPlan, outline_m: np.ndarray, lifted:
     lift
         The grasp as executed.
     outline_m
-        Radius and height of the bottle [m].
+        Half of the width between the fingers, and height of the bottle [m].
     lifted
         Whether it was lifted.
     """
