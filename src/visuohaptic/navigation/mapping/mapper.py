@@ -20,7 +20,7 @@ from ...core import InputError, LaserScan, Reason, compose_2d, finite_array, rel
 from ...io.maps.occupancy_map import FREE, OccupancyMap
 from ._mapper_kernels import add_beams
 from .scan_matching import FREE_LOG_ODDS as _SURELY_FREE
-from .scan_matching import HitGrid, MatchSettings, Pose, ScanMatch, match_scan
+from .scan_matching import HitGrid, MatchSettings, PlanarPose, ScanMatch, match_scan
 
 #: Probability below which a cell is free: passed by two beams.
 _FREE_BELOW = 0.35
@@ -84,10 +84,10 @@ class OccupancyMapper:
         self.settings = settings or MapperSettings()
         self.matches: list[ScanMatch] = []  #: one per scan
         self._r = self.settings.resolution_m
-        self._odometry: Pose | None = None
+        self._odometry: PlanarPose | None = None
         self._pose = (0.0, 0.0, 0.0)
         self._spread = np.zeros((3, 3))
-        self._added_at: Pose | None = None
+        self._added_at: PlanarPose | None = None
         self._added = 0
         self._refused = 0
         self._grid = HitGrid.unknown((1, 1), self._r, np.zeros(2))
@@ -96,8 +96,8 @@ class OccupancyMapper:
     def from_map(
         cls,
         grid: OccupancyMap,
-        pose: Pose,
-        odometry: Pose,
+        pose: PlanarPose,
+        odometry: PlanarPose,
         settings: MapperSettings | None = None,
         hits_m: Float[np.ndarray, "k 2"] | None = None,
     ) -> OccupancyMapper:
@@ -147,7 +147,7 @@ class OccupancyMapper:
         return mapper
 
     @property
-    def pose(self) -> Pose:
+    def pose(self) -> PlanarPose:
         """(x [m], y [m], yaw [rad]) of the scanner at the last scan, in the map."""
         return self._pose
 
@@ -156,7 +156,7 @@ class OccupancyMapper:
         """Poses of all scans."""
         return np.array([match.pose for match in self.matches]).reshape(-1, 3)
 
-    def add(self, scan: LaserScan, odometry: Pose) -> ScanMatch:
+    def add(self, scan: LaserScan, odometry: PlanarPose) -> ScanMatch:
         """Match a scan to the map and add it.
 
         Parameters
@@ -186,7 +186,7 @@ class OccupancyMapper:
             self._cast(scan)
         return match
 
-    def locate(self, scan: LaserScan, odometry: Pose) -> ScanMatch:
+    def locate(self, scan: LaserScan, odometry: PlanarPose) -> ScanMatch:
         """Match a scan to the map without adding it, for localisation only.
 
         Parameters
@@ -211,7 +211,7 @@ class OccupancyMapper:
             self._spread = np.zeros((3, 3))
         self.matches.append(match)
 
-    def _predict(self, odometry: Pose) -> Pose:
+    def _predict(self, odometry: PlanarPose) -> PlanarPose:
         """Pose by odometry since the last scan; its covariance grows until a scan fits again."""
         s = self.settings
         before = self._odometry
@@ -228,7 +228,7 @@ class OccupancyMapper:
         self._spread = self._spread + np.diag([place, place, angle**2 + s.odometry_floor[1] ** 2])
         return pose
 
-    def _match(self, scan: LaserScan, odometry: Pose) -> ScanMatch:
+    def _match(self, scan: LaserScan, odometry: PlanarPose) -> ScanMatch:
         finite_array("odometry", odometry, 3)
         guess = self._predict(odometry)
         points = scan.points_m
@@ -324,7 +324,7 @@ class OccupancyMapper:
 
 
 def build_map(
-    scans: Iterable[tuple[LaserScan, Pose]], settings: MapperSettings | None = None
+    scans: Iterable[tuple[LaserScan, PlanarPose]], settings: MapperSettings | None = None
 ) -> OccupancyMapper:
     """Map a whole recording.
 

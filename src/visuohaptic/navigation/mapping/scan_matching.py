@@ -19,7 +19,7 @@ from ...core import POSITIVE, Reason, check_ranges, rotation_2d, wrap_angle
 from ._mapper_kernels import correlate, nearest_lines
 
 #: x [m], y [m], yaw [rad] in the map.
-Pose = tuple[float, float, float]
+PlanarPose = tuple[float, float, float]
 #: Of a pose [m, m, rad].
 Covariance = Float[np.ndarray, "3 3"]
 #: x, y of the points of a scan, in its frame [m].
@@ -57,7 +57,7 @@ class ScanMatch:
     t_s: float
     valid: bool
     reason: Reason
-    pose: Pose  #: (x [m], y [m], yaw [rad]) of the scanner; by odometry alone if not valid
+    pose: PlanarPose  #: (x [m], y [m], yaw [rad]) of the scanner; by odometry alone if not valid
     covariance: Covariance  #: of the pose [m, rad], given the map
     inliers: float  #: fraction of the points on the known part of the map that are near a hit
     residual_m: float  #: root mean square distance of the inliers from their lines
@@ -114,7 +114,7 @@ class HitGrid:
 def match_scan(
     grid: HitGrid,
     points_m: Points,
-    guess: Pose,
+    guess: PlanarPose,
     guess_covariance: Covariance,
     t_s: float,
     settings: MatchSettings | None = None,
@@ -157,7 +157,7 @@ def match_scan(
 
 
 def _near_lines(
-    grid: HitGrid, points_m: Points, pose: Pose, reach_cells: int
+    grid: HitGrid, points_m: Points, pose: PlanarPose, reach_cells: int
 ) -> tuple[Points, Points, Float[np.ndarray, "n 5"]]:
     """Points rotated into the map's axes [m], their positions in the grid (row, column) [cells], the lines near them."""
     turned = points_m @ rotation_2d(pose[2]).T
@@ -165,7 +165,7 @@ def _near_lines(
     return turned, places, nearest_lines(grid.mean_row, grid.mean_column, grid.count, places, reach_cells)
 
 
-def _agreement(grid: HitGrid, points_m: Points, pose: Pose, settings: MatchSettings) -> tuple[int, int]:
+def _agreement(grid: HitGrid, points_m: Points, pose: PlanarPose, settings: MatchSettings) -> tuple[int, int]:
     """Number of points in the known part of the map, and number of those near a hit."""
 
     _, places, lines = _near_lines(grid, points_m, pose, settings.reach_cells)
@@ -178,8 +178,8 @@ def _agreement(grid: HitGrid, points_m: Points, pose: Pose, settings: MatchSetti
 
 
 def _search(
-    grid: HitGrid, points_m: Points, guess: Pose, guess_covariance: Covariance, settings: MatchSettings
-) -> Pose:
+    grid: HitGrid, points_m: Points, guess: PlanarPose, guess_covariance: Covariance, settings: MatchSettings
+) -> PlanarPose:
     """Best of all shifts and rotations in the window by the number of points near hits, and by the odometry."""
 
     r = grid.resolution_m
@@ -222,11 +222,11 @@ def _near_hits(count: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray
 def _refine(
     grid: HitGrid,
     points_m: Points,
-    start: Pose,
-    guess: Pose,
+    start: PlanarPose,
+    guess: PlanarPose,
     guess_covariance: Covariance,
     settings: MatchSettings,
-) -> tuple[Pose, Covariance, float]:
+) -> tuple[PlanarPose, Covariance, float]:
     """Pose, covariance and residual [m]: Gauss-Newton on point-to-line distances with Huber weights, and on the odometry."""
 
     r = grid.resolution_m
