@@ -275,9 +275,32 @@ def test_shards_with_rows_that_are_no_arrays(tmp_path: Path, columns: dict[str, 
 
     right = {"name": ["a"], "dtype": ["float64"], "shape": ["1"], "data": [b"12345678"]}
     rows = columns if "name" in columns else right | columns
-    pq.write_table(pa.table(rows), tmp_path / "x.parquet")
+    pq.write_table(pa.table(rows), tmp_path / "x.parquet", compression="none", use_dictionary=False)
     with pytest.raises(InputError, match=r"x\.parquet: (is not a readable shard|array 'a' is of 'object')"):
         ShardFolder(tmp_path).read("x", [0])
+
+
+@pytest.mark.parametrize("packed", [{"compression": "zstd"}, {"use_dictionary": True, "compression": "none"}])
+def test_a_shard_that_would_unpack_to_far_more_than_its_file_is_refused(
+    tmp_path: Path, packed: dict[str, Any]
+) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    rows = {
+        "name": ["a"] * 64,
+        "dtype": ["uint8"] * 64,
+        "shape": ["262144"] * 64,
+        "data": [bytes(1 << 18)] * 64,
+    }
+    pq.write_table(pa.table(rows), tmp_path / "x.parquet", **{"use_dictionary": False, **packed})
+    assert (tmp_path / "x.parquet").stat().st_size < 1 << 19  # of 16 MiB
+    before = pa.total_allocated_bytes()
+    with pytest.raises(
+        InputError, match=r"x\.parquet: \w+: found 64 values, .*expected an uncompressed shard"
+    ):
+        ShardFolder(tmp_path).read("x", [0])
+    assert pa.total_allocated_bytes() - before < 1 << 20
 
 
 def test_an_added_object_undoes_its_deletion_and_what_is_older_does_not(tmp_path: Path) -> None:

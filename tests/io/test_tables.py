@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -20,6 +21,7 @@ from visuohaptic.io.sinks import (
     read_force_table,
     read_reference_table,
     read_wrench_table,
+    table_reader,
 )
 
 from .helpers import profile
@@ -27,7 +29,7 @@ from .helpers import profile
 PROFILES = [profile(0.1 * n, valid=n != 2, force_N=n / 3) for n in range(5)]
 
 
-@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+@pytest.mark.parametrize("suffix", ["csv", "parquet", "CSV", "Parquet"])
 def test_forces_go_round(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run.{suffix}"
     with TableWriter(path) as table:
@@ -42,7 +44,7 @@ def test_forces_go_round(tmp_path: Path, suffix: str) -> None:
     assert back.reason[2] is Reason.OCCLUDED
     assert back.contacts.tolist() == [1] * 5
     np.testing.assert_array_equal(back.force_sigma_N, [p.force_sigma_N for p in PROFILES])
-    if suffix == "parquet":
+    if suffix.lower() == "parquet":
         np.testing.assert_array_equal(back.profiles[3]["delta_m"], PROFILES[3].delta_m)
         np.testing.assert_array_equal(back.profiles[3]["pressure_Pa"], PROFILES[3].pressure_Pa)
 
@@ -124,6 +126,18 @@ def test_bad_files(tmp_path: Path) -> None:
         read_force_table(tmp_path / "a.parquet")
     with pytest.raises(InputError, match="cannot be read"):
         read_force_table(tmp_path / "none.csv")
+
+
+def test_a_small_file_of_many_equal_rows_is_refused_before_they_take_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = [name for name in FORCE_COLUMNS if name not in ("valid", "reason", "contacts")]
+    rows = {"valid": np.ones(200_000, bool), "reason": ["ok"] * 200_000, "contacts": np.zeros(200_000, int)}
+    pq.write_table(pa.table(rows | {name: np.zeros(200_000) for name in names}), tmp_path / "a.parquet")
+    assert (tmp_path / "a.parquet").stat().st_size < 100_000
+    monkeypatch.setattr(table_reader, "MAX_DATA_BYTES", 8_000_000)
+    with pytest.raises(InputError, match=r"has \d+ values, expected at most 1000000"):
+        read_force_table(tmp_path / "a.parquet")
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,8 @@ from ..core.files import MAX_DATA_BYTES, atomic_path
 
 #: Objects in a row group: one per group took half of an import, and the larger groups are, the longer it takes to read one.
 _GROUP = 16
+#: Encodings of uncompressed values and of their validity, and maximum number of arrays in a row group.
+_PLAIN, _MAX_ROWS = {"PLAIN", "RLE", "BIT_PACKED"}, 1_000_000
 _COUNT, _PER_GROUP = b"objects", b"objects_per_row_group"
 
 
@@ -95,6 +97,8 @@ def unpack(file: Any, numbers: Sequence[int], where: object) -> list[Arrays]:
             raise InputError(where, f"has arrays of {count} objects, expected number {bad[0]}")
         size = max(1, int(metadata.get(_PER_GROUP, 1)))
         groups = sorted({number // size for number in numbers})
+        for group in groups:
+            _check_plain(file.metadata.row_group(group), where)
         rows = file.read_row_groups(groups, use_threads=False).to_pydict()
         if (owners := rows.get("object")) is None:
             owners = [group for group in groups for _ in range(file.metadata.row_group(group).num_rows)]
@@ -108,6 +112,17 @@ def unpack(file: Any, numbers: Sequence[int], where: object) -> list[Arrays]:
             raise
         raise InputError(where, f"is not a readable shard ({error})") from error
     return [found[number] for number in numbers]
+
+
+def _check_plain(group: Any, where: object) -> None:
+    """Reject packed columns, of which a few bytes may unpack to any size; shards are written without."""
+    for column in (group.column(number) for number in range(group.num_columns)):
+        plain = column.compression == "UNCOMPRESSED" and set(column.encodings) <= _PLAIN
+        if not plain or column.num_values > _MAX_ROWS:
+            found = f"{column.num_values} values, {column.compression}, {'/'.join(column.encodings)}"
+            raise InputError(
+                where, f"found {found}, expected an uncompressed shard", field=column.path_in_schema
+            )
 
 
 def _array(where: object, name: str, dtype: str, shape: str, data: bytes) -> tuple[str, np.ndarray]:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core import InputError, Reason, Wrench
-from ...core.files import CsvRow, check_columns, file_size, read_csv
+from ...core.files import MAX_DATA_BYTES, CsvRow, check_columns, file_size, read_csv
 from ...core.ranges import SECONDS, check_numbers
 from .tables import FORCE_COLUMNS, PROFILE_COLUMNS, WRENCH_COLUMNS, arrow
 
@@ -151,7 +151,7 @@ def read_columns(path: Path, expected: Sequence[str]) -> dict[str, list[Any]]:
     InputError
         With the line of the first invalid field, or the missing columns.
     """
-    if path.suffix == ".parquet":
+    if path.suffix.lower() == ".parquet":
         return _read_parquet(path, expected)
     _, rows = read_csv(path, expected, allow_empty=True)
     columns: dict[str, list[Any]] = {name: [] for name in expected}
@@ -188,7 +188,12 @@ def _read_parquet(path: Path, expected: Sequence[str]) -> dict[str, list[Any]]:
     pa, pq = arrow()
     try:
         with path.open("rb") as stream:
-            table = pq.read_table(stream)
+            file = pq.ParquetFile(stream)
+            groups = [file.metadata.row_group(number) for number in range(file.num_row_groups)]
+            values = sum(one.column(k).num_values for one in groups for k in range(one.num_columns))
+            if values > MAX_DATA_BYTES // 8:  # equal values take hardly any space in the file
+                raise InputError(path, f"has {values} values, expected at most {MAX_DATA_BYTES // 8}")
+            table = file.read()
     except (OSError, pa.ArrowException) as error:
         raise InputError(path, f"is not a readable Parquet file ({error})") from error
     check_columns(path, table.column_names, expected)

@@ -68,7 +68,8 @@ class TableWriter(Closing):
     def __init__(self, path: Path | str) -> None:
         self.path = check_target(path, (".csv", ".parquet"))
         self._schema: Any = None
-        if self.path.suffix == ".parquet":
+        self._packed = self.path.suffix.lower() == ".parquet"
+        if self._packed:
             arrow()
         self._file = PartFile(self.path)
         self.part = self._file.part  #: name until closed
@@ -106,7 +107,7 @@ class TableWriter(Closing):
 
     def _begin(self, kind: type) -> None:
         columns = FORCE_COLUMNS if kind is ForceProfile else WRENCH_COLUMNS
-        if self.path.suffix == ".csv":
+        if not self._packed:
             self._file.write(csv_line(columns))
         else:
             self._schema = _schema(columns, PROFILE_COLUMNS if kind is ForceProfile else ())
