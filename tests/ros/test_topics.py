@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import queue
 import threading
 from itertools import islice
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,7 +18,7 @@ from visuohaptic.core import DeviceError, InputError
 from visuohaptic.core.camera import Camera
 from visuohaptic.core.files import write_image
 from visuohaptic.io.ros import ros_messages as messages
-from visuohaptic.ros import RosNode, RosOptions
+from visuohaptic.ros import RosNode, RosOptions, topics
 from visuohaptic.ros.frames import SENSOR_QOS
 from visuohaptic.ros.topics import echo, find_topics, plain_message
 from visuohaptic.ros.wire import LATCHED
@@ -101,16 +103,24 @@ def test_what_is_not_published_and_what_is_silent(robot: RosNode, ours: RosNode)
         next(echo(ours, "/chatter", 0.1))
 
 
-def test_a_slow_reader_gets_the_latest_messages(robot: RosNode, ours: RosNode) -> None:
+def test_a_slow_reader_gets_the_latest_messages(
+    robot: RosNode, ours: RosNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    queues: list[queue.Queue[Any]] = []
+
+    def made(size: int) -> queue.Queue[Any]:
+        queues.append(queue.Queue(size))
+        return queues[-1]
+
+    monkeypatch.setattr(topics, "queue", SimpleNamespace(Queue=made, Empty=queue.Empty, Full=queue.Full))
     texts, last = robot.advertise("/texts", STRING, LATCHED), {"data": "300"}
     texts.publish({"data": "first"})
     reader = echo(ours, "/texts", 60.0)
     assert next(reader) == {"data": "first"}
-    arrived: list[str] = []
-    ours.subscribe("/texts", STRING, lambda received: arrived.append(received.message.data))
     for number in range(100, 300):
         texts.publish({"data": str(number)})
-    assert until(lambda: "300" in arrived or texts.publish(last), 60.0)
+    (waiting,) = queues
+    assert until(lambda: (waiting.qsize() and waiting.queue[-1].data == "300") or texts.publish(last), 60.0)
     found = [message["data"] for message in islice(reader, 50)]
     assert found == sorted(found)
     # Of more than two hundred messages, the latest hundred have waited.

@@ -80,7 +80,7 @@ def test_refusals_leave_no_file(tmp_path, press):
     )
     with pytest.raises(CalibrationError, match="unsuitable"):
         run(bad, "--out", tmp_path / "foam.yaml")
-    with pytest.raises(InputError, match=r"cannot be written as an image"):
+    with pytest.raises(InputError, match=r"found suffix '\.xyz', expected \.png, \.pdf or \.svg"):
         run(press, "--out", tmp_path / "foam.yaml", "--plot", tmp_path / "foam.xyz")
     assert not (tmp_path / "foam.yaml").exists()
 
