@@ -117,6 +117,20 @@ def test_a_stranger_without_the_key_is_refused(table: RemoteRobot) -> None:
         start_robot("visuohaptic.simulation.served:nowhere")
 
 
+def test_what_a_robot_prints_is_not_its_address(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "noisy.py").write_text(
+        "import os\nprint('a greeting')\nos.write(1, b'of a library\\n')\n"
+        "def robot():\n    print('ready')\n    return {'wait': print}\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    with start_robot("noisy:robot") as robot:
+        assert robot.wait(0.25) is None
+    said = capfd.readouterr().err
+    assert all(text in said for text in ("a greeting", "of a library", "ready", "0.25"))
+
+
 def test_values_cross_as_they_are_and_truth_does_not() -> None:
     image = np.arange(24, dtype=np.uint8).reshape(4, 6)
     frame = unpack(pack(Frame(image, 1.5, 7)))

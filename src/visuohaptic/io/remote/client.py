@@ -13,7 +13,7 @@ from multiprocessing import AuthenticationError
 from multiprocessing.connection import Client
 from typing import Any, cast
 
-from ...core import Camera, Closing, DeviceError, Frame, InputError, Wrench, errors
+from ...core import Camera, Closing, DeviceError, Frame, InputError, VisuohapticError, Wrench, errors
 from ...core.robots import ROBOT_CONTRACT, Gripper, MapPose, MobileBase, ProbeArm
 from . import server
 from .wire import MAX_MESSAGE_BYTES, PROTOCOLS, RemoteDepth, RemoteTouch, pack, unpack
@@ -175,7 +175,12 @@ def start_robot(target: str, arguments: Mapping[str, Any] | None = None) -> Remo
         process.stdin.write(key.hex() + "\n")
         process.stdin.flush()
         host, port = json.loads(process.stdout.readline())
-    except (OSError, ValueError) as problem:
+        return RemoteRobot((str(host), int(port)), key, process)
+    except VisuohapticError:
+        process.kill()
+        process.wait()
+        raise
+    except (OSError, ValueError, TypeError) as problem:
         process.kill()
         process.wait()
         raise DeviceError(
@@ -183,7 +188,6 @@ def start_robot(target: str, arguments: Mapping[str, Any] | None = None) -> Remo
         ) from problem
     finally:
         patience.cancel()
-    return RemoteRobot((str(host), int(port)), key, process)
 
 
 class _Part:

@@ -112,14 +112,16 @@ class _Served:
 
 def main() -> None:
     """``python -m visuohaptic.io.remote.server MODULE:FUNCTION ARGUMENTS``; the key is read from standard input."""
+    # What a module or a library prints must not be taken for the address.
+    out = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
     module, _, function = sys.argv[1].partition(":")
     key = bytes.fromhex(sys.stdin.readline().strip())
     sys.path.insert(0, os.getcwd())
     parts = getattr(importlib.import_module(module), function)(**json.loads(sys.argv[2]))
 
     def ready(address: tuple[str, int]) -> None:
-        sys.stdout.write(json.dumps(address) + "\n")
-        sys.stdout.flush()
+        print(json.dumps(address), file=out, flush=True)
 
     serve_robot(parts, key=key, ready=ready)
 
