@@ -112,7 +112,7 @@ class _Served:
 
 def main() -> None:
     """``python -m visuohaptic.io.remote.server MODULE:FUNCTION ARGUMENTS``; the key is read from standard input."""
-    # What a module or a library prints must not be taken for the address.
+    # Output of a module or a library is not the address.
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     module, _, function = sys.argv[1].partition(":")
