@@ -44,6 +44,17 @@ def test_a_slow_scale_of_1_g_is_compared_at_its_own_readings() -> None:
     assert found.rms_over_sigma == pytest.approx(1.0, abs=0.15)
 
 
+def test_a_declared_sigma_of_weights_is_not_widened_by_their_steps() -> None:
+    """A run that is .3 N wrong at steps of 1 N: their uniform error, .29 N, would excuse it."""
+    t_s, always = np.arange(0.0, 4.0, 0.1), np.ones(40, dtype=bool)
+    weights_N = np.floor(t_s)
+    run = ForceRecord("foam", t_s, weights_N + 0.3, np.full(40, 0.01), always)
+    found = compare_forces(
+        run, ForceRecord("weights", t_s, weights_N, np.full(40, 0.01), always), offset_s=0.0
+    )
+    assert found.rms_over_sigma == pytest.approx(0.3 / np.hypot(0.01, 0.01), rel=1e-6)
+
+
 def test_the_offset_of_the_clocks_is_found_with_its_sigma() -> None:
     errors, sigmas = [], []
     for seed in range(40):

@@ -78,8 +78,8 @@ def compare_forces(
     """Compare a run with a reference that may use another clock.
 
     The reference is interpolated linearly between its samples. If it has fewer than the run, only the samples of the run
-    nearest to those of the reference are compared: a press between two readings of a scale is unknown. The smallest step of its
-    values is its resolution, a uniform error. If the offset of the clocks is not given, it is
+    nearest to those of the reference are compared: a press between two readings of a scale is unknown. Where it declares no
+    standard deviation, the smallest step of its values is its resolution, a uniform error. If the offset of the clocks is not given, it is
     the one with the smallest sum of squares, refined by a parabola whose curvature gives its standard deviation.
 
     Parameters
@@ -135,7 +135,8 @@ def compare_forces(
         )
     error_N = (run.force_N - expected_N)[good]
     declared = bool((np.hypot(run.sigma_N, expected_sigma_N)[good] > 0).all())
-    sigma_N = np.hypot(run.sigma_N, np.maximum(expected_sigma_N, _resolution(truth_N) / np.sqrt(12.0)))[good]
+    rounding_N = np.where(expected_sigma_N > 0, 0.0, _resolution(truth_N) / np.sqrt(12.0))
+    sigma_N = np.hypot(run.sigma_N, expected_sigma_N + rounding_N)[good]
     squares = float(expected_N[good] @ expected_N[good])
     gain_sigma = (
         float(np.abs(expected_N[good]) @ sigma_N) / squares if declared and squares > 0 else float("nan")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -31,8 +31,8 @@ def new_figure(
     size: tuple[float, float],
     sharex: bool = False,
     height_ratios: Sequence[float] | None = None,
-    layout: str | None = None,
-    projection: str | None = None,
+    layout: Literal["constrained"] | None = None,
+    projection: Literal["3d"] | None = None,
 ) -> tuple[Figure, tuple[Any, ...]]:
     """Create a figure that is not registered in matplotlib's global list, and its axes by rows.
 
@@ -58,7 +58,7 @@ def new_figure(
     """
     with needs("matplotlib", "plot", "drawing figures"):
         from matplotlib.figure import Figure
-    figure = Figure(figsize=size, layout=layout)  # type: ignore[arg-type]
+    figure = Figure(figsize=size, layout=layout)
     axes = figure.subplots(
         rows,
         columns,
