@@ -104,7 +104,7 @@ def plot_reconstruction(found: Reconstruction, path: Path | str) -> None:
 
 
 def _figure() -> tuple[Any, list[Any]]:
-    figure, views = new_figure(1, 2, size=(11.0, 4.6), projection="3d")
+    figure, views = new_figure(1, 2, size=(11.0, 5.2), projection="3d")
     # The automatic layout ignores the labels of 3D axes.
     figure.set_layout_engine("constrained", wspace=0.15)
     for axes in views:
