@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from visuohaptic.sensing.foam._posterior_kernels import _fit, shadow_odds
 from visuohaptic.sensing.foam._texture_kernels import (
     COV_PRESSED,
     COV_REST,
+    MAX_ODDS,
     OWN,
     VAR_PRESSED,
     foam_bands,
@@ -349,6 +351,21 @@ def test_a_new_contact_that_moves_the_front_as_a_whole_is_no_coincidence() -> No
     flat, uneven = (filtered([0.0], 0.0, spread_m=spread, onset=0.1)[0] for spread in (0.0, 0.002))
     assert flat == pytest.approx(0.2 * 2 / np.pi * np.arctan(0.1 / 27.0)), "a pixel over 27 mm, at any angle"
     assert uneven == pytest.approx(0.2 * 2 / np.pi * np.arctan(2.1 / 27.0))
+
+
+def test_texture_that_foam_has_not_moved_is_that_beside_an_occluder() -> None:
+    """Columns of nine bands at rest, of texture that has moved with the edge, and of texture that has not."""
+    texture, noise = 9.0, 1.0
+    bands, unary, against = np.zeros((11, 9)), np.zeros((11, 4)), np.zeros((11, 6))
+    bands[:] = [60.0, 170.0, 1.0, 1.0, texture + noise, texture, texture, texture, texture]
+    bands[9, COV_REST] = bands[10, COV_PRESSED] = 0.0
+    transfer, variance = foam_texture_odds(bands, unary, against, np.empty(11))
+    assert (transfer, variance) == (1.0, noise)
+    # At rest both show the zero image: foam nine times in ten, else any texture; an occluder beside foam every other time.
+    assert against[0, 0] == pytest.approx(math.log(0.5 / 0.9), abs=1e-3)
+    assert against[9, 0] == pytest.approx(math.log(0.5) - (math.log(0.9) + MAX_ODDS), abs=1e-3)
+    # Other texture has a cause that neighbours share: it counts a fifth.
+    assert against[10, 0] == pytest.approx(0.2 * (math.log(0.5) + MAX_ODDS - math.log(0.1)), abs=1e-3)
 
 
 def test_a_surface_coarser_than_any_part_of_the_strip_is_not_the_foam() -> None:

@@ -4,7 +4,7 @@ Point k of the contour has one of the states z_k = F (front of the foam), S (edg
 rest), O (occluder) and N (no edge). With the image I along its line, the zero image Z, the position x of the edge
 now and x0 at rest, the likelihoods of a frame, each relative to that of O, are
 
-    foam      p(I before x | F) = 0.6 p(I | g Z(t x0/x)) + 0.3 p(I | g Z(t)) + 0.1 p(I | any)
+    foam      p(I before x | F) = 0.9 p(I | g Z(t x0/x)) + 0.1 p(I | any);  p(... | O) = 0.5 p(I | g Z(t)) + 0.5 p(I | any)
     shadow    p(I | S) : I = light(t) Z(t), or light(t) Z(t) up to x0, then another floor; p(I | F) : g Z up to x, then a surface
     floor     p(I beyond x0 | S) : the floor of Z in any light, or a body that may press: then the front is not seen
     position  p(x | F) : at rest, or within reach of the last position at max_contact_speed;  p(x | O) : anywhere
