@@ -326,6 +326,16 @@ def test_a_straight_occluder_along_the_whole_front_is_no_plate_and_a_plate_is_re
     assert rows[1]["about"]["speed_m_s"] * foam.FRAME_S == pytest.approx(2e-3)
 
 
+def test_a_press_in_a_shadow_over_the_whole_front_is_not_taken_for_foam_at_rest() -> None:
+    """A cylinder nearly as grey as the floor presses by 2.6 mm in the shadow, whose edge lies far behind the front."""
+    sequence = disturbances.disturbed("hard shadow", 22)
+    del sequence.moments[14:]
+    frames = foam_evidence.frames_of([foam_evidence.run_sequence(sequence)])
+    # It was read as 0.00 +- 0.13 N in the last of them, where 2.2 N press.
+    error = np.abs(frames["force_N"] - frames["truth_N"])[frames["valid"].astype(bool)]
+    assert (error < foam_evidence.PHANTOM_N).all()
+
+
 def test_points_behind_a_shadow_while_zeroing_are_read_when_it_has_gone() -> None:
     """Six points at the end of the strip have no edge at rest; their widths are inferred, and so is the error of that."""
     sequence = foam.shadows(18)

@@ -213,7 +213,7 @@ def level_odds(found, dependence, gain, foam, variance, against):
             same += 0.3 * _density(beyond - between / foam[k] * floor, sigma)
             same += 0.2 * _density(beyond - shade * floor, sigma)
             shaded = same + 0.2 / 255
-            bare[k] = same / shaded
+            bare[k] = same / shaded / (1.0 + math.exp(min(found[k, 7], 40.0)))
             # An edge of a body would have to coincide with the front at rest by chance.
             body = 0.6 * _density(beyond - between, sigma) + 0.4 / 255 * _BY_CHANCE
             levels = ALIKE * math.log(shaded / body)
