@@ -163,6 +163,9 @@ def test_the_oracle_finds_the_push_that_is_known_by_hand():
     driven_s = wide * (touch - stand_off - 0.575) + slow * stand_off
     # Of the stretch near the box the clearance is between the two: 1 cm of 60 at a difference of 2 %.
     assert found.cost_s == pytest.approx(driven_s + push_seconds(0.5, ROBOT), rel=2e-3)
+    late = solve(world, 0.05, limit_s=0.0)
+    assert not late.finished
+    assert not np.isfinite(late.cost_s)
 
 
 def test_what_has_no_plan_is_proved_and_what_has_one_is_not():

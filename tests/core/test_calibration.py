@@ -175,6 +175,10 @@ def test_board_refusals() -> None:
         Board(9, 7, 0.03, 0.04)
     with pytest.raises(InputError, match="found 'DICT_NONSENSE'"):
         detect_board(np.zeros((48, 64), np.uint8), Board(9, 7, 0.03, 0.02, "DICT_NONSENSE"))
+    with pytest.raises(InputError, match="chessboard of 3 x 7 squares, expected at least 4 each way"):
+        Board(3, 7, 0.03)
+    with pytest.raises(InputError, match="DICT_4X4_50 with 50 markers, expected 70 for 14 x 10 squares"):
+        detect_board(np.zeros((48, 64), np.uint8), Board(14, 10, 0.03, 0.02, "DICT_4X4_50"))
 
 
 def test_command_from_pictures_to_file(tmp_path: Path) -> None:
