@@ -55,6 +55,9 @@ class Stream:
             self.fresh_s
         ) = -math.inf  #: arrival of the newest reading, and of the newest fresh one [s]
         self._t_s, self._ahead_s = -math.inf, -math.inf
+        self.repeats = (
+            False  #: whether the newest reading has a new time, but a value that should have changed
+        )
 
     def note(self, now_s: float, t_s: float, as_of_s: float) -> str:
         """Record a reading; returns a description of a clock error, or an empty string.
@@ -75,6 +78,7 @@ class Stream:
             if back_s > self._max_jump_s or jump_s > self._max_jump_s:
                 return f"the clock of {self.name} jumped by {jump_s:+.3g} s"
         self._ahead_s = max(self._ahead_s, ahead_s)
+        self.repeats = t_s > self._t_s and as_of_s < now_s
         if t_s > self._t_s and as_of_s > -math.inf:
             self.fresh_s = min(as_of_s, now_s)
         self._t_s = max(t_s, self._t_s)

@@ -179,9 +179,10 @@ class _Supervised(SupervisedPart, Generic[DeviceT]):
     def only_opens(self) -> bool:
         return False
 
-    def _missing_s(self, changed: bool, rate_m_s: float) -> float:
-        """Duration of motions that should have changed a state [s], see :class:`RepeatedState`."""
-        return self._repeated.missing_s(changed, self._guard.executed_s(self), rate_m_s)
+    def _as_of_s(self, changed: bool, rate_m_s: float) -> float:
+        """Time up to which a state is new on the supervisor's clock [s], infinite: now; see :class:`RepeatedState`."""
+        missing_s = self._repeated.missing_s(changed, self._guard.executed_s(self), rate_m_s)
+        return self._guard.now_s() - missing_s if missing_s > 0.0 else math.inf
 
     def _renew(self, before: object, arrives_s: float) -> None:
         """Allow a motion to a new target after a constant state: away from the last one, or after it stood there."""
@@ -230,7 +231,7 @@ class _SupervisedBase(_Supervised[MobileBase], MobileBase):
             max_m_s = self._guard.limits.max_speed_m_s
             jumped = self._guard.leap(self.name, step_m, state.t_s - last.t_s, max_m_s)
         blocked = self._guard.blocked_by_contact(self)
-        as_of_s = self._guard.now_s() - self._missing_s(not same or blocked, max(map(abs, self._velocities)))
+        as_of_s = self._as_of_s(not same or blocked, max(map(abs, self._velocities)))
         # A base that reports a velocity has a new pose each time; a base at rest reports zero velocity.
         rate = max(abs(state.speed_m_s), abs(state.turn_rate_rad_s))
         if same and last is not None and rate * (state.t_s - last.t_s) > ROUNDING_M:
@@ -327,8 +328,8 @@ class _SupervisedArm(_Supervised[ProbeArm], ProbeArm):
         max_m_s = self._guard.limits.max_tip_speed_m_s
         jumped = self._guard.leap(self.name, _apart_m(pose, last), t_s - last_s, max_m_s)
         due = max(self._left_m(), pose.angle_to(self._target)) > STANDING_M
-        missing_s = self._missing_s(not _same(pose, last), math.inf if due else 0.0)
-        self._guard.note(self.name, t_s, as_of_s=self._guard.now_s() - missing_s, jumped=jumped)
+        as_of_s = self._as_of_s(not _same(pose, last), math.inf if due else 0.0)
+        self._guard.note(self.name, t_s, as_of_s=as_of_s, jumped=jumped)
         return t_s, pose
 
     def reach_m(self) -> Float[np.ndarray, "2"]:
@@ -375,11 +376,11 @@ class _SupervisedGripper(_Supervised[Gripper], Gripper):
         """Newest reading."""
         state = self._device.state()
         changed, due = state.opening_m != self._opening_m, abs(self._target_m - state.opening_m) > STANDING_M
-        missing_s = self._missing_s(changed, math.inf if due else 0.0)
-        if changed or not (missing_s > 0.0 or (due and self._guard.is_executing(self))):
+        as_of_s = self._as_of_s(changed, math.inf if due else 0.0)
+        if changed or not (as_of_s < math.inf or (due and self._guard.is_executing(self))):
             self._widest_m = state.opening_m
         self._opening_m = state.opening_m
-        self._guard.note(self.name, state.t_s, as_of_s=self._guard.now_s() - missing_s)
+        self._guard.note(self.name, state.t_s, as_of_s=as_of_s)
         return state
 
     def execute(self) -> None:

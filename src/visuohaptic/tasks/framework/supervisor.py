@@ -336,7 +336,8 @@ class SupervisorCore(Closing):
             soon = stream.read_s == stream.fresh_s or (blind and stream.name == FORCE)
             from_s = max(stream.fresh_s, motion.since_s) if soon else stream.fresh_s
             if now_s - from_s >= max_age_s:
-                return f"{stream.name} has not been updated for {now_s - from_s:.2f} s"
+                why = " although it has to move" if own and stream.repeats else ""
+                return f"{stream.name} has not been updated for {now_s - from_s:.2f} s{why}"
         if motion.part.name not in self._streams and now_s - motion.since_s >= max_age_s:
             return f"{motion.part.name} has never been read"
         return ""
