@@ -166,6 +166,10 @@ def test_poor_sessions_are_refused_with_the_reason() -> None:
         )
     with pytest.raises(CalibrationError, match="found 0 good views"):
         calibrate_camera([], CHESS, (640, 480))
+    # As with its corners counted instead of its squares.
+    blank = [BoardView(f"image {k}", np.zeros(0, np.int64), np.zeros((0, 2))) for k in range(9)]
+    with pytest.raises(CalibrationError, match="9 x 7 squares in none of 9 images; count its squares, not"):
+        calibrate_camera(blank, CHESS, (640, 480))
 
 
 def test_board_refusals() -> None:

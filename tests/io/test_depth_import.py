@@ -108,7 +108,9 @@ def test_a_plain_folder_needs_all_that_it_does_not_say(tmp_path):
     Camera(*SIZE, np.array([[20, 0, 7.5], [0, 20, 5.5], [0, 0, 1.0]])).save(tmp_path / "camera.yaml")
     write_poses(tmp_path / "poses.txt", [(4.0, Pose(np.eye(3), PLACE_M))])
     told = {"camera": tmp_path / "camera.yaml", "poses": tmp_path / "poses.txt"}
-    with pytest.raises(InputError, match="a plain folder needs camera, poses and depth_scale_m"):
+    with pytest.raises(
+        InputError, match="a plain folder needs depth_scale_m; give a camera_info file, a file of"
+    ):
         import_sequence(source, tmp_path / "out", **told)
     with pytest.raises(InputError, match=r"has no camera.json, cam.info.txt or camera_intrinsics.yaml"):
         import_sequence(source, tmp_path / "out")

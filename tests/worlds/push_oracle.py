@@ -179,7 +179,9 @@ class _Search:
             start + along[:, None] * direction
         )
         blocked = np.flatnonzero(clear < self.world.robot.radius_m - 1e-6)
-        robot_m = along[blocked[0] - 1] - self.stand_off_m if len(blocked) else MAX_PUSH_M
+        robot_m = MAX_PUSH_M
+        if len(blocked):  # at its first pose: it cannot stand there
+            robot_m = along[blocked[0] - 1] - self.stand_off_m if blocked[0] else 0.0
         moving = np.array(here.buffer(-1e-4, join_style="mitre").exterior.coords)[:-1]
         ahead = shapely.box(
             *np.minimum(here.bounds[:2], np.array(here.bounds[:2]) + MAX_PUSH_M * direction),

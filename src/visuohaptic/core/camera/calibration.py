@@ -222,6 +222,13 @@ def calibrate_camera(
     limits = limits or CalibrationLimits()
     removed: dict[str, str] = {}
     used: list[BoardView] = []
+    views = list(views)
+    if views and not any(len(view.corner_ids) for view in views):
+        raise CalibrationError(
+            name,
+            f"found a board of {board.columns} x {board.rows} squares in none of {len(views)} images",
+            remedy="count its squares, not the corners between them, and check the kind of the board",
+        )
     for view in views:
         if len(view.corner_ids) >= limits.min_corners and not _collinear(board, view):
             used.append(view)

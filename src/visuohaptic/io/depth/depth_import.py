@@ -294,7 +294,10 @@ def _plain(
     bit_rotation: int,
 ) -> _Layout:
     if camera is None or poses is None or depth_scale_m is None:
-        raise InputError(source, "a plain folder needs camera, poses and depth_scale_m")
+        values = {"camera": camera, "poses": poses, "depth_scale_m": depth_scale_m}
+        missing = ", ".join(name for name, value in values.items() if value is None)
+        remedy = "give a camera_info file, a file of poses (or none), and the metres of one unit"
+        raise InputError(source, f"a plain folder needs {missing}", remedy=remedy)
     folder = source / "depth" if (source / "depth").is_dir() else source
     paths = _image_files(folder, set(DEPTH_SUFFIXES))
     if poses == NO_POSES:

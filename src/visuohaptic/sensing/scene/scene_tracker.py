@@ -233,9 +233,7 @@ class SceneTracker:
         That is at the first contact, and again when it has become wider. An object without contact
         for a long time is released.
         """
-        contact = None
-        if profile is not None:
-            contact = max(profile.contacts, key=lambda c: np.nan_to_num(c.force_N), default=None)
+        contact = None if profile is None else profile.max_contact
         if contact is None:
             self._without += 1
             if self._object.face is not None and self._without > self.settings.lost_contact_frames:
