@@ -69,7 +69,6 @@ class DiscreteSymmetry:
         low_m, high_m = region.hull_m[:, 2].min(), region.hull_m[:, 2].max()
         level = np.abs(z_m[walls] - 0.5 * (low_m + high_m)) < 0.5 * _SAME * (high_m - low_m)
         self._tests = even_subset(band.samples_m, walls, _APART * size_m)[: None if level.any() else 0]
-        self._place = cKDTree(band.samples_m)
         self._side = cKDTree(np.hstack([band.samples_m, _APART * size_m * band.sample_normals]))
 
     @property
@@ -157,7 +156,7 @@ class DiscreteSymmetry:
             [turned, np.broadcast_to(points_m[:, 2:], (*turned.shape[:2], 1))], axis=2
         ).reshape(-1, 3)
         # Match to the nearest point with a similar normal: both faces of an edge are near. Unmatched points are beside.
-        places, tree, turned_normals = moved, self._place, None
+        places, tree, turned_normals = moved, self.band.tree, None
         if normals is not None:
             flat = np.einsum("hij,nj->hni", maps[0], normals[:, :2])
             level = np.broadcast_to(normals[:, 2:], (*flat.shape[:2], 1))
