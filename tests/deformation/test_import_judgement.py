@@ -183,6 +183,23 @@ def test_a_coarse_cylinder_is_as_stiff_as_a_round_one(sections: int, tmp_path: P
     assert found == pytest.approx(expected, rel=0.03)
 
 
+def test_the_foot_of_a_coarse_tray_is_as_round_as_its_wall(tmp_path: Path) -> None:
+    """48 facets on a flat foot: chords of the foot below arcs of the wall would be waves of half its thickness."""
+    height = np.linspace(0, 0.025, 8)
+    points, faces = revolved(0.12 + 0.4 * height, height, 48)
+    ring = np.arange(48)
+    faces = np.concatenate([faces, np.stack([np.roll(ring, -1), ring, np.full(48, len(points))], axis=1)])
+    tray = trimesh.Trimesh(np.concatenate([points, [[0.0, 0.0, 0.0]]]), faces, process=False)
+    tray.export(tmp_path / "tray.stl")
+    container = import_container(tmp_path / "tray.stl", wall=WallProperties(thickness_m=WALL_m))
+    found = container.mesh.vertices_m
+    reach = np.hypot(found[:, 0], found[:, 1])
+    away = (reach - 0.12 - 0.4 * found[:, 2])[reach > 0.06]
+    # A chord of a 48th is 0.26 mm inside; waves of 12.5 um make the wall 0.4 % stiffer.
+    assert np.abs(away).max() < 0.025 * WALL_m
+    assert len(away) > 2 * 48
+
+
 def test_sampling_anew_is_asked_for_and_priced(tmp_path: Path) -> None:
     pot(groove_m=0.0015, foot=True, top=False).export(tmp_path / "pot.ply")
     wall = WallProperties(thickness_m=WALL_m)
