@@ -93,13 +93,16 @@ def order_figures(rows: Sequence[dict[str, Any]], label: str) -> list[dict[str, 
 
 
 @one_blas_thread()
-def bound_rows(chosen: Sequence[int], cache: Path) -> list[dict[str, Any]]:
-    """Fraction of unknown containers detected, for each number of touches, condition and classifier."""
+def bound_rows(count: int, cache: Path) -> list[dict[str, Any]]:
+    """Fraction of unknown containers detected, for each number of touches, condition and classifier.
+
+    Of each unknown kind there are so many members in each condition, of each class three times as many.
+    """
     members = [
         (name, condition, seed, _profile(member(name, seed, condition, cache), seed))
-        for seed in chosen
-        for condition in CONDITIONS
         for name in (CLASSES | OTHERS)
+        for seed in range(0, 2 * count * (3 if name in CLASSES else 1), 2)
+        for condition in CONDITIONS
     ]
     names, conditions, groups, tables = (np.array(part) for part in zip(*members, strict=True))
     known = np.isin(names, list(CLASSES))
@@ -109,7 +112,8 @@ def bound_rows(chosen: Sequence[int], cache: Path) -> list[dict[str, Any]]:
         # Of a height and an axis, two sides; every second touch is along the other axis.
         columns = np.concatenate([[2 * k, 2 * k + 1] for k in touches])
         scores = _unknown_scores(tables[:, columns], names, groups)
-        scores[ALONE] = _alone_scores(tables[:, columns], names, groups)
+        if len(columns) < known.sum() / len(CLASSES):  # the covariance of fewer members is that of chance
+            scores[ALONE] = _alone_scores(tables[:, columns], names, groups)
         for peer, score in scores.items():
             limit = np.quantile(score[known], 1 - FALSE_UNKNOWN)
             for condition in CONDITIONS:
