@@ -59,7 +59,7 @@ def _closure(packages: Sequence[str]) -> set[str]:
 
 
 @contextlib.contextmanager
-def interrupted(patience_s: float = 3.0, work_s: float = 1.5) -> Iterator[list[int]]:
+def interrupted(patience_s: float = 3.0, work_s: float = 0.5) -> Iterator[list[int]]:
     """Ctrl-C for what needs the core only, finds what it needs and waits or computes; the list tells that it came.
 
     All imports of the same words up to their end are held against what the verb declares in ``test_help_examples.py``.

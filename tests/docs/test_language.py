@@ -7,6 +7,7 @@ import io
 import json
 import re
 import tokenize
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -182,44 +183,24 @@ def test_a_notebook_has_none_of_the_replaced_phrases(path: Path) -> None:
     assert found(text) == []
 
 
-def texts(module: str) -> list[str]:
+def texts(nodes: Iterable[ast.AST]) -> list[str]:
     """The strings of a module of several words, without its docstrings."""
-    tree = ast.parse(module)
-    docs = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-    found = [node for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in docs]
+    docs = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    found = [node for node in nodes if isinstance(node, ast.Constant) and id(node) not in docs]
     return [node.value for node in found if isinstance(node.value, str) and " " in node.value.strip()]
 
 
-@pytest.mark.parametrize(
-    "path", sorted(SOURCE.rglob("*.py")), ids=lambda path: path.relative_to(SOURCE).as_posix()
-)
-def test_messages_and_help_texts_have_none_of_the_replaced_phrases(path: Path) -> None:
-    module = path.read_text(encoding="utf-8")
-    assert [hit for text in texts(module) for hit in found(text, MESSAGES)] == []
-
-
-def docstrings_and_comments(text: str) -> list[str]:
+def docstrings_and_comments(text: str, nodes: Iterable[ast.AST]) -> list[str]:
     """The docstrings of a module without the lines of parameter names, and its comments."""
     kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-    docs = [ast.get_docstring(node) or "" for node in ast.walk(ast.parse(text)) if isinstance(node, kinds)]
+    docs = [ast.get_docstring(node) or "" for node in nodes if isinstance(node, kinds)]
     tokens = tokenize.generate_tokens(io.StringIO(text).readline)
     comments = [token.string for token in tokens if token.type == tokenize.COMMENT]
     return [re.sub(r"^\w+(?:, \w+)*$", "", doc, flags=re.MULTILINE) for doc in docs] + comments
 
 
-@pytest.mark.parametrize(
-    "path",
-    sorted(p for room in PLAIN for p in (SOURCE / room).rglob("*.py")),
-    ids=lambda path: path.relative_to(SOURCE).as_posix(),
-)
-def test_docstrings_and_comments_have_none_of_the_replaced_phrases(path: Path) -> None:
-    texts = docstrings_and_comments(path.read_text(encoding="utf-8"))
-    assert [hit for text in texts for hit in found(text, PROSE)] == []
-
-
-def names(module: str) -> set[str]:
+def names(nodes: Iterable[ast.AST]) -> set[str]:
     """The names that a module defines or uses."""
-    nodes = list(ast.walk(ast.parse(module)))
     kinds = (ast.ClassDef, ast.FunctionDef)
     return (
         {node.name for node in nodes if isinstance(node, kinds)}
@@ -229,31 +210,48 @@ def names(module: str) -> set[str]:
     )
 
 
+def nodes_of(module: str) -> list[ast.AST]:
+    """All nodes of a module's syntax tree."""
+    return list(ast.walk(ast.parse(module)))
+
+
 @pytest.mark.parametrize(
-    "path",
-    sorted(p for room in NAMED for p in (SOURCE / room).rglob("*.py")),
-    ids=lambda path: path.relative_to(SOURCE).as_posix(),
+    "path", sorted(SOURCE.rglob("*.py")), ids=lambda path: path.relative_to(SOURCE).as_posix()
 )
-def test_names_are_terms_of_the_field(path: Path) -> None:
-    assert [name for name in sorted(names(path.read_text(encoding="utf-8"))) if NAMES.fullmatch(name)] == []
+def test_a_module_is_in_the_terms_of_the_field(path: Path) -> None:
+    """Its messages and help texts, its docstrings and comments, and its names; each module is parsed once."""
+    module, room = path.read_text(encoding="utf-8"), path.relative_to(SOURCE).as_posix()
+    nodes = nodes_of(module)
+    assert [hit for text in texts(nodes) for hit in found(text, MESSAGES)] == []
+    if room.startswith(tuple(f"{one}/" for one in PLAIN)):
+        assert [hit for text in docstrings_and_comments(module, nodes) for hit in found(text, PROSE)] == []
+    if room.startswith(tuple(f"{one}/" for one in NAMED)):
+        assert [name for name in sorted(names(nodes)) if NAMES.fullmatch(name)] == []
+
+
+def test_the_rooms_are_there() -> None:
+    assert [room for room in (*PLAIN, *NAMED) if not (SOURCE / room / "__init__.py").is_file()] == []
 
 
 def test_the_names_of_a_module_are_searched() -> None:
     module = (
         "class Thing:\n    most_m: float\n\n    def f(self, wanted): return self._told + least_squares(1)\n"
     )
-    found = {name for name in names(module) if NAMES.fullmatch(name)}
+    found = {name for name in names(nodes_of(module)) if NAMES.fullmatch(name)}
     assert found == {"Thing", "most_m", "wanted", "_told"}
 
 
 def test_a_comment_and_a_docstring_are_searched_and_a_parameter_name_is_not() -> None:
     module = '"""Nobody asks.\n\nParameters\n----------\nwanted\n    A mask.\n"""\nx = 1  #: goes on\n'
-    assert len([hit for text in docstrings_and_comments(module) for hit in found(text, PROSE)]) == 2
+    assert (
+        len([hit for text in docstrings_and_comments(module, nodes_of(module)) for hit in found(text, PROSE)])
+        == 2
+    )
 
 
 def test_a_part_of_a_message_is_searched_and_a_docstring_is_not() -> None:
     module = '''"""It says so."""\nraise ValueError(f"{x}: the header says {y}")\n'''
-    assert len([hit for text in texts(module) for hit in found(text, MESSAGES)]) == 1
+    assert len([hit for text in texts(nodes_of(module)) for hit in found(text, MESSAGES)]) == 1
 
 
 def test_the_search_ignores_line_breaks_and_case() -> None:

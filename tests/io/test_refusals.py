@@ -225,10 +225,11 @@ def _exr(
     blocks = rows if packing in (0, 1, 2) else [b"".join(rows) + bytes(zeros)]
     for k, raw in enumerate(blocks):
         if packing:
-            values = np.frombuffer(raw[0::2] + raw[1::2], np.uint8).astype(int)
-            coded = np.r_[values[0], np.diff(values) + 128].astype(np.uint8).tobytes()
-            runs = b"".join(bytes([0, value]) for value in coded)  # each a run of one
-            blocks[k] = runs if packing == 1 else zlib.compress(coded)
+            values = np.frombuffer(raw[0::2] + raw[1::2], np.uint8).astype(np.int16)
+            coded = np.r_[values[0], np.diff(values) + 128].astype(np.uint8)
+            runs = np.zeros((len(coded), 2), np.uint8)  # each a run of one
+            runs[:, 1] = coded
+            blocks[k] = runs.tobytes() if packing == 1 else zlib.compress(coded.tobytes())
     at = len(data) + 8 * len(blocks)
     places, body = b"", b""
     for k, block in enumerate(blocks):

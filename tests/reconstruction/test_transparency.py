@@ -45,8 +45,8 @@ SEED = 12  # a development seed: thin, 360 degrees
 
 @pytest.fixture(scope="module")
 def sequence():
-    """Every third view of a development scene at quarter resolution."""
-    scene = glass_scene(SEED, step_m=0.06)
+    """Every fourth or fifth view of a development scene at quarter resolution."""
+    scene = glass_scene(SEED, step_m=0.09)
     sensor = DepthCamera.kinect(200)
     frames = [
         DepthFrame(view.t_s, view.depth_m, None, view.true_T_world_camera, sensor.camera, i)
@@ -235,7 +235,7 @@ def test_the_false_alarm_rate_moves_the_threshold_and_is_checked(sequence):
     grid = SpaceGrid.around((-0.4, -0.4, 0.0), (0.4, 0.4, 0.3), 0.02)
     strict, loose = (EvidenceDetector(grid, settings=EvidenceSettings(rate)) for rate in (0.001, 0.1))
     for detector in (strict, loose):
-        detector.run(frames[::6])
+        detector.run(frames[::8])
     # Bonferroni: a hundredth of the rate is log 100 more evidence.
     assert strict.threshold - loose.threshold == pytest.approx(math.log(100), abs=1e-9)
     np.testing.assert_allclose(strict.evidence, loose.evidence, atol=1e-5)

