@@ -294,6 +294,31 @@ def two_sided(
     return trimesh.util.concatenate(sides)
 
 
+def test_an_uneven_floor_is_no_part_of_the_wall(tmp_path: Path) -> None:
+    """A cup of 40 mm on a floor that is tilted by 1.5 mm: rays through it meet the floor on one side and the wall on the other."""
+    height, ring = np.linspace(0, 0.08, 60), np.arange(96)
+    outer, outside = revolved(np.full(60, 0.04), height)
+    inner, inside = revolved(np.full(60, 0.038), height)
+    low = 0.003 + 0.0015 * inner[:96, 0] / 0.038
+    inner[:, 2] = np.tile(low, 60) + (0.08 - np.tile(low, 60)) * np.repeat(height, 96) / 0.08
+    after, top, bottom = np.roll(ring, -1), 59 * 96 + ring, len(outer) + ring
+    beside = np.roll(top, -1)
+    count = 2 * len(outer)
+    faces = [
+        outside, inside[:, ::-1] + len(outer), np.stack([after, ring, np.full(96, count)], axis=1),
+        np.stack([bottom, np.roll(bottom, -1), np.full(96, count + 1)], axis=1),
+        np.stack([top, beside, beside + len(outer)], axis=1), np.stack([top, beside + len(outer), top + len(outer)], axis=1),
+    ]  # fmt: skip
+    points = np.concatenate([outer, inner, [[0, 0, 0], [0, 0, 0.003]]])
+    trimesh.Trimesh(points, np.concatenate(faces), process=False).export(tmp_path / "cup.stl")
+    cup = import_container(tmp_path / "cup.stl", wall=WallProperties(material="PP"))
+    foot = cup.mesh.vertices_m[cup.mesh.vertices_m[:, 2] < cup.mesh.vertices_m[:, 2].min() + 1e-6]
+    # The middle of the wall is at 39 mm; facets of a 96th are 0.02 mm inside.
+    np.testing.assert_allclose(np.hypot(foot[:, 0], foot[:, 1]), 0.039, atol=5e-5)
+    np.testing.assert_allclose(cup.axis_point_m, 0.0, atol=1e-4)
+    assert any(note.startswith("the solid foot, 4.") for note in cup.notes)
+
+
 def test_a_measured_wall_is_used(tmp_path: Path) -> None:
     two_sided(np.full(60, RADIUS_m), np.linspace(0, 0.15, 60), (1, 0), 0.002).export(tmp_path / "jar.ply")
     container = import_container(tmp_path / "jar.ply")

@@ -277,7 +277,8 @@ def flip_edges(
         some = np.flatnonzero(good)
         # Of both together: the normal of a triangle without height is noise.
         normal = sum(area_vectors(vertices, faces[side[some]]) for side in (one, two))
-        good[some] = _is_close(vertices, *(ends[some] for ends in (a, b, c, d)), tolerance, surface)
+        old, new = (np.stack(ends, axis=1)[some] for ends in ((a, b), (c, d)))
+        good[some] = _is_close(vertices, old, new, tolerance, surface)
         for side in (first[some], second[some]):
             good[some] &= np.einsum("ei,ei->e", normal, area_vectors(vertices, side)) > 0
         count = len(vertices)
@@ -301,19 +302,18 @@ def flip_edges(
 
 def _is_close(
     vertices: np.ndarray,
-    a: Int[np.ndarray, "n"],
-    b: Int[np.ndarray, "n"],
-    c: Int[np.ndarray, "n"],
-    d: Int[np.ndarray, "n"],
+    old: Int[np.ndarray, "n 2"],
+    new: Int[np.ndarray, "n 2"],
     tolerance: float,
     surface: tuple[Float[np.ndarray, "v 3"], Bool[np.ndarray, "v"]],
 ) -> Bool[np.ndarray, "n"]:
-    """Whether the edge c-d is within the tolerance of a-b, or on a smooth surface closer to its curve than a-b."""
-    cross = np.cross(vertices[b] - vertices[a], vertices[d] - vertices[c])
-    away = np.abs(np.einsum("ei,ei->e", cross, vertices[c] - vertices[a]))
-    old, smooth = _bow(vertices, np.stack([a, b], axis=1), *surface)
-    new, also = _bow(vertices, np.stack([c, d], axis=1), *surface)
-    closer = smooth & also & (np.linalg.norm(new, axis=1) < np.linalg.norm(old, axis=1))
+    """Whether new edges are within the tolerance of old ones, or on a smooth surface closer to its curve than those."""
+    first, second = (vertices[edge[:, 1]] - vertices[edge[:, 0]] for edge in (old, new))
+    cross = np.cross(first, second)
+    away = np.abs(np.einsum("ei,ei->e", cross, vertices[new[:, 0]] - vertices[old[:, 0]]))
+    before, smooth = _bow(vertices, old, *surface)
+    after, also = _bow(vertices, new, *surface)
+    closer = smooth & also & (np.linalg.norm(after, axis=1) < np.linalg.norm(before, axis=1))
     return closer | (away <= tolerance * np.linalg.norm(cross, axis=1))
 
 
