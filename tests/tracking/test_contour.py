@@ -121,6 +121,28 @@ def test_texture_behind_the_edge_widens_sigma():
     assert ratio.std() < 1.5
 
 
+@pytest.mark.parametrize("cell_px", [1.5, 3.0])
+def test_the_edge_of_a_wide_textured_strip_is_found_in_any_frame(cell_px):
+    """Every step over texture adds to the jump term, over 140 px more than an edge, though no edge was crossed."""
+    from scipy.ndimage import gaussian_filter
+
+    rng = np.random.default_rng(13)
+    scene = Scene(lambda s: 0.3 + 0 * s, rows=240, centre=(200.0, 50.0), low=130.0, high=190.0)
+    exact = scene.exact(3)
+    texture = gaussian_filter(rng.standard_normal(exact.shape), cell_px)
+    exact = exact + 8 * texture / texture.std() * (exact - 130) / 60
+    lines, truth = scene.lines(21, reach=0.0)
+    # From the back, 145 px behind the edge.
+    away = lines.origin_px + 145.0 * lines.direction_px, -lines.direction_px
+    start, stop = np.full(21, 17.0), np.full(21, 162.0)
+    lines = ConstraintLines(*away, start, stop, np.full(21, 8.5))
+    tracker = ContourTracker(ContourSettings(full_search_every=2))
+    for _ in range(5):
+        c = tracker.track(camera(exact, 2, rng), lines)
+        assert c.valid.mean() > 0.9
+        assert np.abs(c.position_px - (145.0 - truth))[c.valid].max() < 1.5
+
+
 def test_polarity_either_and_wrong():
     scene = Scene(lambda s: 0.2 + 0 * s, low=150.0, high=70.0)
     image = camera(scene.exact(3), 3, np.random.default_rng(6))

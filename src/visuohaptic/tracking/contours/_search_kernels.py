@@ -18,6 +18,9 @@ FORBIDDEN = np.float32(1e4)
 MARGIN = 3
 #: Spacing of the five samples across a line (px).
 ACROSS_PX = 2.0
+#: Gradients up to this multiple of their median are texture, not edges that are crossed: those of a random texture are
+#: Rayleigh distributed, so that 2^(-2.5^2) of them, one sample in 76, exceeds it.
+TEXTURE = 2.5
 
 
 @kernel(fastmath=True, nogil=True)
@@ -214,7 +217,7 @@ def chain_minimum(cost, first, step, direction, weight, free, index):
 
 
 @kernel(fastmath=True, nogil=True)
-def energy_terms(strength, first, start, stop, stride, cap, jump_scale, floor, w_edge, w_jump, cost):
+def energy_terms(strength, first, start, stop, stride, cap, jump_scale, floor, texture, w_edge, w_jump, cost):
     """Edge and jump term of Eq. (3.6) at every ``stride``-th sample, forbidden outside the range.
 
     The edge term uses the strongest sample in a cell of ``stride``, so that no edge is missed at half the density.
@@ -235,6 +238,8 @@ def energy_terms(strength, first, start, stop, stride, cap, jump_scale, floor, w
         Saturation limit of the edge strength, and its noise level.
     jump_scale
         Contrast of a full edge [grey levels].
+    texture
+        Largest edge strength of a surface without an edge, which does not count as a jump.
     w_edge, w_jump
         Weights of both terms.
     cost
@@ -247,9 +252,10 @@ def energy_terms(strength, first, start, stop, stride, cap, jump_scale, floor, w
     for k in range(lines):
         total = np.float32(0.0)
         for j in range(count):
-            size = abs(strength[k, j]) - floor
-            total += max(size, np.float32(0.0))
-            passed[j] = total - np.float32(0.5) * max(size, np.float32(0.0))
+            size = abs(strength[k, j])
+            size = size - floor if size > texture else np.float32(0.0)
+            total += size
+            passed[j] = total - np.float32(0.5) * size
         zero = min(max(int(np.floor(-first[k] + 0.5)), 0), count - 1)
         for i in range(n):
             j = i * stride
@@ -309,6 +315,7 @@ def search(
                 top = max(top, strength[k, j])
             total += top
         cap = total / lines
+    texture = max(TEXTURE * np.median(np.abs(strength)), floor)
     cap = max(cap, 2.0 * floor, 1e-3)
     cost = np.empty((lines, n), np.float32)
     index = np.zeros(lines, np.int64)
@@ -319,7 +326,7 @@ def search(
         scale = jump_scale if jump_scale > 0.0 else 4.0 * cap
         energy_terms(
             strength, first, start, stop, stride, np.float32(cap), np.float32(scale), np.float32(floor),
-            np.float32(w_edge), np.float32(w_jump), cost,
+            np.float32(texture), np.float32(w_edge), np.float32(w_jump), cost,
         )  # fmt: skip
         energy = chain_minimum(cost, first, float(stride), direction, weight, free, index)
         total = 0.0

@@ -6,7 +6,7 @@ then a maximum-likelihood fit of a blurred step to the raw pixels of each point.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from itertools import chain
 
@@ -176,6 +176,8 @@ class ContourTracker:
             )
         due = guess is None or self._age >= self.settings.full_search_every
         contour = self._attempt(grey, lines, None if due else guess, free_ends)
+        if guess is None:  # once more with the contrast, blur and noise that the first frame has shown
+            contour = replace(self._attempt(grey, lines, self._position, free_ends), searched_all=True)
         # Some points have no edge: the contour, or its occluder, may have left the search window.
         if not due and contour.valid.mean() < _FEW_VALID:
             due = True
