@@ -23,7 +23,9 @@ from visuohaptic.rigs import ROBOT, rooms, with_objects
 from visuohaptic.rigs import box as square
 from visuohaptic.rigs.virtual_crown_cap import SCAN_M, virtual_opener
 from visuohaptic.simulation.floor import FloorObject, FloorSenses, FloorWorld
+from visuohaptic.simulation.foam import FoamStripGeometry
 from visuohaptic.simulation.mobile import (
+    FoamPushWorld,
     PlatformConfig,
     QuickFoam,
     QuickFrames,
@@ -168,6 +170,7 @@ class Rig(ABC):
 
     name = ""
     limits = SafetyLimits()
+    ends_s = 300.0  #: time of the world after which its camera ends
 
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
@@ -205,7 +208,7 @@ class Rig(ABC):
         def watched() -> Iterator[Frame]:
             for frame in source:
                 self.watch(guard, fault, record)
-                if self.now_s() > 300.0:
+                if self.now_s() > self.ends_s:
                     return
                 yield frame
 
@@ -318,29 +321,37 @@ def _tag_right(tag: Any, friction_N: float) -> bool:
 
 
 class Explore(Rig):
-    """Touch a bin, push it, and tag it."""
+    """Touch a bin, push it, and tag it.
+
+    In physics: the static friction is estimated from the inertia of the object, which a world without masses does not have.
+    """
 
     name = "explore"
+    ends_s = 60.0  #: physics take a while; ten times as long as a push
+    world: FoamPushWorld | QuickWorld
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
         mass = float(self.rng.choice([0.5, 1.2, 20.0]))
         self.bin = cylinder("bin", 0.42, 0.0, 0.1, 0.3, mass_kg=mass, friction=0.35, static_ratio=1.2)
-        self.world = QuickWorld([self.bin])
+        self.world = FoamPushWorld(
+            [self.bin], PlatformConfig(strip=FoamStripGeometry(spacing_m=0.002)), seed=seed
+        )
         self.foam = QuickFoam(self.world, self.rng)
 
     def now_s(self) -> float:
         return self.world.t_s
 
     def tick(self) -> tuple[float, bool]:
+        base = self.world.base
         return float(self.world.truth.strip.load_N), (
-            self.world.target_speed_m_s,
-            self.world.target_turn_rate_rad_s,
+            base.target_speed_m_s,
+            base.target_turn_rate_rad_s,
         ) != (0.0, 0.0)
 
     def bump(self) -> None:
-        x, y, heading = self.world.pose
-        self.world.pose = (x - 0.01, y + 0.01, heading + 0.03)
+        assert isinstance(self.world, FoamPushWorld)
+        self.world._data.qpos[:3] += (-0.01, 0.01, 0.03)
 
     def parts(self, guard: Supervisor, fault: Fault, record: Record) -> tuple[Any, Any, Any]:
         foam = self.foam
@@ -361,7 +372,7 @@ class Explore(Rig):
                 return replace(profile, t_s=frame.t_s, force_N=force_N, valid=valid, reason=reason)
 
         source = self.camera(QuickFrames(self.world), guard, fault, record)
-        return guard.base(_Device(self.world, fault)), source, guard.sensor(Told())
+        return guard.base(_Device(self.world.base, fault)), source, guard.sensor(Told())
 
     def attempt(self, guard: Supervisor, fault: Fault, record: Record) -> Claim:
         settings = ExploreSettings(approach_m_s=0.05, push_m_s=0.03, push_m=0.03, halt_s=0.3, search_m=0.4)
@@ -377,6 +388,7 @@ class TouchMap(Explore):
     """Three contacts on the way around a room."""
 
     name = "map_by_touch"
+    ends_s = 300.0
     # 80 mm/s against foam of 20 mm: after 0.1 s and a frame without a reading half of it is left; at 0.5 m/s2 it stands
     # after 0.16 s.
     limits = SafetyLimits(max_age_s=0.1, brake_s=0.16)
@@ -388,6 +400,11 @@ class TouchMap(Explore):
         config = PlatformConfig(x_m=x, y_m=y, heading_rad=heading, strip=self.world.config.strip)
         self.world = QuickWorld(self.room.obstacles, config)
         self.foam = QuickFoam(self.world, self.rng)
+
+    def bump(self) -> None:
+        assert isinstance(self.world, QuickWorld)
+        x, y, heading = self.world.pose
+        self.world.pose = (x - 0.01, y + 0.01, heading + 0.03)
 
     def attempt(self, guard: Supervisor, fault: Fault, record: Record) -> Claim:
         wide, deep = self.room.size_m

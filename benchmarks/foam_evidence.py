@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from tests.worlds import foam
-from tests.worlds.foam_disturbances import DISTURBANCES, disturbed, faulty, forces, segments
+from tests.worlds.foam_disturbances import DISTURBANCES, covered, disturbed, faulty, forces, segments
 from tests.worlds.foam_presses import calibration_plate
 
 from benchmarks._journal import Journal
@@ -164,6 +164,17 @@ def fault_figures(rows: list[dict]) -> list[dict]:
     return [_row("valid beyond 4 sigma + 0.05 N", wrong.sum(), "frames", note, floor=0, aim=0)]
 
 
+def cover_figures(rows: list[dict]) -> list[dict]:
+    """Wrong frames with occluders along the whole front, and frames read of plates that press there."""
+    plates = frames_of([row for row in rows if row["about"]["kind"] == "plate"])
+    read = _percent(plates["valid"][plates["counted"].astype(bool)]) if len(plates["valid"]) else float("nan")
+    note = _honesty(plates) if len(plates["valid"]) else "none"
+    return [
+        *fault_figures(rows),
+        _row("plates along the whole front: frames read", read, "%", note, floor=70, aim=90),
+    ]
+
+
 def segment_figures(rows: list[dict]) -> list[dict]:
     """Ends of sharp-edged plates, from 2 mm on."""
     ends = np.array([end for row in rows for end in row["ends"]]).reshape(-1, 3)
@@ -257,6 +268,7 @@ CAMPAIGNS: dict[str, tuple[Callable, Callable]] = {
     "disturbances": (_each_disturbance, disturbance_figures),
     "force": (_each(forces), force_figures),
     "faults": (_each(faulty), fault_figures),
+    "covers": (_each(covered), cover_figures),
     "segments": (_each(segments), segment_figures),
 }
 

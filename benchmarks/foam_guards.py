@@ -22,6 +22,7 @@ GUARDS = (
     "deflection",
     "validity",
     "_chain_kernels",
+    "_light_kernels",
     "_posterior_kernels",
     "_texture_kernels",
 )

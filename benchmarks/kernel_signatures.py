@@ -318,7 +318,7 @@ def run_foam() -> None:
     now, rest = np.zeros((6, 5, 40), np.float32), np.zeros((6, 5, 40), np.uint8)
     rectify(grey, points_px, points_px, one_px, one_px, np.zeros(6, np.int64), now)
     front, states, against = np.full(6, 20.0), np.zeros((6, 4)), np.zeros((6, 6))
-    bands, found, s_m = np.zeros((6, 9)), np.zeros((6, 7)), one_px.cumsum()
+    bands, found, s_m = np.zeros((6, 9)), np.zeros((6, 8)), one_px.cumsum()
     foam_bands(now, rest, front, front, one_px, 1.0, seen, bands)
     texture_odds(bands, states, against, one_px.copy())
     for image in (now, rest):
@@ -326,7 +326,7 @@ def run_foam() -> None:
     local_statistics(front)
     edges = front, front + 9.0, one_px
     shadow_odds(now, rest, np.ones((6, 6)), *edges, 1.0, one_px, 1.0, 1.0, seen, found)
-    level_odds(np.full((6, 7), np.nan), one_px, one_px, one_px, 1.0, against)
+    level_odds(np.full((6, 8), np.nan), one_px, one_px, one_px, 1.0, against)
     place_odds(
         1.0, 0.03, one_px, one_px, one_px, 0.0 * one_px, one_px, 1.0, one_px, 1.0, 1.0, 0.0, against, states, one_px
     )  # fmt: skip

@@ -163,6 +163,22 @@ def test_the_oracle_finds_the_push_that_is_known_by_hand():
     driven_s = wide * (touch - stand_off - 0.575) + slow * stand_off
     # Of the stretch near the box the clearance is between the two: 1 cm of 60 at a difference of 2 %.
     assert found.cost_s == pytest.approx(driven_s + push_seconds(0.5, ROBOT), rel=2e-3)
+    late = solve(world, 0.05, limit_s=0.0)
+    assert not late.finished
+    assert not np.isfinite(late.cost_s)
+
+
+def test_the_oracle_pushes_only_from_where_the_robot_can_stand():
+    # A box that fills the corridor can only be pushed from its middle, where another one is 15 cm from the robot's centre.
+    y, half, walls = 1.025, 0.4, walled(6.0, 2.0)
+    walls += [bar(0.0, 0.0, 6.0, y - half), bar(0.0, y + half, 6.0, 2.0)]
+    bodies = [Body("a", at(box(0.3, 0.78), 2.5, y))]
+    world = World("", (6.0, 2.0), tuple(walls), tuple(bodies), (0.675, y), (3.5, y))
+    assert [push.body for push in solve(world, 0.1, step_m=0.1).pushes] == ["a"]
+    bodies.append(Body("b", at(box(0.1, 0.1), 2.5 - 0.15 - ROBOT.radius_m, y + 0.2), fixed=True))
+    found = solve(replace(world, bodies=tuple(bodies)), 0.1, step_m=0.1)
+    assert found.finished
+    assert not found.pushes
 
 
 def test_what_has_no_plan_is_proved_and_what_has_one_is_not():

@@ -32,6 +32,11 @@ def test_a_verb_reads_only_arguments_that_it_declares(verb):
         ({"data": "a.csv", "out": "sub/../a.csv"}, ("out", "a.csv, which is read")),
         ({"scans": ["b.csv", "a.csv"], "out": "a.csv"}, ("out", "a.csv, which is read")),
         ({"data": "b.csv", "out": "new.csv", "plot": "new.csv"}, ("plot", "new.csv, which --out writes")),
+        ({"csv": "new.csv", "parquet": "new.csv"}, ("parquet", "new.csv, which --csv writes")),
+        *(
+            ({"data": "a.csv", name: "a.csv"}, (name, "a.csv, which is read"))
+            for name in ("steps", "mask", "save")
+        ),
         ({"data": "a.csv", "out": "b.csv"}, None),
         ({"beam": "a.csv", "data": "b.csv", "out": "a.csv"}, None),  # updated in its place
         ({"data": "sub", "out": "sub"}, None),  # folders
@@ -44,3 +49,13 @@ def test_an_output_that_is_an_input_is_found(tmp_path, monkeypatch, names, found
     for name in ("a.csv", "b.csv"):
         (tmp_path / name).touch()
     assert overwritten_file(argparse.Namespace(**names, tag=30.0, json=False)) == found
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_no_number_of_a_verb_may_be_nan(verb):
+    parser = verb_parser(verb, importlib.import_module(VERBS[verb][0]))
+    numbers = [action for action in parser._actions if getattr(action.type, "__name__", "") == "float"]
+    for action in numbers:
+        with pytest.raises((argparse.ArgumentTypeError, ValueError)):
+            action.type("nan")
+        assert action.type("0.1") == pytest.approx(0.1)

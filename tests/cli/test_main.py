@@ -265,3 +265,9 @@ def test_the_package_runs_as_a_module():
         [sys.executable, "-m", "visuohaptic", "--version"], capture_output=True, text=True, check=True
     )
     assert done.stdout.strip() == f"visuohaptic {__version__}"
+
+
+def test_missing_memory_is_told_in_one_line(verbs, capsys):
+    verbs("touch box", fail_with(MemoryError("Unable to allocate 9 GiB")))
+    assert main(["touch", "box"], verbs=verbs.registry) == 2
+    assert "memory does not suffice (Unable to allocate 9 GiB)" in one_line(capsys.readouterr().err)

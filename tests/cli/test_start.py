@@ -119,6 +119,9 @@ def test_sizes_are_asked_for_and_checked(recording, monkeypatch, capsys):
         ([], [*SIZE[:4]], "--height: no answer was given; give --height"),
         (["wide"], [*SIZE[:4]], "--height: found 'wide', expected a number of millimetres"),
         (["lots"], SIZE, "known load: found 'lots', expected a number of grams"),
+        (["nan"], SIZE, "known load: found 'nan', expected a number of grams"),
+        (["0"], SIZE, "known load: found '0', expected a number of grams"),
+        ([""], SIZE, "known load: found '', expected a number of grams"),
         (["{0}", "{1}", "{0}", ""], SIZE, "contradicts the others"),
         ([], [*SIZE, "--tag", "9"], "outside the image; measure strip and printed tag with a ruler"),
     ],
@@ -129,6 +132,8 @@ def test_what_cannot_be_right_is_refused(recording, monkeypatch, capsys, answers
     code, _, said = start(monkeypatch, capsys, folder, answers, *words, "--camera", "camera.yaml")
     assert code == 2, said
     assert problem in said.splitlines()[-1]
+    # Without a load, the stiffness of the foam is unknown: what is left must not measure newtons.
+    assert "known load" not in problem or not (folder / "sensor" / "foam.yaml").exists()
 
 
 def test_cameras_are_listed(monkeypatch, capsys):

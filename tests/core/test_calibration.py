@@ -166,6 +166,10 @@ def test_poor_sessions_are_refused_with_the_reason() -> None:
         )
     with pytest.raises(CalibrationError, match="found 0 good views"):
         calibrate_camera([], CHESS, (640, 480))
+    # As with its corners counted instead of its squares.
+    blank = [BoardView(f"image {k}", np.zeros(0, np.int64), np.zeros((0, 2))) for k in range(9)]
+    with pytest.raises(CalibrationError, match="9 x 7 squares in none of 9 images; count its squares, not"):
+        calibrate_camera(blank, CHESS, (640, 480))
 
 
 def test_board_refusals() -> None:
@@ -175,6 +179,10 @@ def test_board_refusals() -> None:
         Board(9, 7, 0.03, 0.04)
     with pytest.raises(InputError, match="found 'DICT_NONSENSE'"):
         detect_board(np.zeros((48, 64), np.uint8), Board(9, 7, 0.03, 0.02, "DICT_NONSENSE"))
+    with pytest.raises(InputError, match="chessboard of 3 x 7 squares, expected at least 4 each way"):
+        Board(3, 7, 0.03)
+    with pytest.raises(InputError, match="DICT_4X4_50 with 50 markers, expected 70 for 14 x 10 squares"):
+        detect_board(np.zeros((48, 64), np.uint8), Board(14, 10, 0.03, 0.02, "DICT_4X4_50"))
 
 
 def test_command_from_pictures_to_file(tmp_path: Path) -> None:

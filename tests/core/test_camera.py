@@ -190,6 +190,10 @@ def test_camera_info_goes_round(tmp_path: Path, name: str) -> None:
             "camera_matrix: found 3 x 3 with 2 numbers",
         ),
         ({"camera_matrix": {"rows": 3, "cols": 3, "data": [-1, 0, 0, 0, 1, 0, 0, 0, 1]}}, "positive focal"),
+        (
+            {"camera_matrix": {"rows": 3, "cols": 3, "data": [9, 1, 4, 0, 9, 3, 0, 0, 1]}},
+            "matrix: found .* with skew",
+        ),
         ({"image_width": 10**6, "image_height": 10**6}, "at most"),
     ],
 )
@@ -238,3 +242,16 @@ def test_a_calibration_that_is_not_of_these_images_is_told(tmp_path: Path, caplo
     Camera.load(tmp_path / "camera.yaml")
     assert said in caplog.text
     assert bool(said) == bool(caplog.records)
+
+
+@pytest.mark.parametrize(("k1", "focal_px"), [(-0.3, 640.0), (-0.3, 520.0), (0.2, 300.0)])
+def test_a_distortion_without_inverse_in_the_image_is_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, k1: float, focal_px: float
+) -> None:
+    """r (1 + k1 r^2) has its maximum 2 r / 3 at r^2 = 1 / (-3 k1): pixels beyond it are the image of no ray."""
+    reach = 2 / 3 * np.sqrt(1 / (-3 * k1)) if k1 < 0 else np.inf
+    matrix = np.array([[focal_px, 0, 319.5], [0, focal_px, 239.5], [0, 0, 1]])
+    Camera(640, 480, matrix, np.array([k1, 0, 0, 0, 0])).save(tmp_path / "camera.yaml")
+    Camera.load(tmp_path / "camera.yaml")
+    folds = np.hypot(319.5, 239.5) / focal_px > reach
+    assert ("have no inverse at the border of the image" in caplog.text) == folds

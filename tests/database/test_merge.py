@@ -68,6 +68,17 @@ def _constant_fit(values: np.ndarray, sigmas: np.ndarray) -> tuple[float, float]
     return float(fit[0]), float(np.sqrt(max(scaled[0, 0], plain[0, 0])))
 
 
+def test_versions_of_a_part_whose_name_has_a_dot_are_merged() -> None:
+    def cup(value: float) -> VisuoHapticObject:
+        wall = Material(wall_thickness_m=Estimate(value, 1e-4))
+        return VisuoHapticObject("cup", parts={"lid 1.5": ObjectPart(material=wall)})
+
+    merged = merge_objects(cup(1e-3), cup(2e-3)).parts["lid 1.5"].material
+    assert merged is not None
+    assert merged.wall_thickness_m is not None
+    assert merged.wall_thickness_m.value == pytest.approx(1.5e-3)
+
+
 @pytest.mark.parametrize("count", [3, 5, 9])
 @pytest.mark.parametrize("disagreement", [0.1, 1.0, 8.0])
 def test_many_are_combined_as_by_least_squares(count: int, disagreement: float) -> None:

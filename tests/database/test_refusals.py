@@ -18,6 +18,7 @@ pytest.importorskip("pyarrow")
 
 from benchmarks.objects_faults import make_object
 
+from visuohaptic.cli.main import main
 from visuohaptic.core import (
     DatabaseError,
     FeatureVector,
@@ -53,6 +54,26 @@ def test_ids_are_names_of_folders(tmp_path: Path, object_id: str) -> None:
             db.add(VisuoHapticObject(object_id))
         db.add(VisuoHapticObject("x" * 128))
         assert len(db) == 1
+
+
+def test_a_refused_object_leaves_no_database(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for words, said in (
+        (["a/b"], "found the id 'a/b'"),
+        (["cup", "--name", "caf\udce9"], "expected text in Unicode"),
+    ):
+        assert main(["objects", "add", *words, "--db", str(tmp_path / "db")]) == 2
+        assert said in capsys.readouterr().err
+        assert not (tmp_path / "db").exists()
+
+
+def test_a_folder_among_the_shards_is_left_alone(tmp_path: Path) -> None:
+    with open_database(tmp_path / "db") as db:
+        db.add(VisuoHapticObject("a"))
+    (tmp_path / "db" / "shards" / "lost+found").mkdir()
+    with open_database(tmp_path / "db") as db:
+        db.add(VisuoHapticObject("b"))
+        assert len(db) == 2
+    assert (tmp_path / "db" / "shards" / "lost+found").is_dir()
 
 
 def test_a_database_that_is_not_there(tmp_path: Path) -> None:

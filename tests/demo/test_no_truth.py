@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -68,6 +69,25 @@ def test_the_object_to_touch_does_not_depend_on_its_mass(tmp_path: Path) -> None
         first, *others = mission.house.obstacles
         moved = (replace(first, mass_kg=heavier * first.mass_kg), *others)
         mission.house = replace(mission.house, obstacles=moved)
-        chosen.append(choose_objects(mission, [one for one, _ in mission.known.obstacles]))
+        chosen.append(choose_objects(mission, [one for one, _ in mission.known.obstacles])[0])
     assert chosen[0] == chosen[1]
     assert len(chosen[0]) == 1
+
+
+def test_objects_are_touched_in_the_order_of_their_benefit(tmp_path: Path) -> None:
+    """Of the three in the office's door, one alone opens no passage: it comes last, though it is the nearest."""
+    mission = Mission(2, tmp_path, obstacles=3)
+    default_map(mission)
+    default_door(mission)
+    unknown = [one for one, _ in mission.known.obstacles]
+    order, tour = choose_objects(mission, unknown)
+    assert sorted(order) == [0, 1, 2]
+    names = [f"new {k + 1}" for k in order]
+    assert names[: len(tour.steps)] == [step.object for step in tour.steps]
+    assert names[len(tour.steps) :] == list(tour.left_out) == ["new 2"]
+    away_m = [math.dist(mission.known.pose[:2], tuple(one.centre_m)) for one in unknown]
+    assert away_m.index(min(away_m)) == order[-1]
+    # Half of the unknown objects move; the second opens a passage only where the first has not.
+    assert [step.opens for step in tour.steps] == pytest.approx(
+        [0.5**k for k in range(1, len(tour.steps) + 1)]
+    )

@@ -148,6 +148,31 @@ def test_depth_colour_camera_and_tf_arrive(tmp_path: Path, storage: str, capsys:
         np.testing.assert_allclose(frame.camera.matrix.ravel(), K)
 
 
+def test_transforms_of_two_robots_are_kept_apart(tmp_path: Path) -> None:
+    """Two robots with the same names of frames, each in its namespace: the other one stands elsewhere."""
+    mine = [(f"/r1{topic}", t_s, message) for topic, t_s, message in tf()]
+    away = Rotation.from_euler("z", 1.0)
+    other = [
+        ("/r2/tf", t_s, transform(t_s, "odom", "base_link", away, np.array([5.0, 5.0, 0.0])))
+        for _, t_s, _ in tf()[1:]
+    ]
+    own = [(f"/r1{topic}", t_s, message) for topic, t_s, message in images()]
+    both = sorted([*own, *mine, *other], key=lambda one: one[1])
+    import_bag(BagImages(bag(tmp_path / "bag", both)), tmp_path / "scan")
+    check_poses(read(tmp_path / "scan"))
+    nobodys = sorted([*images(), *mine, *other], key=lambda one: one[1])
+    with pytest.raises(InputError, match="has the same frames on /r1/tf, /r2/tf, none in the namespace of"):
+        BagImages(bag(tmp_path / "nobody", nobodys))
+
+
+def test_options_of_folders_are_refused_for_a_recording(tmp_path: Path, capsys: Any) -> None:
+    source = bag(tmp_path / "bag", images() + tf())
+    for option in ("--layout arm", "--kind opaque", "--bit-rotation 3"):
+        words = ["recording", "import", str(source), "--out", str(tmp_path / "scan"), *option.split()]
+        assert main(words) == 2
+        assert f"{option.split()[0]}: does not apply to {source}, a recording" in capsys.readouterr().err
+
+
 def test_poses_of_a_base_are_carried_to_the_camera(tmp_path: Path) -> None:
     moving = [("/odom", t, odometry(t, "base_link")) for t in (99.95, 100.0, 100.05, 100.1, 100.15)]
     found = import_bag(BagImages(bag(tmp_path / "bag", images() + moving + tf()[:1])), tmp_path / "scan")

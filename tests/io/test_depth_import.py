@@ -108,7 +108,9 @@ def test_a_plain_folder_needs_all_that_it_does_not_say(tmp_path):
     Camera(*SIZE, np.array([[20, 0, 7.5], [0, 20, 5.5], [0, 0, 1.0]])).save(tmp_path / "camera.yaml")
     write_poses(tmp_path / "poses.txt", [(4.0, Pose(np.eye(3), PLACE_M))])
     told = {"camera": tmp_path / "camera.yaml", "poses": tmp_path / "poses.txt"}
-    with pytest.raises(InputError, match="a plain folder needs camera, poses and depth_scale_m"):
+    with pytest.raises(
+        InputError, match="a plain folder needs depth_scale_m; give a camera_info file, a file of"
+    ):
         import_sequence(source, tmp_path / "out", **told)
     with pytest.raises(InputError, match=r"has no camera.json, cam.info.txt or camera_intrinsics.yaml"):
         import_sequence(source, tmp_path / "out")
@@ -156,3 +158,31 @@ def test_folders_without_a_usable_image_say_which(tmp_path):
     with pytest.raises(InputError, match="no image of the source can be used; the first: "):
         import_sequence(source, tmp_path / "out", kind="opaque")
     assert not (tmp_path / "out").exists()
+
+
+def test_images_named_by_their_seconds_are_read_in_time_order(tmp_path: Path) -> None:
+    """Python writes 12.6, not 12.600: by its digits it would come before 12.533."""
+    for number, name in enumerate(("12.5", "12.533", "12.567", "12.6")):
+        path = tmp_path / "plain" / f"depth_{name}.png"
+        path.parent.mkdir(exist_ok=True)
+        cv2.imwrite(str(path), np.full(SIZE[::-1], 500 + 100 * number, np.uint16))
+    Camera.simple(*SIZE, 20.0).save(tmp_path / "camera.yaml")
+    options = {"camera": tmp_path / "camera.yaml", "depth_scale_m": 1e-3, "poses": "none"}
+    import_sequence(tmp_path / "plain", tmp_path / "scan", **options)
+    sequence = DepthSequence(tmp_path / "scan")
+    assert sequence.times_s.tolist() == pytest.approx([12.5, 12.533, 12.567, 12.6])
+    found = [float(np.median(depth_m)) for depth_m in sequence.depth_images() if depth_m is not None]
+    assert found == pytest.approx([0.5, 0.6, 0.7, 0.8], abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "option",
+    [{"poses": "poses.txt"}, {"depth_scale_m": 0.5}, {"bit_rotation": 3}],
+    ids=lambda one: next(iter(one)),
+)
+def test_what_a_layout_states_itself_is_not_taken_from_the_caller(
+    tmp_path: Path, option: dict[str, object]
+) -> None:
+    with pytest.raises(InputError, match=f"{next(iter(option))}.*the layout arm states its own"):
+        import_sequence(_arm(tmp_path / "arm"), tmp_path / "scan", **option)
+    assert not (tmp_path / "scan").exists()

@@ -86,6 +86,22 @@ def test_newest_frame_and_gaps() -> None:
     source.close()
 
 
+def test_any_error_of_a_driver_that_is_opened_again_reaches_the_reader() -> None:
+    """It would end the camera's thread without a word, and the reader would wait for frames."""
+
+    class Broken(FakeBackend):
+        def open(self) -> None:
+            if self.opened:
+                raise KeyError("the driver's own")
+            super().open()
+
+    backend = Broken()
+    with live(backend, reconnect_s=5.0) as source:
+        backend.queue.put(DeviceError("unplugged"))
+        with pytest.raises(DeviceError, match="the driver's own"):
+            source.read(PATIENCE_S)
+
+
 def test_reconnects_and_leaves_a_gap() -> None:
     backend = FakeBackend(missing=2)
     with live(backend, reconnect_s=5.0) as source:
@@ -195,8 +211,11 @@ def test_uvc_driver_fixes_focus_and_exposure() -> None:
 
 
 def test_a_uvc_camera_is_stamped_by_its_own_clock_and_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    class OpenError(Exception):
+        """As that of pupil-labs-uvc, whose base is ``Exception`` itself."""
+
     def busy(self: FakeUvc, uid: str) -> FakeUvc:
-        raise OSError("busy")
+        raise OpenError("busy")
 
     uvc = FakeUvc()
     backend = UvcBackend(uvc, "1:2", CameraSettings())

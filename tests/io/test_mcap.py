@@ -14,17 +14,21 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from visuohaptic.core import Event, EventKind, InputError, Reason, Wrench
 from visuohaptic.core.camera import Camera, Frame, Pose
+from visuohaptic.io import recover
 from visuohaptic.io.frames import open_source
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.io.ros import McapFile, ros_messages
 from visuohaptic.io.ros._ros_definitions import _PARTS, definition
 from visuohaptic.io.ros.ros_image import camera_from_message
+from visuohaptic.io.ros.sqlite_bag import write_bag as write_sqlite
 from visuohaptic.io.sinks import MeasurementWriter
 
 from .helpers import picture, profile
@@ -151,6 +155,10 @@ def test_topics_are_chosen_or_named(tmp_path: Path) -> None:
         assert source.camera is None
     with pytest.raises(InputError, match="has no images on '/up'"):
         open_source(f"{path}:/up")
+    # The folder of a bag as well.
+    write_sqlite(McapFile(path), tmp_path / "bag")
+    with open_source(f"{tmp_path / 'bag'}:/left/image/compressed") as source:
+        np.testing.assert_array_equal(next(iter(source)).image, BGR[0])
 
 
 def test_a_map_among_costmaps_has_to_be_named(tmp_path: Path) -> None:
@@ -429,6 +437,38 @@ def test_decompression_bomb_is_left_out(tmp_path: Path) -> None:
         file = McapFile(path)
         assert len(list(file.messages())) == 1
         assert "unpacks to 51 bytes, expected 50" in str(file.damage) or "declares" in str(file.damage)
+
+
+def test_a_record_larger_than_any_is_left_out_unread(tmp_path: Path) -> None:
+    """Five gigabytes of a sparse file: reading them would take the memory of the machine."""
+    source = write_bag(tmp_path / "bag", [picture(0)], "mono8")
+    whole = source.read_bytes()
+    length = 5_000_000_000
+    with (tmp_path / "huge.mcap").open("wb") as stream:
+        stream.write(whole[:8] + b"\6" + length.to_bytes(8, "little"))
+        stream.seek(length, os.SEEK_CUR)
+        stream.write(whole[8:])
+    file = McapFile(tmp_path / "huge.mcap")
+    assert len(list(file.messages())) == 1
+    assert "has 5000000000 bytes, expected at most" in str(file.damage)
+
+
+def test_messages_without_their_schema_are_recovered(tmp_path: Path) -> None:
+    """A damaged name of a type: the messages themselves are whole."""
+    data = STORE.serialize_cdr(STORE.types["std_msgs/msg/String"]("a"), "std_msgs/msg/String")
+    with (tmp_path / "run.mcap.part").open("wb") as stream:
+        writer = McapWriter(
+            stream, compression=CompressionType.NONE, use_chunking=False, repeat_schemas=False
+        )
+        writer.start(profile="ros2")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        writer.add_message(writer.register_channel("/said", "cdr", schema), 5, data, 5)
+        writer.finish()
+    damaged = (tmp_path / "run.mcap.part").read_bytes().replace(b"std_msgs/msg", b"std_\xffsgs/msg")
+    (tmp_path / "run.mcap.part").write_bytes(damaged)
+    assert recover(tmp_path / "run.mcap.part").count == 1
+    (message,) = McapFile(tmp_path / "run.mcap").messages()
+    assert (message.topic, message.datatype, message.data) == ("/said", "", data)
 
 
 @pytest.mark.parametrize(("chunk_bytes", "max_bytes"), [(0, 2.0), (1 << 16, 40.0)])

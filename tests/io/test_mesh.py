@@ -90,3 +90,17 @@ def test_damaged_files_never_raise_anything_else(kind: str, tmp_path: Path, box:
         with contextlib.suppress(InputError):
             found = load_mesh(path)
             assert np.isfinite(found.vertices[found.faces]).all()
+
+
+def test_copies_of_the_largest_of_many_meshes_are_counted(tmp_path: Path) -> None:
+    """Thousand boxes once, and a sphere 400 times: on the average, each mesh is there once."""
+    scene = trimesh.Scene()
+    for number in range(1000):
+        scene.add_geometry(trimesh.creation.box(), geom_name=f"box{number}", node_name=f"box{number}")
+    scene.add_geometry(trimesh.creation.icosphere(5), geom_name="sphere", node_name="sphere")
+    for number in range(399):
+        scene.graph.update(frame_to=f"copy{number}", geometry="sphere", matrix=np.eye(4))
+    (tmp_path / "many.glb").write_bytes(scene.export(file_type="glb"))
+    assert (tmp_path / "many.glb").stat().st_size < 1_000_000
+    with pytest.raises(InputError, match=f"has {400 * 20480 + 12000} triangles, expected at most 2000000"):
+        load_mesh(tmp_path / "many.glb")

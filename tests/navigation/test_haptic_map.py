@@ -109,7 +109,6 @@ def test_movable_things_have_their_own_layer() -> None:
     assert haptic.value_at(middle)[0] == 0.0, "a bin is no wall"
     assert haptic.value_at(front)[0] < 0.0, "in front of it there is room"
     assert haptic.occupancy().value_at(middle)[0] == 100
-    assert haptic.occupancy(movable=False).value_at(middle)[0] == -1
 
 
 def test_a_contact_outside_the_map_changes_nothing() -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 
 from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, with_objects
 from visuohaptic.core import InputError
@@ -32,30 +33,39 @@ def problem(outline, tag=STOOL, walls=WALLS):
     )
 
 
+def after_turn(asked, push):
+    turn = push[-1]
+    return after_push(asked, "box", turn.displacement_m, turn.path_m[-1], turn_rad=turn.turn_rad)
+
+
 def test_a_slanting_box_is_turned_out_of_the_way():
     asked = problem(slanting(0.9))
     pushes = plan_off_centre_pushes(asked, make_plan)
     assert pushes
-    for push in pushes:
-        assert 0.0 <= push.failure_probability <= 1.0
-        assert np.allclose(push.approach_m[0], asked.start_m)
+    for drive, turn in pushes:
+        assert 0.0 <= turn.failure_probability <= 1.0
+        assert np.allclose(drive.path_m[0], asked.start_m)
+        start, contact, end, retreat = np.array(turn.path_m)
+        assert np.allclose(drive.path_m[-1], start)
+        # Straight through the contact, and back on the same line.
+        assert turn.length_m == pytest.approx(np.hypot(*(end - start)) + np.hypot(*(end - retreat)))
+        assert shapely.Polygon(asked.objects[0].footprint_m).distance(
+            shapely.Point(contact)
+        ) == pytest.approx(ROBOT.radius_m, abs=1e-6)
         # What is foreseen is what the model says of the same drive from scratch.
-        ahead = np.array([math.cos(push.direction_rad), math.sin(push.direction_rad)])
         centre = asked.objects[0].centre_m
         trace = simulate_push(
             PushModel.patch(asked.objects[0].footprint_m - centre),
             (*centre, 0.0),
-            line_path(push.start_m, push.start_m + push.length_m * ahead),
+            line_path(start, end),
             ROBOT.radius_m,
         )
         # Paths are cut into steps of other lengths: of second order in 2 cm (quasi_static).
-        assert np.hypot(*(trace.object_m[-1, :2] - centre - push.displacement_m)) < 0.01
-        assert abs(trace.object_m[-1, 2] - push.turn_rad) < 0.05
-        after = after_push(asked, "box", push.displacement_m, push.retreat_m, turn_rad=push.turn_rad)
-        assert make_plan(after).reachable
-        if push.opens:
-            assert without_pushing(after).reachable
-    costs = [push.cost_s / (1.0 - push.failure_probability) for push in pushes]
+        assert np.hypot(*(trace.object_m[-1, :2] - centre - turn.displacement_m)) < 0.01
+        assert np.allclose(centre + turn.displacement_m, turn.goal_m)
+        assert abs(trace.object_m[-1, 2] - turn.turn_rad) < 0.05
+        assert make_plan(after_turn(asked, (drive, turn))).reachable
+    costs = [sum(task.cost_s for task in push) / (1.0 - push[-1].failure_probability) for push in pushes]
     assert costs == sorted(costs)
 
 
@@ -85,24 +95,16 @@ def test_nothing_is_pushed_that_is_fixed_or_unknown():
 
 
 def test_without_a_planner_only_pushes_that_open_a_way_are_told():
-    pushes = plan_off_centre_pushes(problem(box(1.95, 1.45, 0.35)))
-    assert all(push.opens for push in pushes)
+    for asked in (problem(box(1.95, 1.45, 0.35)), problem(slanting(0.9))):
+        for push in plan_off_centre_pushes(asked):
+            assert without_pushing(after_turn(asked, push)).reachable
 
 
 def test_a_wall_behind_it_holds_it():
     walls = rooms(4.0, 3.0, [(1.9, 0.0, 2.0, 1.0), (1.9, 1.9, 2.0, 3.0), (2.2, 0.5, 2.3, 2.4)])
-    for push in plan_off_centre_pushes(problem(slanting(math.pi / 2, 0.7, 0.5), walls=walls)):
-        outline = (
-            after_push(
-                problem(slanting(math.pi / 2, 0.7, 0.5), walls=walls),
-                "box",
-                push.displacement_m,
-                push.retreat_m,
-                turn_rad=push.turn_rad,
-            )
-            .objects[0]
-            .footprint_m
-        )
+    asked = problem(slanting(math.pi / 2, 0.7, 0.5), walls=walls)
+    for push in plan_off_centre_pushes(asked):
+        outline = after_turn(asked, push).objects[0].footprint_m
         assert outline[:, 0].max() < 2.2 + 0.05  # half a cell, and 15 % of one inside
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -33,7 +35,9 @@ def test_a_plan_on_a_large_map_is_zoomed_and_explained(tmp_path, monkeypatch):
     assert [task.object for task in plan.pushes] == ["chair"]
     drawn: list[Figure] = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: drawn.append(figure) or path.touch())
-    plot_path_plan(problem, plan, tmp_path / "plan.png")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        plot_path_plan(problem, plan, tmp_path / "plan.png")
     (figure,) = drawn
     (axes,), (legend,) = figure.axes, figure.legends
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
@@ -53,3 +57,22 @@ def test_a_plan_on_a_large_map_is_zoomed_and_explained(tmp_path, monkeypatch):
     } <= words
     assert axes.get_title() == plan.summary
     assert plan.summary.startswith(("optimal: ", "within "))
+
+
+def test_a_flat_plan_with_a_long_title_has_room_for_its_axes(tmp_path):
+    """8 m ahead, and a summary as wide as the axes: Matplotlib warns where it draws labels over each other."""
+    cells = np.zeros((120, 200), dtype=bool)
+    cells[[0, -1]] = cells[:, [0, -1]] = cells[40:, 100] = True
+    box = np.array([[-0.2, -2.6], [0.2, -2.6], [0.2, -1.2], [-0.2, -1.2]])
+    problem = PlanningProblem(
+        OccupancyMap(cells, 0.05, (-5.0, -3.0, 0.0)),
+        RobotModel(0.2),
+        np.array([-4.0, -2.0]),
+        np.array([4.0, -2.0]),
+        (MovableObject("box", box),),
+    )
+    plan = make_plan(problem)
+    assert len(plan.summary) > 70
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        plot_path_plan(problem, plan, tmp_path / "plan.png")

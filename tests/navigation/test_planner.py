@@ -112,6 +112,7 @@ def test_what_is_fixed_or_falls_is_never_pushed_and_that_there_is_no_way_is_prov
     plan = make_plan(problem)
     assert not plan.reachable
     assert plan.proved
+    assert plan.reason == "walls and what cannot be pushed separate start and goal"
     assert plan.tasks == ()
     assert make_plan(corridor(STOOL)).reachable
 

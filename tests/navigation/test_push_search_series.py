@@ -9,6 +9,7 @@ from tests.navigation.plan_check import faults
 from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, with_objects
 from visuohaptic.navigation.planning import make_plan
 from visuohaptic.navigation.planning.search import SearchLimits, build_search_domain
+from visuohaptic.navigation.planning.search.push_heuristic import PushHeuristic
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem
 
 
@@ -35,6 +36,29 @@ def test_doors_in_series(doors):
     # All combinations of a few pushes per door would be thousands. What one costs is the size of the lattice.
     domain = build_search_domain(problem)
     assert plan.expanded * domain.lattice.size < 50 * doors * domain.clearance.size
+
+
+def test_the_cost_to_go_behind_moved_bodies_is_that_of_a_search_from_the_goal():
+    domain = build_search_domain(series(4))
+    rng = np.random.default_rng(3)
+
+    def heuristic():
+        return PushHeuristic(domain, domain.costs, range(4))
+
+    kept = heuristic()
+    kept.field(np.zeros((4, 2)))
+    for moved in ([0], [1, 2], [3], [0, 1, 2, 3]):
+        shifts = np.zeros((4, 2))
+        shifts[moved] = rng.uniform(-9.0, 9.0, (len(moved), 2))
+        np.testing.assert_array_equal(kept.field(shifts), heuristic().field(shifts))
+        # Up to a target: its own cost is final, those farther away are bounded by it.
+        for robot in (domain.start, domain.goal):
+            shifts[moved] += 0.25  # a configuration of its own
+            whole = heuristic().field(shifts)
+            near, _ = domain.seeds(kept.base, robot)
+            part = kept.field(shifts, robot)
+            np.testing.assert_array_equal(part[near], whole[near])
+            assert (part <= whole).all()
 
 
 def test_an_oblique_push_costs_the_simulated_risk_of_turning_away():

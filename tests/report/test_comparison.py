@@ -136,6 +136,13 @@ def test_the_page_stands_alone(tmp_path) -> None:
     assert "inside the declared 90 % interval" in page
 
 
+def test_names_of_files_need_not_be_utf8(tmp_path) -> None:
+    run, reference = records()
+    named = replace(run, name="run\udce9.csv"), replace(reference, name="caf\udce9")
+    page = write_comparison(compare_forces(*named), tmp_path / "compare.html").read_text(encoding="utf-8")
+    assert "run?.csv compared with caf?" in page
+
+
 @pytest.mark.parametrize(
     ("head", "row", "force_N"),
     [

@@ -122,6 +122,30 @@ def _raises(kind: type[Exception], work) -> bool:
     return False
 
 
+def test_numbers_that_are_not_finite_are_no_state(machine: Robot, ours: RosNode) -> None:
+    """A driver without a measurement sends NaN: it is neither a place, nor an opening to hold."""
+    lost = odometry()
+    lost["pose"]["pose"]["position"]["x"] = math.nan
+    machine.tell("odom", "nav_msgs/msg/Odometry", lambda: lost)
+    with RosBase(ours) as base:
+        assert until(lambda: base._odometry._received is not None)
+        with pytest.raises(StaleFrameError, match="not finite"):
+            base.state()
+    joints = {
+        "header": messages.header(3.0, ""),
+        "name": ["finger"],
+        "position": [math.nan],
+        "velocity": [0.0],
+    }
+    states = machine.node.advertise("joint_states", "sensor_msgs/msg/JointState")
+    with RosGripper(ours, "finger") as gripper:
+        states.wait_until_heard(60.0)
+        states.publish(joints | {"effort": []})
+        assert until(lambda: gripper._states._received is not None)
+        with pytest.raises(StaleFrameError, match="position NaN of the joint 'finger'"):
+            gripper.stop()
+
+
 def test_a_base_without_odometry_says_so(ours: RosNode) -> None:
     with (
         RosBase(ours, odometry="/wheels") as base,

@@ -88,6 +88,13 @@ def test_the_newest_frame_has_an_age(robot: RosNode, ours: RosNode) -> None:
         assert until(lambda: source._newest[0].message.header.stamp.sec == 1000)
         with pytest.raises(StaleFrameError, match="ms old"):
             source.read_latest()
+        # The clock of the camera's machine is an hour ahead: what came long ago is old nevertheless.
+        publisher.publish(messages.image(time.time() + 3600.0, picture(0), "cam"))
+        assert until(lambda: source._newest[0].message.header.stamp.sec > before_s)
+        assert source.read_latest(60_000).t_s > before_s + 3000.0
+        time.sleep(0.05)
+        with pytest.raises(StaleFrameError, match="ms old, the limit is 20 ms"):
+            source.read_latest(20)
 
 
 def test_the_camera_comes_beside_the_image(robot: RosNode, ours: RosNode) -> None:

@@ -15,7 +15,7 @@ import pytest
 import shapely
 
 from visuohaptic.core import DeviceError, Estimate, HapticTag
-from visuohaptic.core.camera import Pose
+from visuohaptic.core.camera import Camera, Pose
 from visuohaptic.core.files import save_yaml
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.io.ros import ros_messages as messages
@@ -219,3 +219,44 @@ def test_a_plan_without_a_map_says_what_is_missing(tmp_path: Path, robot: RosNod
         pytest.raises(DeviceError, match="nothing on /map, /amcl_pose, /goal_pose yet"),
     ):
         node.component.plan()
+
+
+@pytest.mark.parametrize("name", ["plan", "travel"])
+def test_a_goal_in_another_frame_than_the_map_is_refused(
+    tmp_path: Path, robot: RosNode, endpoint: str, name: str
+) -> None:
+    """RViz sends goals in its fixed frame: numbers of ``odom`` are another place in the map."""
+    maps = robot.advertise("map", "nav_msgs/msg/OccupancyGrid", LATCHED)
+    maps.publish(room().to_message(5.0, "map"))
+    poses = robot.advertise("amcl_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", LATCHED)
+    here = messages.pose(Pose.from_rotation_vector([0, 0, 0], [0.6, 1.5, 0]))
+    poses.publish({"header": messages.header(5.0, "/map"), "pose": {"pose": here, "covariance": [0.0] * 36}})
+    goals = robot.advertise("goal_pose", "geometry_msgs/msg/PoseStamped")
+    values = {"robot": write(tmp_path)["robot"]} | ({"pose": ""} if name == "travel" else {})
+    with running(name, endpoint, values) as node:
+        assert until(lambda: node.component._map is not None)
+        assert until(lambda: name == "travel" or "pose" in node.component._newest)
+        goals.wait_until_heard(60.0)
+        goals.publish({"header": messages.header(5.0, "odom"), "pose": here})
+        said = "found 'odom', expected 'map', the frame of the map"
+        assert until(lambda: said in node.component.status().reason), node.component.status()
+
+
+def test_views_start_again_with_the_recording(robot: RosNode, endpoint: str) -> None:
+    """Played twice, the second pass begins earlier than the last view: it would wait for that time forever."""
+    images = robot.advertise("depth/image", "sensor_msgs/msg/Image")
+    infos = robot.advertise("depth/camera_info", "sensor_msgs/msg/CameraInfo")
+    poses = robot.advertise("camera_pose", "geometry_msgs/msg/PoseStamped")
+    camera, pose = Camera.simple(8, 6, 10.0), messages.pose(Pose.identity())
+    layout = {"height": 6, "width": 8, "encoding": "32FC1", "is_bigendian": 0, "step": 32}
+    with running("transparency", endpoint, {}) as node:
+        for publisher in (images, infos, poses):
+            publisher.wait_until_heard(60.0)
+        infos.publish(messages.camera_info(9.0, camera, "eye"))
+        assert until(lambda: node.component._camera is not None)
+        for t_s, views in ((10.0, 1), (11.0, 2), (12.0, 3), (10.0, 1), (11.0, 2)):
+            header = messages.header(t_s, "world")
+            poses.publish({"header": header, "pose": pose})
+            assert until(lambda at=t_s: node.component._poses and node.component._poses[-1][0] == at)
+            images.publish({"header": header, **layout, "data": np.ones((6, 8), "<f4").tobytes()})
+            assert until(lambda count=views: len(node.component._views) == count), (t_s, views)

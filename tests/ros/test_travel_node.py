@@ -139,7 +139,8 @@ def navigate_to(x_m: float, y_m: float) -> Any:
     """The goal of ``NavigateToPose``: a PoseStamped in ``pose``, and the behaviour tree that Nav2 would load."""
     position = SimpleNamespace(x=x_m, y=y_m, z=0.0)
     orientation = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
-    pose = SimpleNamespace(pose=SimpleNamespace(position=position, orientation=orientation))
+    header = SimpleNamespace(frame_id="map")
+    pose = SimpleNamespace(header=header, pose=SimpleNamespace(position=position, orientation=orientation))
     return SimpleNamespace(pose=pose, behavior_tree="")
 
 

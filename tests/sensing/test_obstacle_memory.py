@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from visuohaptic.core import Motion, Reason
-from visuohaptic.sensing.scene import Obstacle, ObstacleMemory, ObstacleMemorySettings
+from visuohaptic.core import BaseState, Motion, Reason
+from visuohaptic.sensing.scene import EgoMotionFilter, Obstacle, ObstacleMemory, ObstacleMemorySettings
 
 STEP_m = 0.002
 
@@ -80,6 +80,32 @@ def test_a_touch_is_at_zero_and_backing_off_counts_from_there():
     assert (touched.proximity_m, touched.remembered) == (0.0, True)
     back = [memory.update(FREE, moved(-STEP_m)) for _ in range(10)]
     np.testing.assert_allclose(back[-1].proximity_m, 10 * STEP_m, atol=1e-12)
+
+
+@pytest.mark.parametrize("brakes", [False, True])
+def test_an_obstacle_comes_nearer_while_no_source_measures_the_motion(brakes):
+    """0.1 m/s, half a second without floor and odometry at 30 Hz: the true distance stays within three declared deviations.
+
+    The platform goes on, or brakes at the 1 m/s2 that the filter of its motion declares as one deviation.
+    """
+    ego, memory, dt = EgoMotionFilter(), ObstacleMemory(0.07), 1 / 30
+    near = ahead = 0.12
+    told, x, speed = FREE, 0.0, 0.1
+    for k in range(1, 40):
+        unread = k >= 25
+        speed = max(speed - dt, 0.0) if brakes and unread else speed
+        x += speed * dt * (k > 1)
+        ahead = near - x
+        state = None if unread else BaseState(k * dt, x, 0.0, 0.0, speed, 0.0)
+        motion = ego.update(k * dt, odometry=state)
+        assert motion.valid == (1 < k < 25)
+        told = memory.update(seen(ahead) if k < 15 else FREE, motion)
+    assert told.remembered
+    assert told.proximity_m < near - 0.1 * 22 * dt  # nearer than where it was last known
+    assert abs(told.proximity_m - ahead) < 3.0 * told.proximity_sigma_m
+    assert 0.01 < told.proximity_sigma_m < 0.5 * 1.0 * (15 * dt) ** 2  # the way of 1 m/s2 all the time
+    again = memory.update(FREE, ego.update(39 * dt))  # no time has passed
+    assert (again.proximity_m, again.proximity_sigma_m) == (told.proximity_m, told.proximity_sigma_m)
 
 
 @pytest.mark.parametrize("reading", [seen(math.nan, valid=False), seen(0.3, valid=False)])

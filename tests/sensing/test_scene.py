@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.sensing import fall_pushes, scenes
@@ -104,6 +106,22 @@ def test_falls_are_told_within_two_frames(seed):
         assert abs(watched.told_fall_s - watched.true_fall_s) <= 2.5 * fall_pushes.FRAME_S
     else:
         assert abs(watched.turn_error_rad) < np.radians(2.0)
+
+
+def test_a_frame_that_is_not_read_does_not_erase_the_force_before_it(monkeypatch):
+    """The loss of the force is evidence of a fall; NaN compares false with everything."""
+    scene, fractions = tracker(), []
+    update = scene._object.update
+
+    def recorded(*args, force_fraction, **more):
+        fractions.append(force_fraction)
+        return update(*args, force_fraction=force_fraction, **more)
+
+    monkeypatch.setattr(scene._object, "update", recorded)
+    grey = np.full((scenes.RIG.height_px, scenes.RIG.width_px), 128, np.uint8)
+    for i, force_N in enumerate((4.0, np.nan, 1.0)):
+        scene.update(Frame(grey, i / 30, i), replace(profile(i / 30), force_N=force_N))
+    assert fractions == pytest.approx([1.0, 1.0, 1.0 / (4.0 * 0.97)])
 
 
 def test_darkness_is_not_a_motion():

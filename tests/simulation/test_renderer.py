@@ -301,7 +301,8 @@ def test_coverage_sums_to_the_polygon_area() -> None:
     assert coverage(np.array([[-9.0, -9], [-5, -9], [-5, -5]]), 10, 10) is None
 
 
-def test_plane_kernel_equals_numpy() -> None:
+@pytest.mark.parametrize("warped", [False, True])
+def test_plane_kernel_equals_numpy(warped: bool) -> None:
     camera = Camera.simple(40, 30, 60.0, distortion=np.array([-0.2, 0.1, 0, 0, 0]))
     u, v = np.meshgrid(np.arange(40.0), np.arange(30.0))
     rays = camera.rays(np.stack([u, v], axis=-1))[..., :2].copy()
@@ -317,9 +318,19 @@ def test_plane_kernel_equals_numpy() -> None:
         for dy in (0, 1)
     )
     level = np.array([99.0], np.float32)
-    add_plane(image, clear, weight, 7, 5, rays, matrix[None], packed, 300.0, 9.0, level)
+    # A shift that is linear in both coordinates is exact in the table.
+    place = np.stack(
+        np.meshgrid(-0.5 + 0.05 * np.arange(21), -0.6 + 0.05 * np.arange(25), indexing="ij"), axis=2
+    )
+    turn = np.array([[0.05, -0.1], [0.02, 0.15]])
+    warp = (place @ turn.T).astype(np.float32) if warped else np.zeros((0, 0, 2), np.float32)
+    grid = np.array([-0.5, -0.6, 0.05])
+    add_plane(image, clear, weight, 7, 5, rays, matrix[None], packed, 300.0, 9.0, level, warp, grid)
     a, b, w = np.moveaxis(np.concatenate([rays, np.ones((30, 40, 1))], axis=-1) @ matrix.T, -1, 0)
     a, b = a / w, b / w
+    assert max(abs(a).max() - 0.5, abs(b).max() - 0.6) < 0.0
+    if warped:
+        a, b = np.moveaxis(np.stack([a, b], axis=-1) @ (np.eye(2) + turn).T, -1, 0)
     s, t = a * 300.0, b * 300.0
     i, j = np.floor(s).astype(int), np.floor(t).astype(int)
     f, g = s - i, t - j
@@ -333,6 +344,32 @@ def test_plane_kernel_equals_numpy() -> None:
     expected = np.zeros((30, 40))
     expected[5:17, 7:27] = (clear * value)[5:17, 7:27] * weight
     np.testing.assert_allclose(image[..., 0], expected, atol=0.02)  # float32 texture coordinates
+
+
+@pytest.mark.parametrize("shape", ["straight", "bent"])
+def test_the_foams_texture_moves_with_the_foam(shape: str) -> None:
+    """A place of the foam has the same grey level before and after it is compressed, and another one if it did not move."""
+    camera, pose = camera_and_pose(width=1600, height=896)
+    look = Look(foam=Surface(170.0, 15.0, "foam"))
+    renderer = SceneRenderer(camera, pose, look, CameraEffects(blur_px=1.0))
+    back, front = strip(shape)
+    y = np.linspace(-0.125, 0.125, len(back))
+    pressed = back + (front - back) * (1.0 - 0.3 * np.exp(-((y / 0.03) ** 2)))[:, None]
+    part = np.linspace(0.2, 0.85, 30)[:, None, None]
+
+    def levels(image: np.ndarray, front: np.ndarray) -> np.ndarray:
+        from scipy.ndimage import map_coordinates
+
+        points = (back + part * (front - back))[:, 180:221].reshape(-1, 2)
+        u, v = camera.project(pose.apply(np.column_stack([points, np.zeros(len(points))]))).T
+        return map_coordinates(image.reshape(image.shape[:2]).astype(float), [v, u], order=1)
+
+    before, after = (renderer.render_exact(FoamScene(0.0, back, f)).copy() for f in (front, pressed))
+    contrast = levels(before, front).std()
+    assert contrast > 5.0
+    # The lens blurs the compressed texture more: grains of 1 mm, whose places move by up to 30 px.
+    assert np.std(levels(after, pressed) - levels(before, front)) < 0.3 * contrast
+    assert np.std(levels(after, pressed) - levels(before, pressed)) > 0.8 * contrast
 
 
 def test_floor_texture_sticks_to_the_world() -> None:

@@ -85,6 +85,25 @@ def test_a_block_below_the_limit_is_pushed_and_its_friction_is_what_was_seen():
     assert done.problem.objects[0].tag.static_friction_N.value == pytest.approx(19.0, rel=0.01)
 
 
+def test_the_momentum_of_the_first_contact_is_no_friction():
+    """43, 20.4 and 21.5 N while the platform brakes against a block of 14 N, as in physics: it is pressed from rest, and moves."""
+    robot = BlockRobot(14.0, stiffness_N_per_m=2e4)
+    felt, impact = robot.touch, [21.5, 20.4, 42.9]
+
+    def touch():
+        force_N, point = felt()
+        return (impact.pop(), point) if force_N and impact else (force_N, point)
+
+    robot.touch = touch
+    done = go(robot, timeout_s=25.0)
+    tag = done.problem.objects[0].tag
+    assert not impact
+    assert robot.block_x - 1.95 > 0.4
+    assert not tag.fixed
+    assert tag.min_static_friction_N is None
+    assert tag.static_friction_N.value == pytest.approx(14.0, rel=0.01)
+
+
 def test_a_force_that_is_not_read_ends_the_travel():
     robot = BlockRobot(8.0, stiffness_N_per_m=2e4)
     free = robot.wait

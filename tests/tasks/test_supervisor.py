@@ -6,6 +6,7 @@ The robots here are lines of arithmetic of their own; time is that of their worl
 from __future__ import annotations
 
 import math
+import re
 import time
 
 import numpy as np
@@ -93,16 +94,147 @@ def test_a_reading_that_is_not_fresh_holds_the_platform_within_200_ms(name):
         assert not base.velocity.any()
 
 
-def test_a_platform_whose_speed_dies_away_stands_and_is_not_frozen():
-    """A simulated wheel is damped and never says 0: 4e-20 m/s moves no pose."""
+@pytest.mark.parametrize("force_N", [0.0, 5.0])
+def test_a_platform_that_does_not_move_is_blocked_by_a_contact_or_frozen(force_N):
+    """Its pose is constant and its speed dies away: 4e-20 m/s of a damped wheel moves no pose. 5 N may block it, 0 N do not."""
     base = Rolling()
-    with Supervisor(clock=lambda: base.now) as guard:
+    with Supervisor(SafetyLimits(max_force_N=20.0), clock=lambda: base.now) as guard:
         guard.watched = guard.base(base)
         driven(base, guard, 1.0)
         last = base.state()
         base.lie = lambda state: type(state)(state.t_s, last.x_m, last.y_m, last.heading_rad, 4e-20, -1e-40)
-        assert driven(base, guard, 2.0) == pytest.approx(2.0)
-        assert not guard.holds
+
+        def pressed(duration_s, speed=0.2):
+            moved = 0.0
+            for _ in range(round(duration_s / PERIOD_S)):
+                guard.note_force(base.now, force_N)
+                moved += driven(base, guard, PERIOD_S, speed)
+            return moved
+
+        if force_N:
+            assert pressed(2.0) == pytest.approx(2.0)
+            assert not guard.holds
+        else:
+            assert pressed(2.0) < STOPPED_S
+            assert 0.5 * STOPPED_S < pressed(1.0, -0.2) < STOPPED_S  # from what may block it unfelt, once
+            assert pressed(1.0) == 0.0
+
+
+@pytest.mark.parametrize("speed", [0.002, 0.05, 0.5])
+def test_a_pose_frozen_while_the_platform_stands_holds_it(speed):
+    """Reported is what it was at rest, with times that go on; the platform drives less than 0.2 s, or 1 mm and one check."""
+    base = Rolling()
+    with Supervisor(clock=lambda: base.now) as guard:
+        guard.watched = guard.base(base)
+        for _ in range(50):
+            guard.watched.state()
+            base.wait(PERIOD_S)
+        rest = base.state()
+        base.lie = lambda state: type(state)(state.t_s, rest.x_m, rest.y_m, rest.heading_rad, 0.0, 0.0)
+        moved, millimetre_s = driven(base, guard, 4.0, speed), 1e-3 / speed
+        assert moved < max(STOPPED_S, millimetre_s + 2 * PERIOD_S)
+        assert millimetre_s < STOPPED_S or moved > millimetre_s - 2 * PERIOD_S
+        assert re.fullmatch(
+            r"the base has not been updated for .* s although it has to move", guard.holds[0].reason
+        )
+
+
+def test_a_platform_that_starts_late_or_was_held_is_not_frozen():
+    """A dead time of 0.14 s after each start, below the age of 0.15 s, and a second without its camera."""
+    base = Rolling()
+    with Supervisor(clock=lambda: base.now) as guard:
+        watched = guard.base(base)
+        watched.state()
+        base.wait(3.0)  # nobody asks for its state while it stands
+        began = base.now
+        last = base.state()
+        base.lie = lambda state: (
+            type(state)(state.t_s, last.x_m, last.y_m, last.heading_rad, 0.0, 0.0)
+            if base.now < began + 0.14
+            else state
+        )
+        for k in range(200):
+            if not 50 <= k < 100:
+                guard.note("the camera", base.now)
+            watched.drive(0.2, 0.0)
+            base.wait(PERIOD_S)
+            watched.state()
+        held_s = 50 * PERIOD_S
+        assert base.velocity[0] == pytest.approx(0.2)
+        assert [hold.reason[:10] for hold in guard.holds] == ["the camera"]
+        assert base.state().x_m == pytest.approx(0.2 * (200 * PERIOD_S - held_s), abs=0.2 * STOPPED_S)
+
+
+@pytest.mark.parametrize("part", ["arm", "gripper"])
+def test_new_targets_do_not_release_a_part_whose_state_is_frozen(part):
+    """A task controls by force and asks for a millimetre more than the state says, a little different each time."""
+    rng = np.random.default_rng(0)
+    table = KitchenTable(
+        DeformableContainer("bottle", np.arange(2.0), np.full(2, 0.03), np.arange(2.0), np.zeros((2, 2))), rng
+    )
+    device = table.arm if part == "arm" else table
+    start, opening_m = table.arm.pose()[1], table.state().opening_m
+
+    class Frozen:
+        move_linear, stop, reach_m = table.arm.move_linear, device.stop, table.arm.reach_m
+        move = table.move
+
+        @staticmethod
+        def pose():
+            return table.arm.t_s, start
+
+        @staticmethod
+        def state():
+            return type(table.state())(table.arm.t_s, opening_m, 0.0)
+
+    with Supervisor(clock=lambda: table.arm.t_s) as guard:
+        watched = getattr(guard, part)(Frozen())
+        moved = 0.0
+        for _, _frame in zip(range(90), table, strict=False):
+            step_m = 1.1e-3 + 1e-4 * rng.random()
+            if part == "arm":
+                watched.pose()
+                watched.move_linear(
+                    Pose(start.rotation, np.add(start.translation_m, (0.0, step_m, 0.0))), 0.01
+                )
+            else:
+                watched.state()
+                watched.move(opening_m - step_m, 0.01)
+            guard.check()
+            moved += guard.is_executing(watched) / 30
+        assert moved < STOPPED_S + 1 / 30
+        assert len(guard.holds) == 1
+
+
+def test_an_arm_that_stands_beside_its_target_goes_on_to_the_next():
+    """It reads 2 mm from its target and constant, which the contract permits; the next target is no matter of freezing."""
+    table = KitchenTable(
+        DeformableContainer("bottle", np.arange(2.0), np.full(2, 0.03), np.arange(2.0), np.zeros((2, 2))),
+        np.random.default_rng(0),
+    )
+    arm = table.arm
+    off = Pose(np.eye(3), np.array([0.0, 0.0, -0.002]))
+
+    class Sagging:
+        stop, reach_m = arm.stop, arm.reach_m
+
+        @staticmethod
+        def move_linear(target, speed_m_s):
+            arm.move_linear(target @ off, speed_m_s)
+
+        @staticmethod
+        def pose():
+            return arm.pose()
+
+    with Supervisor(clock=lambda: arm.t_s) as guard:
+        watched = guard.arm(Sagging())
+        _, start = watched.pose()
+        for k, _frame in zip(range(120), table, strict=False):
+            watched.pose()
+            up = Pose(start.rotation, np.add(start.translation_m, (0.0, 0.0, 0.02 * (1 + k // 60))))
+            watched.move_linear(up, 0.1)
+            guard.check()
+        assert arm.pose()[1].translation_m[2] == pytest.approx(start.translation_m[2] + 0.038)
 
 
 @pytest.mark.parametrize("jump_s", [10.0, -10.0, 0.7, -0.7])

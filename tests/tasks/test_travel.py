@@ -151,6 +151,16 @@ def test_what_is_to_be_brushed_aside_is_driven_past(offset):
     assert done.problem.objects[0].tag.explored > 3
 
 
+def test_what_no_straight_push_clears_is_turned():
+    """A plank across a door of 1 m, and a post behind its middle: it is pushed at its end, once or more."""
+    walls = rooms(4.0, 3.0, [(1.9, 0.0, 2.0, 0.95), (1.9, 1.95, 2.0, 3.0), (2.45, 1.4, 2.55, 1.5)])
+    outline = np.array([[1.86, 1.0], [2.04, 1.0], [2.04, 1.9], [1.86, 1.9]])
+    problem, world, senses = scene([MovableObject("plank", outline, STOOL)], [LIGHT], walls=walls)
+    done = go(problem, world, senses)
+    assert done.arrived
+    assert "turned" in [record.event for record in done.records]
+
+
 def test_an_exploration_keeps_the_counters_of_earlier_attempts():
     memory = TravelMemory(scene([MovableObject("box", box(1.95, 1.45, 0.4), None)], [LIGHT])[0])
     memory.refused("box", fixed=False)

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .foam import Cast, Sequence, draw_world
-from .foam_mechanics import Foam
-from .foam_optics import BAND, BODY, DISC, FOAM, SKIN, point_spread
+from .foam_mechanics import Foam, Press, bar
+from .foam_optics import BAND, BODY, DISC, FLOOR, FOAM, SKIN, point_spread
 from .foam_presses import BODIES, POOL, STEP_M, Pushed, pushed
 from .foam_scene import FRAME_S, Moment, World, shadow_row
 
-__all__ = ["DISTURBANCES", "FAULTS", "disturbed", "faulty", "forces", "segments"]
+__all__ = ["COVERS", "DISTURBANCES", "FAULTS", "covered", "disturbed", "faulty", "forces", "segments"]
 
 #: What happens during a press.
 DISTURBANCES = (
@@ -48,6 +48,8 @@ FAULTS = (
     "noise",
     "vanishing body",
 )
+#: What covers the whole front: straight occluders by their surface, or a plate that presses.
+COVERS = ("dark", "bright", "skin", "as grey as foam", "as grey as the floor", "plate")
 _SPEEDS_M_S = {"speed 30 mm/s": 0.03, "speed 60 mm/s": 0.06}
 #: Frames before the body touches, and frames for which it is held at the end.
 _BEFORE, _HELD = 4, 3
@@ -290,6 +292,74 @@ def faulty(seed: int) -> Sequence:
     return sequence
 
 
+def covered(seed: int) -> Sequence:
+    """A straight occluder hides the whole front; or a plate presses all of it at 30 or 60 mm/s, which is to be read.
+
+    The occluder appears within one frame and rests, over a press or, in a third of the seeds, over the bare strip. Its edge is
+    parallel to the front, or nearly so, and up to 3.3 mm behind it, as far as a contact may move from one frame to the next.
+    Half of them have no texture.
+    """
+    rng = np.random.default_rng([24, seed])
+    world = draw_world(seed)
+    kind, bare = COVERS[(seed // 2) % len(COVERS)], bool(rng.random() < 1 / 3)
+    about = {"kind": kind, "columns": world.columns}
+    if kind == "plate":
+        speed = float(rng.choice(list(_SPEEDS_M_S.values())))
+        first = (float(rng.uniform(0, 1)) - _BEFORE) * speed * FRAME_S
+        sequence = Sequence(world, about | {"speed_m_s": speed})
+        return _pressed(sequence, _whole_plate(), [], speed, float(rng.uniform(0.002, 0.012)), first)
+    what = _pooled(str(rng.choice(("cylinder", "plate"))), rng, seed)
+    foam, floor = world.albedo[FOAM], world.albedo[FLOOR]
+    world.albedo[SKIN] = {
+        "dark": 0.2 * foam,
+        "bright": 1.2 * foam,
+        "as grey as foam": foam * rng.uniform(0.9, 1.05),
+        "as grey as the floor": floor * rng.uniform(0.9, 1.1),
+    }.get(kind, world.albedo[SKIN])
+    if rng.random() < 0.5:
+        world.textures[SKIN] = 1.0
+    begin = int(rng.integers(1, 14))
+    effect = _Effect("cover", window=(begin, begin + int(rng.integers(2, 7))))
+    behind, turned = float(rng.uniform(0.0005, 0.0033)), float(rng.normal(0, 0.005) * (rng.random() < 0.5))
+    # The far side of a wide capsule is a straight line.
+    tip, half = world.foam.width_m - behind + 0.05, 0.2
+    effect.fingers = np.array([[tip - half * turned, -half, tip + half * turned, half, 0.05]])
+    sequence = Sequence(world, about | {"behind_m": behind, "turned_rad": turned, "bare": bare})
+    _pressed(sequence, what, [effect], STEP_M / FRAME_S, 0.0, -_BEFORE * STEP_M)
+    del sequence.moments[effect.window[1] + 4 :]
+    if bare:
+        _removed(sequence, 0)
+    return sequence
+
+
+def _whole_plate() -> Pushed:
+    """A plate along the whole front: the foam has no lateral strain, so that every column obeys the law."""
+    foam, half = Foam(), 0.5 * Foam().length_m
+    area, faces = foam.length_m * foam.height_m, np.full(45, half)
+    steps = [
+        Press(
+            float(depth),
+            float(foam.plate_stress_Pa(depth / foam.width_m)) * area,
+            np.array([-half, half]),
+            np.full(2, depth),
+            -faces,
+            faces,
+            (-half, half),
+        )
+        for depth in STEP_M * np.arange(1, 28)
+    ]
+    return Pushed(bar(half + 0.015, 0.003), (-half - 0.02, half + 0.02), tuple(steps), {"body": "whole"})
+
+
+def _removed(sequence: Sequence, begin: int) -> None:
+    """Remove the body from the frames that follow."""
+    for i in range(begin, len(sequence.moments)):
+        shot, moments = sequence.moments[i]
+        shot.force_N, shot.depth_m, shot.counted = 0.0, 0.0, False
+        away = tuple(replace(m, press=None, body=None, body_low_m=0.0) for m in moments)
+        sequence.moments[i] = (shot, away)
+
+
 def _spoil(kind: str, sequence: Sequence, window: tuple[int, int], rng: np.random.Generator) -> None:
     """Faults of the camera and the moment when the body is removed."""
     frames, (begin, end) = sequence.moments, window
@@ -301,8 +371,4 @@ def _spoil(kind: str, sequence: Sequence, window: tuple[int, int], rng: np.rando
     elif kind == "noise":
         sequence.world.sensor.read_noise *= float(rng.uniform(3, 10))
     elif kind == "vanishing body":
-        for i in range(end, len(frames)):
-            shot, moments = frames[i]
-            shot.force_N, shot.depth_m, shot.counted = 0.0, 0.0, False
-            bare = tuple(replace(m, press=None, body=None, body_low_m=0.0) for m in moments)
-            frames[i] = (shot, bare)
+        _removed(sequence, end)

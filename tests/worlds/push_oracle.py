@@ -7,12 +7,14 @@ normal is within 8 degrees of the push, by whole double steps, orientation kept.
 nodes of ``step_m`` with 16 neighbours, which are up to 2.7 % too long; therefore all sequences within 4 % of the best
 are kept, the lengths of their pushes refined, and their drives string-pulled on exact distances. Nothing else is
 pruned: when the queue is empty, the sequence is the best of those. With ``weight`` > 1 it is a solver without a guarantee
-of optimality.
+of optimality, with ``limit_s`` one that may answer nothing.
 """
 
 from __future__ import annotations
 
 import heapq
+import math
+import time
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -107,7 +109,8 @@ class _State:
 
 
 class _Search:
-    def __init__(self, world: World, cell_m: float, step_m: float, walls: Floor) -> None:
+    def __init__(self, world: World, cell_m: float, step_m: float, walls: Floor, limit_s: float) -> None:
+        self.end_s = time.process_time() + limit_s
         self.world, self.stand_off_m, self.push_m = world, STAND_OFF * cell_m, 2 * step_m
         self.movable = {body.id: body for body in world.bodies if not body.fixed}
         fixed = {body.id: body.polygon for body in world.bodies if body.fixed}
@@ -118,6 +121,11 @@ class _Search:
         }
         self.goal = np.asarray(world.goal_m, dtype=float)
         self.rest, _ = self.grid.field(self.grid.clearance, self.goal)
+
+    @property
+    def late(self) -> bool:
+        """Whether the CPU time is used up."""
+        return time.process_time() > self.end_s
 
     def body_at(self, name: str, shifts: dict[str, tuple[float, float]]) -> shapely.Polygon:
         return translate(self.movable[name].polygon, *shifts.get(name, (0.0, 0.0)))
@@ -138,6 +146,8 @@ class _Search:
             others = {o: self.body_at(o, state.shifts) for o in self.movable if o != name}
             centre = np.array([here.centroid.x, here.centroid.y])
             for contact, (direction, offset) in enumerate(self.contacts[name]):
+                if self.late:
+                    return found
                 touch = centre + offset
                 near, seconds = self.grid.near(layer, touch - self.stand_off_m * direction)
                 reach_s = float((field_s[near] + seconds).min(initial=np.inf))
@@ -169,7 +179,9 @@ class _Search:
             start + along[:, None] * direction
         )
         blocked = np.flatnonzero(clear < self.world.robot.radius_m - 1e-6)
-        robot_m = along[blocked[0] - 1] - self.stand_off_m if len(blocked) else MAX_PUSH_M
+        robot_m = MAX_PUSH_M
+        if len(blocked):  # at its first pose: it cannot stand there
+            robot_m = along[blocked[0] - 1] - self.stand_off_m if blocked[0] else 0.0
         moving = np.array(here.buffer(-1e-4, join_style="mitre").exterior.coords)[:-1]
         ahead = shapely.box(
             *np.minimum(here.bounds[:2], np.array(here.bounds[:2]) + MAX_PUSH_M * direction),
@@ -220,6 +232,7 @@ def solve(
     max_expansions: int = 2000,
     weight: float = 1.0,
     walls: Floor | None = None,
+    limit_s: float = math.inf,
 ) -> Answer:
     """The cheapest plan of a world, as defined above.
 
@@ -233,15 +246,17 @@ def solve(
         Of the bound; above 1 the first plan is taken.
     walls
         What is solid where that is not the world's walls, e.g. the squares of a real map.
+    limit_s
+        CPU time; what was found by then is answered as not finished, with drives over the nodes.
     """
-    search = _Search(world, cell_m, step_m, walls or Floor(world.walls, {}))
+    search = _Search(world, cell_m, step_m, walls or Floor(world.walls, {}), limit_s)
     start = np.asarray(world.start_m, dtype=float)
     queue = [_State(weight * search.bound(start), 0.0, 0, start, {}, ())]
     best = float("inf")
     complete: list[tuple[float, tuple[Push, ...]]] = []
     fields: dict[tuple[tuple[str, tuple[float, float]], ...], list[tuple[float, np.ndarray]]] = {}
     number = expanded = 0
-    while queue and expanded < max_expansions:
+    while queue and expanded < max_expansions and not search.late:
         state = heapq.heappop(queue)
         if state.bound_s > KEEP * best or (weight > 1 and complete):
             break
@@ -268,10 +283,12 @@ def solve(
             number += 1
             child.bound_s, child.number = child.spent_s + weight * bound, number
             heapq.heappush(queue, child)
-    finished = not queue or queue[0].bound_s > KEEP * best
+    finished = (not queue or queue[0].bound_s > KEEP * best) and not search.late
     if not complete:
         return Answer(float("inf"), (), finished and expanded < max_expansions, expanded)
     kept = sorted(complete, key=lambda item: item[0])[:POLISHED]
+    if search.late:
+        return Answer(*kept[0], False, expanded)
     near_best = [pushes for cost, pushes in kept if cost <= KEEP * best]
     pulled = [_pulled(search, _refined(search, pushes)) for pushes in near_best]
     cost_s, pushes, drives = min(pulled, key=lambda item: item[0])

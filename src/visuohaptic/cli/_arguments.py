@@ -55,7 +55,7 @@ class Add:
         if "low" in more:
             kind = _number(kind, more.pop("low"), more.pop("high", math.inf), more.pop("above", False))
         if kind not in (bool, str):
-            more.setdefault("type", kind)
+            more.setdefault("type", _no_nan if kind is float else kind)
         self._place.add_argument(*names, help=said, **more)
 
     def group(self, title: str) -> Add:
@@ -79,6 +79,16 @@ class Add:
         return Add(self._place.add_mutually_exclusive_group(required=required))
 
 
+def _no_nan(text: str) -> float:
+    """Parser of a number: comparisons with NaN, as of limits, would all be false."""
+    if math.isnan(value := float(text)):
+        raise argparse.ArgumentTypeError(f"found {text}, expected a number")
+    return value
+
+
+_no_nan.__name__ = "float"  # as argparse names it
+
+
 def _number(kind: Callable[[str], Any], low: float, high: float, above: bool) -> Callable[[str], Any]:
     """Parser of a finite number that rejects values out of range."""
     upper = f" to {high:g}" if math.isfinite(high) else "" if above else " or more"
@@ -94,7 +104,7 @@ def _number(kind: Callable[[str], Any], low: float, high: float, above: bool) ->
 
 
 #: Arguments that name a file to write.
-_OUTPUTS = ("out", "csv", "plot", "page", "sheet")
+_OUTPUTS = ("out", "csv", "parquet", "plot", "page", "sheet", "mask", "steps", "save")
 #: Arguments that name a file that may be updated in its place.
 _UPDATED = ("beam", "config")
 

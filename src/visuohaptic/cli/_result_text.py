@@ -90,4 +90,9 @@ def _plain_text(value: Any) -> str:
         return ", ".join(_plain_text(item) for item in value) if value else "none"
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return "unknown" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+    return "unknown" if value is None else _number(value) if isinstance(value, float) else str(value)
+
+
+def _number(value: float) -> str:
+    """Four digits; milliseconds of times since 1970."""
+    return f"{value:.3f}" if 1e6 <= abs(value) < 1e12 else f"{value:.4g}"

@@ -204,6 +204,9 @@ def main(argv: Sequence[str] | None = None, verbs: Mapping[str, tuple[str, str]]
     except OSError as error:
         console.error(f"{error.filename or 'input or output'}: {error.strerror or error}")
         return 2
+    except MemoryError as error:
+        console.error(f"the memory does not suffice ({str(error) or 'none is left'}); use a smaller input")
+        return 2
     except Exception as error:  # noqa: BLE001 - the last line of defence: one line, never a traceback
         console.error(f"unexpected {type(error).__name__}: {error}; {_advice(console.verbose)}")
         if console.verbose:

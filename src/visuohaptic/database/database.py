@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import re
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -49,8 +48,6 @@ from .shards import ShardFolder
 
 #: Number of objects that :meth:`ObjectDatabase.add_many` writes per transaction.
 BATCH = 512  # each transaction syncs the disk four times
-#: Ids are also folder names in an export.
-_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
 
 
 def open_database(location: Path | str, *, create: bool = True) -> ObjectDatabase:
@@ -255,7 +252,7 @@ class ObjectDatabase(Closing):
         Raises
         ------
         InputError
-            The id does not consist of 1 to 128 letters, digits, ``.``, ``_`` and ``-``.
+            The id does not consist of 1 to 128 letters, digits, ``.``, ``_`` and ``-``, or a text is not Unicode.
         """
         return self._write([obj]).merged[obj.id][0]
 
@@ -335,11 +332,6 @@ class ObjectDatabase(Closing):
         """Merge with the stored versions, and store the result."""
         latest: dict[str, VisuoHapticObject] = {}
         for obj in objects:
-            if not _ID.fullmatch(obj.id):
-                raise InputError(
-                    "object",
-                    f"found the id {obj.id!r}, expected up to 128 letters a to z, digits, '.', '_', '-'",
-                )
             latest[obj.id] = merge_objects(latest.get(obj.id, obj), obj)
         prepared: dict[str, Prepared] = {}
 

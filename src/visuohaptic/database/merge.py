@@ -228,10 +228,11 @@ def _put(item: Any, steps: list[str], estimate: Estimate, place: str) -> Any:
         )
     if name in ("parts", "states"):
         entries = getattr(item, name)
-        if len(rest) < 2:
+        if len(rest) < 3:
             raise InputError(place, f"found no property of the entry of {name!r}")
-        inner = _put(entries.get(rest[0], _EMPTY[name]()), rest[1:], estimate, place)
-        return replace(item, **{name: {**entries, rest[0]: inner}})
+        entry = ".".join(rest[:-2])  # such as "lid 1.5"
+        inner = _put(entries.get(entry, _EMPTY[name]()), rest[-2:], estimate, place)
+        return replace(item, **{name: {**entries, entry: inner}})
     if name in _EMPTY:
         if not rest:
             raise InputError(place, f"found the whole {name!r}, expected one of its properties")

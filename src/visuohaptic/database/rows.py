@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -69,6 +70,8 @@ class Summary:
     change: int  #: sequence number of its last write
 
 
+#: Ids are also folder names in an export.
+_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
 #: One object that is not deleted.
 ALIVE = select(object_).where(and_(object_.c.id == bindparam("requested"), object_.c.deleted_s.is_(None)))
 _REQUESTED = object_.c.id.in_(bindparam("requested", expanding=True))
@@ -115,9 +118,22 @@ def row_of(
         Time of deletion, seconds since the epoch; ``None`` if not deleted.
     old
         The stored version, or ``None``.
+
+    Raises
+    ------
+    InputError
+        The id is none, or a text is not Unicode, as of a file whose name is not UTF-8.
     """
+    if not _ID.fullmatch(obj.id):
+        found = f"found the id {obj.id!r}"
+        raise InputError("object", f"{found}, expected up to 128 letters a to z, digits, '.', '_', '-'")
     card, arrays = cards.encode(obj)
-    text, arrays_sha256 = cards.card_text(card), cards.arrays_digest(arrays) if arrays else ""
+    try:
+        text, arrays_sha256 = cards.card_text(card), cards.arrays_digest(arrays) if arrays else ""
+        digest = cards.digest_of(text, arrays_sha256)
+    except UnicodeEncodeError as error:
+        found = f"found {error.object[max(error.start - 20, 0) : error.end]!r}"
+        raise InputError(f"object {obj.id}", f"{found}, expected text in Unicode") from error
     stored = old.row if old is not None and old.row.arrays_sha256 == arrays_sha256 else None
     row = {
         "id": obj.id,
@@ -129,7 +145,7 @@ def row_of(
         "deleted_s": deleted_s,
         "shard": None if stored is None else stored.shard,
         "row_group": None if stored is None else stored.row_group,
-        "digest": cards.digest_of(text, arrays_sha256),
+        "digest": digest,
     }
     return row, arrays
 

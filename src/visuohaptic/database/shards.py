@@ -266,7 +266,9 @@ class ShardFolder:
             Number of removed files.
         """
         unknowns = [
-            path for path in self.folder.iterdir() if path.stem not in known or path.suffix != ".parquet"
+            path
+            for path in self.folder.iterdir()
+            if (path.stem not in known or path.suffix != ".parquet") and not path.is_dir()  # as lost+found
         ]
         for path in unknowns:
             path.unlink(missing_ok=True)

@@ -28,6 +28,8 @@ from .story import Mission
 
 #: Time between two scans that are matched to the map [s].
 SCAN_S = 0.33
+#: Limit of the drive to the table, and of a tour of exploration before it [s].
+TIMEOUT_S = 600.0
 #: Mass of fixed objects in the simulated world [kg].
 FIXED_KG = 500.0
 
@@ -203,7 +205,7 @@ def _travelled(
         guard.base(world.base),
         guard.senses(senses),
         guard.wait(wait),
-        TravelSettings(timeout_s=600.0),
+        TravelSettings(timeout_s=TIMEOUT_S),
         plan=plan,
     )
     for record in found.records:

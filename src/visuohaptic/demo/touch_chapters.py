@@ -13,8 +13,10 @@ import numpy as np
 from ..core.geometry import compose_2d, relative_2d
 from ..core.objects import Estimate, HapticTag
 from ..core.robots import FrameSource
+from ..navigation.planning.exploration import Tour, exploration_tour
 from ..navigation.planning.policies import make_plan
 from ..navigation.problem.planning_problem import MovableObject
+from ..report.floor_chart import MapObject
 from ..rigs.virtual_office import ROBOT
 from ..sensing.push.tag import BOUND_PROBABILITY, fixed_probability
 from ..simulation.faults import FaultyFrames, frame_faults
@@ -24,8 +26,8 @@ from ..tasks.memory import MOVED_M
 from ..tasks.mobile.floor_outline import FloorOutline
 from ..tasks.mobile.footprint_after_push import footprint_after_push
 from ..tasks.mobile.known_objects import recognise
-from .drive_chapters import route_problem
-from .floor_chapters import default_door, nearest_obstacle, outline_m
+from .drive_chapters import TIMEOUT_S, route_problem
+from .floor_chapters import default_door, map_picture, nearest_obstacle, outline_m
 from .judge import Claim
 from .push_demo import (
     SLOW_EXPLORATION,
@@ -76,7 +78,8 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
     if not unknown:
         known.objects = tuple(objects)
         return done(f"all {len(objects)} objects are known from an earlier visit", *claims)
-    order = choose_objects(mission, unknown, objects)
+    order, tour = choose_objects(mission, unknown, objects)
+    mission.log(f"  tour of exploration: {tour.summary}")
     found = run_demo(
         mission.folder / "touch",
         (grid, [_approach(mission, unknown[k]) for k in order]),
@@ -86,7 +89,10 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
         explore=QUICK if mission.quick else EXPLORE,
         wrap_frames=lambda source: _with_faults(mission, source),
     )
-    measures = []
+    measures = [
+        Measure("expected passages opened by the tour of exploration", tour.opens),
+        Measure("planned duration of this tour [s]", tour.time_s),
+    ]
     for k, one in zip(order, found.objects, strict=True):
         objects.append(_take(mission, one, unknown[k]))
         if objects[-1].tag is not None:
@@ -94,7 +100,12 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
         measures += _against_truth(one)
     known.objects = tuple(objects)
     tagged = sum(item.tag is not None for item in objects)
-    parts = (*claims, *measures, *_pictures(found, *found.objects))
+    parts = (
+        *claims,
+        *measures,
+        _tour_picture(mission, unknown, order, tour),
+        *_pictures(found, *found.objects),
+    )
     if not tagged:
         why = ", ".join(f"{one.name} {one.exploration.ending.why}" for one in found.objects)
         return failed(f"nothing could be tagged: {why}", *parts)
@@ -105,8 +116,10 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
 
 def choose_objects(
     mission: Mission, unknown: Sequence[FloorOutline], recalled: Sequence[MovableObject] = ()
-) -> list[int]:
-    """Objects to touch: first those that a plan to the table would explore, then the nearest to the platform.
+) -> tuple[list[int], Tour]:
+    """Objects to touch, in the order of the tour with the greatest expected benefit; then the others, the nearest first.
+
+    If not all of them can be touched, those that a plan to the table would explore come before all others.
 
     Parameters
     ----------
@@ -119,20 +132,40 @@ def choose_objects(
 
     Returns
     -------
-    list of int
-        Ascending indices into ``unknown``.
+    indices into ``unknown``, and the tour
     """
-    if len(unknown) <= mission.obstacles:
-        return list(range(len(unknown)))
-    names = [f"unknown {k}" for k in range(len(unknown))]
+    names = [f"new {k + 1}" for k in range(len(unknown))]
     untouched = [MovableObject(name, one.corners_m) for name, one in zip(names, unknown, strict=True)]
-    explored = [task.object for task in make_plan(route_problem(mission, (*recalled, *untouched))).tasks]
+    problem = route_problem(mission, (*recalled, *untouched))
+    tour = exploration_tour(problem, TIMEOUT_S)
+    some = len(unknown) > mission.obstacles
+    explored = [task.object for task in make_plan(problem).tasks] if some else []
+    ranks = {step.object: rank for rank, step in enumerate(tour.steps)}
     here = mission.known.pose[:2]
 
-    def late_and_far(k: int) -> tuple[bool, float]:
-        return names[k] not in explored, math.dist(here, tuple(unknown[k].centre_m))
+    def late_and_far(k: int) -> tuple[bool, int, float]:
+        away_m = math.dist(here, tuple(unknown[k].centre_m))
+        return names[k] not in explored, ranks.get(names[k], len(ranks)), away_m
 
-    return sorted(sorted(range(len(unknown)), key=late_and_far)[: mission.obstacles])
+    return sorted(range(len(unknown)), key=late_and_far)[: mission.obstacles], tour
+
+
+def _tour_picture(
+    mission: Mission, unknown: Sequence[FloorOutline], order: Sequence[int], tour: Tour
+) -> Illustration:
+    """The planned tour on the map, with the place of each object in the order and its benefit."""
+    benefits = {step.object: f"opens a passage ({step.opens:.2f})" for step in tour.steps} | tour.left_out
+    objects = [
+        MapObject(f"{place}. new {k + 1}: {benefits[f'new {k + 1}']}", unknown[k].corners_m)
+        for place, k in enumerate(order, 1)
+    ]
+    paths_m = [np.array(task.path_m) for task in tour.tasks if task.path_m]
+    return map_picture(
+        mission.known.map_now,
+        np.concatenate(paths_m) if paths_m else np.array([mission.known.pose[:2]]),
+        objects,
+        f"Which objects to touch, and in which order: {tour.summary}; in brackets the probability",
+    )
 
 
 def touch_in_map(

@@ -29,7 +29,7 @@ def natural(name: str) -> list[tuple[int, int, str]]:
     name
         File name.
     """
-    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name)]
+    return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", name)]
 
 
 def seconds_in(paths: Iterable[Path]) -> list[float]:

@@ -10,7 +10,7 @@ from typing import Literal
 from ..core.errors import InputError, needs
 from ..core.files import atomic_path, check_name, check_unlocked, read_head, whole_lines, write_text
 from .depth.depth_sequence_out import recover_sequence
-from .ros.mcap_records import MCAP_MAGIC
+from .ros.mcap_records import MCAP_MAGIC, RecordedSchema
 from .ros.sqlite_bag import is_bag, open_bag, write_bag
 from .sinks.tables import pack_rows
 
@@ -88,7 +88,8 @@ def _mcap(path: Path, target: Path) -> int:
         writer.start(profile="ros2", library="visuohaptic")
         for message in file.messages():
             if message.schema not in schemas:
-                schema = file.schemas[message.schema]
+                # Where its record is damaged, the messages are kept without it.
+                schema = file.schemas.get(message.schema) or RecordedSchema("", "", b"")
                 schemas[message.schema] = writer.register_schema(schema.name, schema.encoding, schema.data)
             if message.channel not in channels:
                 channel = file.channels[message.channel]

@@ -244,7 +244,9 @@ def _clock_offset(
     if not np.isfinite(mean_square[best]):
         raise InputError(
             name,
-            f"covers less than half of the run for every offset within {max_offset_s:g} s; check the clocks",
+            f"covers less than half of the run for every offset within {max_offset_s:g} s: it begins at "
+            f"{known_s[0]:.3f} s, the run at {run.t_s[0]:.3f} s",
+            remedy="give --offset, or a larger --max-offset",
         )
     if not 0 < best < len(offsets) - 1 or not np.isfinite(mean_square[best - 1 : best + 2]).all():
         raise InputError(

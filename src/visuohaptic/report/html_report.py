@@ -18,6 +18,7 @@ from jaxtyping import UInt8
 from .._version import __version__
 from ..core.errors import InputError
 from ..core.files import encode_image, write_text
+from ..core.files.figures import replace_undrawable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -184,6 +185,7 @@ class Report:
         """
         import matplotlib
 
+        replace_undrawable(figure)
         self._drawings += 1
         stream = io.StringIO()
         # A salt per drawing makes the ids of different drawings unique and reproducible.
@@ -263,7 +265,7 @@ class Report:
         path
             Path of the HTML file.
         """
-        write_text(path, self.html())
+        write_text(path, self.html().encode(errors="replace").decode())  # names of files need not be UTF-8
         return Path(path)
 
 

@@ -67,6 +67,7 @@ class TopicFrames(Closing):
         self._new = threading.Condition()
         self._waiting: deque[tuple[Received, int]] = deque(maxlen=depth)
         self._newest: tuple[Received, int] | None = None
+        self._came_s = 0.0
         self._gid, self._offset, self._last = b"", 0, -1
         self._running = True
         self._fitted = self._interrupted = False
@@ -98,7 +99,7 @@ class TopicFrames(Closing):
             entry = (received, self._index(received))
             self.left_out += len(self._waiting) == self._waiting.maxlen
             self._waiting.append(entry)
-            self._newest = entry
+            self._newest, self._came_s = entry, time.monotonic()
             self._new.notify_all()
 
     def _index(self, received: Received) -> int:
@@ -162,7 +163,8 @@ class TopicFrames(Closing):
         Parameters
         ----------
         max_age_ms
-            Maximum age according to the timestamp and this machine's clock [ms].
+            Maximum age according to the timestamp and this machine's clock, and since it arrived [ms]: the clock of
+            the camera's machine may be ahead.
 
         Raises
         ------
@@ -170,11 +172,11 @@ class TopicFrames(Closing):
             There is no frame yet, or it is older than ``max_age_ms``.
         """
         with self._new:
-            entry = self._newest
+            entry, came_s = self._newest, self._came_s
         frame = self._frame(*entry) if entry is not None else None
         if frame is None:
             raise StaleFrameError(f"{self.topic} has delivered no image yet; wait with read()")
-        age_ms = 1e3 * (time.time() - frame.t_s)
+        age_ms = 1e3 * max(time.time() - frame.t_s, time.monotonic() - came_s)
         if age_ms > max_age_ms:
             raise StaleFrameError(
                 f"the newest image is {age_ms:.0f} ms old, the limit is {max_age_ms:.0f} ms"

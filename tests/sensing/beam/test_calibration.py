@@ -260,6 +260,12 @@ def test_eight_rows_and_four_loads_are_the_least(rows, loaded, enough):
             calibrate_beam(record, BEAM)
 
 
+def test_a_load_that_never_changes_is_refused():
+    loads = np.tile([0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (10, 1))
+    with pytest.raises(CalibrationError, match="no load changes"):
+        calibrate_beam(LoadRecord(loads, loads, "wrench", np.arange(10)), BEAM)
+
+
 class TestRefusals:
     def record(self, change=lambda loads, read: read, steps=(-1, -0.5, 0, 0.5, 1)):
         loads = session(axes=(1, 2), steps=steps)

@@ -314,6 +314,28 @@ def test_a_press_is_read_at_the_rate_of_any_camera(rate_Hz) -> None:
     assert (np.abs(error) < 4.0 * frames["sigma_N"] + foam_evidence.PHANTOM_N).all()
 
 
+def test_a_straight_occluder_along_the_whole_front_is_no_plate_and_a_plate_is_read() -> None:
+    """A dark edge without texture, 2 mm behind the front from one frame to the next; 6 N if it pressed."""
+    occluder, plate = disturbances.covered(60), disturbances.covered(46)
+    del plate.moments[8:]
+    rows = [foam_evidence.run_sequence(sequence) for sequence in (occluder, plate)]
+    wrong, read = foam_evidence.cover_figures(rows)
+    assert (wrong["ours"], read["ours"]) == (0.0, 100.0)
+    # It is there in three frames of fifteen, which are not read; the plate moves by 2 mm a frame.
+    assert [frame[0] for frame in rows[0]["frames"]] == [not frame[7] for frame in rows[0]["frames"]]
+    assert rows[1]["about"]["speed_m_s"] * foam.FRAME_S == pytest.approx(2e-3)
+
+
+def test_a_press_in_a_shadow_over_the_whole_front_is_not_taken_for_foam_at_rest() -> None:
+    """A cylinder nearly as grey as the floor presses by 2.6 mm in the shadow, whose edge lies far behind the front."""
+    sequence = disturbances.disturbed("hard shadow", 22)
+    del sequence.moments[14:]
+    frames = foam_evidence.frames_of([foam_evidence.run_sequence(sequence)])
+    # It was read as 0.00 +- 0.13 N in the last of them, where 2.2 N press.
+    error = np.abs(frames["force_N"] - frames["truth_N"])[frames["valid"].astype(bool)]
+    assert (error < foam_evidence.PHANTOM_N).all()
+
+
 def test_points_behind_a_shadow_while_zeroing_are_read_when_it_has_gone() -> None:
     """Six points at the end of the strip have no edge at rest; their widths are inferred, and so is the error of that."""
     sequence = foam.shadows(18)

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 import pytest
 from scipy.special import ndtr
 
 from visuohaptic.sensing.foam._chain_kernels import FOAM, edge_crossing, filter_runs, join, place_odds
-from visuohaptic.sensing.foam._posterior_kernels import _fit, shadow_odds
+from visuohaptic.sensing.foam._light_kernels import fit_light
+from visuohaptic.sensing.foam._posterior_kernels import shadow_odds
 from visuohaptic.sensing.foam._texture_kernels import (
     COV_PRESSED,
     COV_REST,
+    MAX_ODDS,
     OWN,
     VAR_PRESSED,
     foam_bands,
@@ -100,7 +103,7 @@ def strip(rng, front, texture, *, shade=1.0, beyond="body", noise=2.0, blur=1.0)
 
 
 def texture_odds(rest, now, front, texture_part=1.0, variance=4.5) -> np.ndarray:
-    result, ones = np.empty((30, 7)), np.ones(30)
+    result, ones = np.empty((30, 8)), np.ones(30)
     lines = np.tile([0.0, 0.0, 0.0, 1.0, 1.0, 1.0], (30, 1))  # samples are pixels
     places = front * ones, 84.5 * ones, 0 * ones
     shadow_odds(now, rest, lines, *places, 1.0, 0.0 * ones, texture_part, variance, ones > 0, result)
@@ -157,7 +160,7 @@ def test_the_surface_of_a_body_close_to_the_front_at_rest_is_no_second_edge(beyo
     scenes = np.where(j < 85.0, foam, floor), np.where(j < 81.0, foam, other)
     rest, now = (gaussian_filter1d(one, 1.0, axis=2) for one in scenes)
     now = (now + 1.4 * rng.standard_normal(now.shape)).astype(np.float32)
-    found, against = np.empty((30, 7)), np.zeros((30, 6))
+    found, against = np.empty((30, 8)), np.zeros((30, 6))
     lines = np.tile([0.0, 0.0, 0.0, 1.0, 1.0, 1.0], (30, 1))
     places = 80.5 * ones, 84.5 * ones, 0 * ones, 1.0
     shadow_odds(now, np.rint(rest).astype(np.uint8), lines, *places, 0 * ones, 1.0, 2.0, ones > 0, found)
@@ -168,19 +171,30 @@ def test_the_surface_of_a_body_close_to_the_front_at_rest_is_no_second_edge(beyo
         assert np.median(against[:, 1]) > 8.0
 
 
-@pytest.mark.parametrize(("beyond", "at_rest"), [(35.0, True), (70.0, True), (12.0, False)])
-def test_foam_in_a_shadow_is_at_rest_where_the_floor_lies_beyond_it(beyond, at_rest) -> None:
-    """A shadow on the foam, 25 px before its front: beyond that lies the floor in one light or the other, or a black body."""
+@pytest.mark.parametrize(
+    ("beyond", "moved", "at_rest"),
+    [
+        (35.0, 0, True),
+        (70.0, 0, True),
+        (12.0, 0, False),
+        (35.0, 1, False),
+        (35.0, 10, False),
+        (70.0, 10, False),
+    ],
+)
+def test_foam_in_a_shadow_is_at_rest_where_the_floor_lies_beyond_it(beyond, moved, at_rest) -> None:
+    """A shadow on the foam, 25 px before its front: beyond that lies the floor in one light or the other, or a black body;
+    or the front has moved in the shadow, before a body as grey as the floor."""
     from scipy.ndimage import gaussian_filter1d
 
     rng, j, ones = np.random.default_rng(9), np.arange(110.0), np.ones(30)
     scenes = (
         np.where(j < 85.0, 170.0, 70.0),
-        np.where(j < 60.0, 170.0, np.where(j < 85.0, 85.0, beyond)),
+        np.where(j < 60.0, 170.0, np.where(j < 85.0 - moved, 85.0, beyond)),
     )
     rest, now = (gaussian_filter1d(np.tile(one, (30, 5, 1)), 1.0, axis=2) for one in scenes)
     now = (now + 1.4 * rng.standard_normal(now.shape)).astype(np.float32)
-    found, against = np.empty((30, 7)), np.zeros((30, 6))
+    found, against = np.empty((30, 8)), np.zeros((30, 6))
     lines = np.tile([0.0, 0.0, 0.0, 1.0, 1.0, 1.0], (30, 1))
     places = 59.5 * ones, 84.5 * ones, 0 * ones, 1.0
     shadow_odds(now, np.rint(rest).astype(np.uint8), lines, *places, 0 * ones, 1.0, 2.0, ones > 0, found)
@@ -195,7 +209,7 @@ def test_the_fit_of_light_equals_plain_least_squares(shaded) -> None:
     over, out = rng.uniform(0, 1, (5, 40)), rng.uniform(0, 1, (5, 40))
     normal, solution, tau = np.empty((5, 5)), np.empty(5), (np.arange(40.0) - first) / 20.0
     surface = rng.uniform(50, 100, (5, 40))
-    squares = _fit(now, template, over, out, surface, first, last, 140.0, 0.8, shaded, normal, solution)
+    squares = fit_light(now, template, over, out, surface, first, last, 140.0, 0.8, shaded, normal, solution)
     foam = 140.0 + 0.8 * (template - 140.0)
     if shaded:
         a, b, d = foam * (1 - over) * (1 - out), foam * over * (1 - out), surface
@@ -225,7 +239,7 @@ def test_a_sharp_edge_between_the_pixels_is_not_two_edges(phase) -> None:
         return found
 
     rest = np.rint(sampled(88.0, 80.0)).astype(np.uint8)
-    now, result = sampled(87.0, 30.0), np.empty((30, 7))
+    now, result = sampled(87.0, 30.0), np.empty((30, 8))
     lines = np.column_stack([base, down, ones, ones])
     front = (84.0 - phase) * ones, (85.0 - phase) * ones, 0.0 * ones
     shadow_odds(now, rest, lines, *front, blur, 0.0 * ones, 1.0, 1.0, ones > 0, result)
@@ -349,6 +363,21 @@ def test_a_new_contact_that_moves_the_front_as_a_whole_is_no_coincidence() -> No
     flat, uneven = (filtered([0.0], 0.0, spread_m=spread, onset=0.1)[0] for spread in (0.0, 0.002))
     assert flat == pytest.approx(0.2 * 2 / np.pi * np.arctan(0.1 / 27.0)), "a pixel over 27 mm, at any angle"
     assert uneven == pytest.approx(0.2 * 2 / np.pi * np.arctan(2.1 / 27.0))
+
+
+def test_texture_that_foam_has_not_moved_is_that_beside_an_occluder() -> None:
+    """Columns of nine bands at rest, of texture that has moved with the edge, and of texture that has not."""
+    texture, noise = 9.0, 1.0
+    bands, unary, against = np.zeros((11, 9)), np.zeros((11, 4)), np.zeros((11, 6))
+    bands[:] = [60.0, 170.0, 1.0, 1.0, texture + noise, texture, texture, texture, texture]
+    bands[9, COV_REST] = bands[10, COV_PRESSED] = 0.0
+    transfer, variance = foam_texture_odds(bands, unary, against, np.empty(11))
+    assert (transfer, variance) == (1.0, noise)
+    # At rest both show the zero image: foam nine times in ten, else any texture; an occluder beside foam every other time.
+    assert against[0, 0] == pytest.approx(math.log(0.5 / 0.9), abs=1e-3)
+    assert against[9, 0] == pytest.approx(math.log(0.5) - (math.log(0.9) + MAX_ODDS), abs=1e-3)
+    # Other texture has a cause that neighbours share: it counts a fifth.
+    assert against[10, 0] == pytest.approx(0.2 * (math.log(0.5) + MAX_ODDS - math.log(0.1)), abs=1e-3)
 
 
 def test_a_surface_coarser_than_any_part_of_the_strip_is_not_the_foam() -> None:

@@ -14,6 +14,8 @@ from ..geometry import so3_exp
 from ..ranges import POSITIVE, at_least, check_ranges
 from .model import Camera
 
+#: Squares each way of a chessboard that OpenCV detects: three inner corners.
+_FEWEST = 4
 #: Names of the estimated parameters in the order of OpenCV.
 _PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
@@ -35,6 +37,9 @@ class Board:
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        if self.marker_m is None and min(self.columns, self.rows) < _FEWEST:
+            found = f"found a chessboard of {self.columns} x {self.rows} squares"
+            raise InputError("Board", f"{found}, expected at least {_FEWEST} each way")
         if self.marker_m is not None and not 0 < self.marker_m < self.square_m:
             raise InputError(
                 "Board", f"found {self.marker_m}, expected 0 < marker < {self.square_m}", field="marker_m"
@@ -54,12 +59,12 @@ class Board:
         code = getattr(cv2.aruco, self.dictionary, None) if self.dictionary.startswith("DICT_") else None
         if code is None:
             raise InputError("Board", f"found {self.dictionary!r}, expected a name such as DICT_4X4_250")
-        return cv2.aruco.CharucoBoard(
-            (self.columns, self.rows),
-            self.square_m,
-            self.marker_m or 0.0,
-            cv2.aruco.getPredefinedDictionary(code),
-        )
+        dictionary = cv2.aruco.getPredefinedDictionary(code)
+        size, markers = (self.columns, self.rows), self.columns * self.rows // 2
+        if markers > len(dictionary.bytesList):
+            there = f"found {self.dictionary} with {len(dictionary.bytesList)} markers"
+            raise InputError("Board", f"{there}, expected {markers} for {self.columns} x {self.rows} squares")
+        return cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m or 0.0, dictionary)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -217,6 +222,13 @@ def calibrate_camera(
     limits = limits or CalibrationLimits()
     removed: dict[str, str] = {}
     used: list[BoardView] = []
+    views = list(views)
+    if views and not any(len(view.corner_ids) for view in views):
+        raise CalibrationError(
+            name,
+            f"found a board of {board.columns} x {board.rows} squares in none of {len(views)} images",
+            remedy="count its squares, not the corners between them, and check the kind of the board",
+        )
     for view in views:
         if len(view.corner_ids) >= limits.min_corners and not _collinear(board, view):
             used.append(view)

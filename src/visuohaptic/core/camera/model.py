@@ -26,6 +26,8 @@ _log = logging.getLogger(__name__)
 
 #: Focal length of a field of view of 137 degrees, in image widths: wider lenses have no distortion of this kind.
 _WIDEST = 0.2
+#: Rays that come back to another pixel are none: where there is an inverse, it is found to 1e-6 px [px].
+_FOLDED_px = 0.5
 #: Supported numbers of distortion coefficients and their ROS names.
 _DISTORTION_MODELS = {0: "plumb_bob", 4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
 
@@ -63,6 +65,13 @@ class Camera:
                 "Camera",
                 f"found {matrix.tolist()}, expected positive focal lengths and last row 0 0 1",
                 field="matrix",
+            )
+        if matrix[[0, 1], [1, 0]].any():
+            raise InputError(
+                "Camera",
+                f"found {matrix.tolist()} with skew, expected 0: OpenCV's and ROS's models have none",
+                field="matrix",
+                remedy="calibrate without it",
             )
         if distortion.size not in _DISTORTION_MODELS or not np.isfinite(distortion).all():
             raise InputError(
@@ -162,10 +171,7 @@ class Camera:
         flat = np.ascontiguousarray(pixels.reshape(-1, 2))
         result = np.ones((len(flat), 3))
         if not self.distortion.any():
-            result[:, 1] = (flat[:, 1] - self.matrix[1, 2]) / self.matrix[1, 1]
-            result[:, 0] = (flat[:, 0] - self.matrix[0, 2] - self.matrix[0, 1] * result[:, 1]) / self.matrix[
-                0, 0
-            ]
+            result[:, :2] = (flat - self.matrix[:2, 2]) / self.matrix[[0, 1], [0, 1]]
         elif len(flat):
             import cv2
 
@@ -231,19 +237,31 @@ class Camera:
         except InputError as error:
             raise InputError(path, error.problem, field=error.field) from error
         for doubt in found._doubts():
-            _log.warning("%s: camera_matrix: %s", path, doubt)
+            _log.warning("%s: %s", path, doubt)
         return found
 
     def _doubts(self) -> list[str]:
-        """What a calibration for images of another size, or in millimetres, looks like."""
+        """What a calibration for images of another size, in millimetres, or of too few corners, looks like."""
         (x, y), size = self.matrix[:2, 2], f"{self.width} x {self.height}"
         doubts = []
         if not (0 <= x < self.width and 0 <= y < self.height):
             doubts.append(
-                f"its principal point ({x:.4g}, {y:.4g}) is outside of {size}; is it of another size?"
+                f"camera_matrix: its principal point ({x:.4g}, {y:.4g}) is outside of {size}; is it of another size?"
             )
         if self.focal_px < _WIDEST * self.width:
-            doubts.append(f"its focal length is {self.focal_px:.3g} px on {size}; is it in millimetres?")
+            doubts.append(
+                f"camera_matrix: its focal length is {self.focal_px:.3g} px on {size}; is it in millimetres?"
+            )
+        across, down = (np.linspace(0, length - 1, 9) for length in (self.width, self.height))
+        border = np.array(
+            [(u, v) for v in down for u in across if u in across[[0, -1]] or v in down[[0, -1]]]
+        )
+        off_px = float(np.nanmax(np.abs(self.project(self.rays(border)) - border)))
+        if off_px > _FOLDED_px:
+            doubts.append(
+                f"distortion_coefficients: they have no inverse at the border of the image, where rays are {off_px:.0f} px off; "
+                "calibrate with corners of the board there"
+            )
         return doubts
 
     def save(self, path: Path | str) -> None:

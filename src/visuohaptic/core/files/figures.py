@@ -88,8 +88,23 @@ def save_figure(path: Path | str, figure: Figure, *, dpi: float = 120) -> None:
         Another suffix, or the file cannot be written.
     """
     path = check_target(path, FIGURE_SUFFIXES)
+    replace_undrawable(figure)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=dpi, format=path.suffix[1:].lower())
+
+
+def replace_undrawable(figure: Figure) -> None:
+    """Replace what is not Unicode in the texts of a figure: the name of a file need not be UTF-8.
+
+    Parameters
+    ----------
+    figure
+        Figure.
+    """
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        text.set_text(text.get_text().encode(errors="replace").decode())
 
 
 def ramp_colours(

@@ -52,7 +52,7 @@ class BagSurvey:
         self.recording = recording
         self.images: dict[str, TopicImages] = {}
         self.cameras: dict[str, Any] = {}  #: first CameraInfo of each topic
-        self.tree = TransformTree()
+        self._trees: dict[str, TransformTree] = {}  #: by the namespace of their topics
         self.poses: dict[
             str, tuple[str, FrameMotion]
         ] = {}  #: moved frame, if the messages name it, and its poses
@@ -65,7 +65,8 @@ class BagSurvey:
                 self.problems.append(str(error))
         if recording.damage:
             self.problems.append(f"{recording.path}: {recording.damage}")
-        self.tree.finish()
+        for tree in self._trees.values():
+            tree.finish()
         for _, motion in self.poses.values():
             motion.finish()
 
@@ -80,7 +81,8 @@ class BagSurvey:
                 self.cameras[topic] = self.recording.decode(message)
         elif kind.endswith("/TFMessage"):
             static = topic.endswith("tf_static")
-            self.tree.add(self.recording.decode(message), static=static, log_time_ns=message.log_time_ns)
+            tree = self._trees.setdefault(topic.rpartition("/")[0], TransformTree())
+            tree.add(self.recording.decode(message), static=static, log_time_ns=message.log_time_ns)
         elif kind in POSE_TYPES:
             fields = self.recording.decode(message)
             child = frame_name(getattr(fields, "child_frame_id", ""))
@@ -185,13 +187,14 @@ class BagSurvey:
         path = self.recording.path
         if poses == NO_POSES:
             return (lambda t_s: (Pose.identity(), "")), NO_POSES
-        chain = self.tree.chain(depth.frame)
-        if poses == "tf" or (poses == "auto" and self.tree.moves(chain)):
-            if not self.tree.moves(chain):
+        tree = self._tree(depth.topic)
+        chain = tree.chain(depth.frame)
+        if poses == "tf" or (poses == "auto" and tree.moves(chain)):
+            if not tree.moves(chain):
                 raise InputError(
                     path, f"has no transforms that move {depth.frame!r}, the frame of {depth.topic}"
                 )
-            return (lambda t_s: self.tree.pose(chain, t_s)), f"tf, {depth.frame} in {chain[-1]}"
+            return (lambda t_s: tree.pose(chain, t_s)), f"tf, {depth.frame} in {chain[-1]}"
         if poses == "auto":
             if len(self.poses) != 1:
                 found = (
@@ -207,11 +210,23 @@ class BagSurvey:
             return motion.at, f"file {Path(poses).name}"
         return self._topic_poses(poses, depth)
 
+    def _tree(self, topic: str) -> TransformTree:
+        """All transforms; of several robots with the same frames, those in the namespace of a topic."""
+        frames = [frame for tree in self._trees.values() for frame in tree.frames]
+        if len(frames) == len(set(frames)):
+            return TransformTree.joined(self._trees.values())
+        own = [space for space in self._trees if topic.startswith(f"{space}/")]
+        if not own:
+            found = f"has the same frames on {', '.join(f'{space}/tf' for space in sorted(self._trees))}"
+            raise InputError(self.recording.path, f"{found}, none in the namespace of {topic}")
+        return self._trees[max(own, key=len)]
+
     def _topic_poses(self, topic: str, depth: TopicImages) -> tuple[PoseAt, str]:
         child, motion = self.poses[topic]
         if child in ("", depth.frame):
             return motion.at, f"topic {topic}, of {child or 'the camera, as no frame is named'}"
-        chain = self.tree.chain(depth.frame, child)
+        tree = self._tree(depth.topic)
+        chain = tree.chain(depth.frame, child)
         if not chain:
             raise InputError(
                 self.recording.path,
@@ -220,7 +235,7 @@ class BagSurvey:
 
         def at(t_s: float) -> tuple[Pose | None, str]:
             carrier, problem = motion.at(t_s)
-            mounted, other = self.tree.pose(chain, t_s)
+            mounted, other = tree.pose(chain, t_s)
             return (None, problem or other) if carrier is None or mounted is None else (carrier @ mounted, "")
 
         return at, f"topic {topic}, of {child}, with tf to {depth.frame}"

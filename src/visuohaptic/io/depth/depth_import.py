@@ -145,6 +145,7 @@ def import_sequence(
     if not source.is_dir():
         raise InputError(source, "is not a folder")
     chosen = _layout_of(source, camera) if layout == "auto" else layout
+    _check_options(source, chosen, camera, poses, depth_scale_m, bit_rotation)
     if chosen == "arm":
         found = _arm(source)
     elif chosen == "apc":
@@ -164,6 +165,18 @@ def import_sequence(
         ]
         found = replace(found, images=kept, poses_source=NO_POSES)
     return _write(found, target, chosen)
+
+
+def _check_options(source: Path, layout: str, camera: object, poses: object, *numbers: float | None) -> None:
+    """Refuse what other layouts state themselves: it would not be used."""
+    names = ("camera", "poses", "depth_scale_m", "bit_rotation")
+    values = (camera, None if poses == NO_POSES else poses, *numbers)
+    given = [name for name, value in zip(names, values, strict=True) if value]
+    if layout in LAYOUTS and layout != "plain" and given:
+        remedy = "leave it out, or choose the layout plain"
+        raise InputError(
+            source, f"the layout {layout} states its own {given[0]}", field=given[0], remedy=remedy
+        )
 
 
 def _layout_of(source: Path, camera: Path | str | None) -> str:
@@ -281,7 +294,10 @@ def _plain(
     bit_rotation: int,
 ) -> _Layout:
     if camera is None or poses is None or depth_scale_m is None:
-        raise InputError(source, "a plain folder needs camera, poses and depth_scale_m")
+        values = {"camera": camera, "poses": poses, "depth_scale_m": depth_scale_m}
+        missing = ", ".join(name for name, value in values.items() if value is None)
+        remedy = "give a camera_info file, a file of poses (or none), and the metres of one unit"
+        raise InputError(source, f"a plain folder needs {missing}", remedy=remedy)
     folder = source / "depth" if (source / "depth").is_dir() else source
     paths = _image_files(folder, set(DEPTH_SUFFIXES))
     if poses == NO_POSES:

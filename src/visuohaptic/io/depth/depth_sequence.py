@@ -4,7 +4,7 @@
 ``sequence.yaml``  ``sensor``, ``depth_scale_m``, ``camera: camera.yaml``; see
                    :class:`SequenceFile` for optional fields
 ``camera.yaml``    ROS ``camera_info``
-``depth/``         16-bit PNG or EXR, in name order
+``depth/``         16-bit PNG or EXR, in the order of their times in seconds, if the names end in them, or of their names
 ``color/``         optional, registered to the depth, same names or same count
 ``poses.txt``      TUM text (``t tx ty tz qx qy qz qw``), camera to world
 ``pose_sigma.txt`` optional, of estimated poses: ``sigma_m sigma_rad`` of each
@@ -290,7 +290,10 @@ def _image_files(folder: Path, suffixes: set[str]) -> list[Path]:
     if not folder.is_dir():
         return []
     found = [path for path in folder.iterdir() if path.suffix.lower() in suffixes and path.name[0] != "."]
-    return sorted(found, key=lambda path: natural(path.stem))
+    found.sort(key=lambda path: natural(path.stem))
+    # By name, 12.6 would come before 12.533.
+    times_s = seconds_in(found)
+    return [found[place] for place in np.argsort(times_s, kind="stable")] if times_s else found
 
 
 def _matched(folder: Path, paths: list[Path], poses: list[StampedPose]) -> list[StampedPose]:

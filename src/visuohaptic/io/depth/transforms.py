@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -56,6 +57,25 @@ class TransformTree:
 
     def __init__(self) -> None:
         self._motions: dict[str, tuple[str, FrameMotion]] = {}
+
+    @classmethod
+    def joined(cls, trees: Iterable[TransformTree]) -> TransformTree:
+        """One tree of the frames of several.
+
+        Parameters
+        ----------
+        trees
+            Without common frames.
+        """
+        whole = cls()
+        for tree in trees:
+            whole._motions |= tree._motions
+        return whole
+
+    @property
+    def frames(self) -> Iterable[str]:
+        """Names of the frames that have a parent."""
+        return self._motions.keys()
 
     def add(self, message: Any, *, static: bool, log_time_ns: int) -> None:
         """Add the transforms of a message.

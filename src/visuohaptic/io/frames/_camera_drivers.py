@@ -145,7 +145,8 @@ class UvcBackend:
         except DeviceError:
             self.close()
             raise
-        except (RuntimeError, OSError, ValueError) as error:
+        except Exception as error:
+            # The library's exceptions (OpenError, InitError, StreamError) have no common base class.
             self.close()
             raise DeviceError(f"camera:{self._which} cannot be opened ({error})") from error
         self._offset_s = None
@@ -186,7 +187,6 @@ class UvcBackend:
             frame = self._capture.get_frame(timeout=1.0)
             image = np.array(frame.gray if self._settings.grey else frame.bgr)
         except Exception as error:
-            # The library's exceptions (StreamError, InitError) have no common base class.
             raise DeviceError(f"camera:{self._which} delivers no frames ({error})") from error
         if self._offset_s is None:
             # Its timestamps are regular, but have an arbitrary offset.

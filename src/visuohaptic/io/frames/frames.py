@@ -14,7 +14,8 @@ from .live import camera_of, open_camera
 from .mcap_frames import McapSource
 from .video import VideoSource
 
-_TOPIC = re.compile(r"^(.+\.(?:mcap(?:\.part)?|db3)):(/.*)$")
+_TOPIC = re.compile(r"^(.+):(/.*)$")
+_RECORDING = re.compile(r".+\.(?:mcap(?:\.part)?|db3)")
 
 
 def open_source(
@@ -32,7 +33,7 @@ def open_source(
     ----------
     source
         - a folder of images (times: ``times.csv``, file names, or ``rate_Hz``)
-        - ``run.mcap`` or ``run.mcap:/camera/image``, ROS 2 images; ``run.db3`` and folders of ``ros2 bag`` as well
+        - ``run.mcap`` or ``run.mcap:/camera/image``, ROS 2 images; ``run.db3`` and folders of ``ros2 bag`` as well (``run:/camera/image``)
         - ``0``, ``camera:0``, ``camera:NAME`` or ``/dev/video0``, a live camera by number, part of its
           name or device file; ``uvc:0`` warns if the precise driver is not installed
         - ``rtsp://host/path`` and other stream addresses
@@ -75,6 +76,8 @@ def open_source(
             raise InputError(text, "is live: start and stop are for recordings only")
         return open_camera(live[0], uvc_only=live[1], camera=camera, rate_Hz=rate_Hz, grey=grey)
     topic = _TOPIC.match(text)
+    if topic and not (_RECORDING.fullmatch(topic[1]) or is_bag(Path(topic[1]))):
+        topic = None
     path = check_name(topic[1] if topic else text)
     part: dict[str, Any] = {"camera": camera, "start_s": start_s, "stop_s": stop_s, "grey": grey}
     if is_bag(path):

@@ -159,11 +159,12 @@ class LiveSource(Closing):
     def _run(self) -> None:
         while self._running:
             try:
-                image, t_s = self._backend.read()
-                self._deliver(image, t_s)
-            except DeviceError as error:
-                if self._running and not self._reconnect(error):
-                    return
+                try:
+                    image, t_s = self._backend.read()
+                    self._deliver(image, t_s)
+                except DeviceError as error:
+                    if self._running and not self._reconnect(error):
+                        return
             except Exception as error:  # noqa: BLE001 - the reader gets it, in its own thread
                 self._fail(error)
                 return

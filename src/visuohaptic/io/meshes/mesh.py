@@ -101,9 +101,9 @@ def _by_trimesh(path: Path, kind: str, data: bytes) -> tuple[np.ndarray, np.ndar
             options = {"skip_materials": True} if kind == ".obj" else {}
             # Loaded from memory, so that a mesh cannot access other files.
             scene = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], process=False, **options)
-            faces_in_all = sum(
-                len(geometry.faces) for geometry in scene.geometry.values() if hasattr(geometry, "faces")
-            ) * max(1, len(scene.graph.nodes_geometry) // max(1, len(scene.geometry)))
+            sizes = {name: len(getattr(one, "faces", ())) for name, one in scene.geometry.items()}
+            # Each node is a copy: a few bytes of a file repeat the largest of its meshes.
+            faces_in_all = sum(sizes[scene.graph[node][1]] for node in scene.graph.nodes_geometry)
             if faces_in_all > MAX_FACES:
                 raise InputError(path, f"has {faces_in_all} triangles, expected at most {MAX_FACES}")
             mesh = scene.to_mesh()

@@ -152,13 +152,16 @@ class McapFile:
                 return
             if length > size - place - 9:
                 self.damage.cut, self.damage.lost_bytes = True, size - place
-                if opcode == _CHUNK:
+                if opcode == _CHUNK and size - place <= MAX_DATA_BYTES:
                     yield opcode, stream.read()
                 return
-            if opcode in (_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK):
-                yield opcode, stream.read(length)
-            else:
+            if opcode not in (_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK):
                 stream.seek(length, 1)
+            elif length > MAX_DATA_BYTES:
+                self.spoilt(f"record at byte {place} has {length} bytes, expected at most {MAX_DATA_BYTES}")
+                stream.seek(length, 1)
+            else:
+                yield opcode, stream.read(length)
 
     def _record(self, opcode: int, body: bytes, topics: set[str] | None) -> Iterator[McapMessage]:
         try:

@@ -6,10 +6,7 @@ in the map frame, and below ``layer`` the conversion from grey levels to values:
     value = offset + scale * level        levels 0 .. top
     no_value = 65535, infinite = 65534, minus_infinite = 65533  (16 bit)
 
-Booleans and integers in a small range are stored exactly, floats to
-half a step of 1/65532 of their range; ``exact=True`` keeps every bit of
-float32 and int32 in the four channels of the image, which then looks like
-noise.
+Booleans and integers are stored exactly, floats to half a step of 1/65532 of their range.
 """
 
 from __future__ import annotations
@@ -52,7 +49,7 @@ class _LayerFields(BaseModel):
     name: str
     unit: str = "1"
     kind: Literal["bool", "int32", "float32", "float64"]
-    coding: Literal["linear8", "linear16", "bits32"]
+    coding: Literal["linear8", "linear16"]
     offset: FiniteFloat = 0.0
     scale: FiniteFloat = 1.0
     no_value: int | None = None
@@ -75,7 +72,6 @@ def save_layer(
     *,
     name: str = "",
     unit: str = "1",
-    exact: bool = False,
 ) -> None:
     """Write ``NAME.yaml`` and ``NAME.png`` next to it.
 
@@ -84,12 +80,9 @@ def save_layer(
     path
         File name that ends in ``.yaml``.
     values
-        Booleans, 32 bit integers, or floats (NaN = no value,
-        infinities are kept), with the shape of ``grid``.
+        Booleans, integers in a range of 16 bits, or floats (NaN = no value, infinities are kept), with the shape of ``grid``.
     grid
         Map on whose grid the layer is defined.
-    exact
-        Keep every bit, in an image that only :func:`load_layer` can read.
     name
         Name of the layer.
     unit
@@ -106,7 +99,7 @@ def save_layer(
     values = np.asarray(values)
     if values.shape != grid.shape:
         raise InputError("values", f"found shape {values.shape}, expected {grid.shape}, the shape of the map")
-    pixels, fields = _coded(values, exact)
+    pixels, fields = _coded(values)
     picture = path.with_suffix(".png")
     write_image(picture, pixels[::-1])
     save_yaml(
@@ -124,25 +117,21 @@ def save_layer(
     )
 
 
-def _coded(values: np.ndarray, exact: bool) -> tuple[np.ndarray, dict[str, Any]]:
+def _coded(values: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
     """Pixels and the fields that describe their coding."""
     if values.dtype == np.bool_:
         fields = {"kind": "bool", "coding": "linear8", "offset": 0.0, "scale": 1.0 / 255}
         return np.where(values, 255, 0).astype(np.uint8), fields
     if np.issubdtype(values.dtype, np.integer):
         low, high = int(values.min()), int(values.max())
-        if low < -(2**31) or high >= 2**31:
-            raise InputError("values", f"found whole numbers {low} to {high}, expected 32 bits")
-        if exact or high - low > 65535:
-            return _bits(values.astype(np.int32)), {"kind": "int32", "coding": "bits32"}
+        if low < -(2**31) or high >= 2**31 or high - low > 65535:
+            raise InputError("values", f"found whole numbers {low} to {high}, expected a range of 16 bits")
         wide = high - low > 255
         pixels = (values.astype(np.int64) - low).astype(np.uint16 if wide else np.uint8)
         return pixels, {"kind": "int32", "coding": "linear16" if wide else "linear8", "offset": float(low)}
     if not np.issubdtype(values.dtype, np.floating):
         raise InputError("values", f"found {values.dtype}, expected bool, whole numbers or floats")
     kind = "float32" if values.dtype.itemsize <= 4 else "float64"
-    if exact:
-        return _bits(values.astype(np.float32)), {"kind": "float32", "coding": "bits32"}
     finite = np.isfinite(values)
     lowest = float(values[finite].min()) if finite.any() else 0.0
     highest = float(values[finite].max()) if finite.any() else 0.0
@@ -158,11 +147,6 @@ def _coded(values: np.ndarray, exact: bool) -> tuple[np.ndarray, dict[str, Any]]
         "infinite": _INF,
         "minus_infinite": _MINUS_INF,
     }
-
-
-def _bits(values: np.ndarray) -> np.ndarray:
-    little = np.ascontiguousarray(values.astype(values.dtype.newbyteorder("<")))
-    return little.view(np.uint8).reshape(*values.shape, 4)
 
 
 def load_layer(path: Path | str) -> Layer:
@@ -187,25 +171,18 @@ def load_layer(path: Path | str) -> Layer:
         raise InputError(path, f"found {info.image!r}, which does not exist", field="image")
     pixels = read_image(picture, "unchanged")[::-1]
     layer = info.layer
-    shape, depth = {"linear8": ((), "uint8"), "linear16": ((), "uint16"), "bits32": ((4,), "uint8")}[
-        layer.coding
-    ]
-    if pixels.shape[2:] != shape or str(pixels.dtype) != depth:
+    depth = {"linear8": "uint8", "linear16": "uint16"}[layer.coding]
+    if pixels.ndim != 2 or str(pixels.dtype) != depth:
         raise InputError(picture, f"found {pixels.dtype} {pixels.shape}, expected a {layer.coding} image")
+    raw = layer.offset + layer.scale * pixels.astype(np.float64)
+    codes = ((layer.no_value, np.nan), (layer.infinite, np.inf), (layer.minus_infinite, -np.inf))
+    for code, value in codes:
+        if code is not None:
+            raw[pixels == code] = value
     kind = _KINDS[layer.kind]
-    values: np.ndarray
-    if layer.coding == "bits32":
-        little = np.dtype(kind).newbyteorder("<")
-        values = np.ascontiguousarray(pixels).view(little)[..., 0].astype(kind)
-    else:
-        raw = layer.offset + layer.scale * pixels.astype(np.float64)
-        codes = ((layer.no_value, np.nan), (layer.infinite, np.inf), (layer.minus_infinite, -np.inf))
-        for code, value in codes:
-            if code is not None:
-                raw[pixels == code] = value
-        values = (raw > 0.5) if layer.kind == "bool" else raw.astype(kind)
-        if layer.kind == "int32":
-            values = np.rint(raw).astype(np.int32)
+    values = (
+        raw > 0.5 if layer.kind == "bool" else (np.rint(raw) if layer.kind == "int32" else raw).astype(kind)
+    )
     x, y, yaw = info.origin
     return Layer(layer.name, values, info.resolution, (x, y, yaw), layer.unit)
 

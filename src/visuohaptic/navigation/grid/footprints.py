@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float, Int32
 
-from ...core.geometry import polygon_area
 from ...core.ranges import NON_NEGATIVE, POSITIVE, check_order, check_ranges, within
 from ...io.maps.occupancy_map import OccupancyMap
 
@@ -116,7 +115,8 @@ def _footprint(
 ) -> Footprint | None:
     """The footprint of a region; None where its size or its surroundings are wrong."""
     from scipy import ndimage
-    from shapely import MultiPoint, Polygon
+    from shapely import MultiPoint
+    from shapely.geometry.polygon import orient
 
     # The corners of the cells, not their centres, so that one cell has a size.
     corners = (cells[:, None] + np.array([[0, 0], [0, 1], [1, 1], [1, 0]])).reshape(-1, 2)
@@ -138,9 +138,7 @@ def _footprint(
     free_fraction = float((window[around] == 0).mean()) if around.any() else 0.0
     if free_fraction < settings.free_fraction:
         return None
-    ring_coordinates = np.array(Polygon(hull).exterior.coords)[:-1]
-    if polygon_area(ring_coordinates) < 0:
-        ring_coordinates = ring_coordinates[::-1]
+    outline_m = np.array(orient(hull).exterior.coords)[:-1]
     centre = np.array([hull.centroid.x, hull.centroid.y])
     rounded = (round(size[0], 6), round(size[1], 6))
-    return Footprint(ring_coordinates, rounded, centre, cells.astype(np.int32), free_fraction)
+    return Footprint(outline_m, rounded, centre, cells.astype(np.int32), free_fraction)

@@ -217,22 +217,19 @@ class HapticMap:
         cells = np.where(inside[..., None], cells, 0)
         return np.where(inside, layer[cells[..., 1], cells[..., 0]], 0.0)
 
-    def occupancy(self, min_rate: float = 0.05, *, movable: bool = True) -> OccupancyMap:
+    def occupancy(self, min_rate: float = 0.05) -> OccupancyMap:
         """Occupancy map of the cells with sufficient confidence; free space in front of a contact never hides an obstacle.
 
         Parameters
         ----------
         min_rate
             Minimum magnitude of a value, 0 to 1.
-        movable
-            Whether the movable layer is included.
         """
         cells = np.full(self.static.shape, UNKNOWN, dtype=np.int8)
         cells[self.static <= -min_rate] = FREE
         cells[self.static >= min_rate] = OCCUPIED
-        if movable:
-            cells[(self.movable <= -min_rate) & (cells == UNKNOWN)] = FREE
-            cells[self.movable >= min_rate] = OCCUPIED
+        cells[(self.movable <= -min_rate) & (cells == UNKNOWN)] = FREE
+        cells[self.movable >= min_rate] = OCCUPIED
         return OccupancyMap(cells, self.resolution_m, (*self.origin_m, 0.0))
 
     def _window(

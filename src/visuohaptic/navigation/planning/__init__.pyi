@@ -6,7 +6,6 @@ from .joint_graph import JointGraph as JointGraph
 from .joint_graph import JointNode as JointNode
 from .object_cells import clear_cells as clear_cells
 from .object_cells import fill_cells as fill_cells
-from .off_centre_push import OffCentrePush as OffCentrePush
 from .off_centre_push import plan_off_centre_pushes as plan_off_centre_pushes
 from .path_follower import FollowLimits as FollowLimits
 from .path_follower import PathFollower as PathFollower

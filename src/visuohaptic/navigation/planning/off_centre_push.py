@@ -11,16 +11,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ...core import InputError, rotation_2d
 from ..problem import Plan, PlanningProblem, Task, failure_probability
 from ..pushing.push_failure import sampled_pushes
-from .arrays import Path, Point
+from .arrays import Point
 from .off_centre_rollouts import (
-    BACK_OFF_M,
     Rollout,
     contacts_after,
     drive_of,
@@ -38,57 +37,8 @@ from .search.search_domain import world_from_grid
 MAX_PLANS, SAMPLES = 6, 12
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class OffCentrePush:
-    """A straight drive against an object that rotates it; map frame."""
-
-    object: str
-    approach_m: Path  #: path of the robot's centre to the start of the push
-    direction_rad: float
-    length_m: float  #: path length of the robot from there
-    free_m: float  #: part of that length before the contact
-    displacement_m: Point  #: predicted, of the object's centroid
-    turn_rad: float  #: predicted
-    failure_probability: float
-    cost_s: float  #: setup and drive
-    opens: bool  #: whether no further push is needed after it
-    approach_s: float  #: part of the cost: the drive to the start
-    goal_m: tuple[float, float]  #: predicted position of the object's centroid
-
-    @property
-    def tasks(self) -> tuple[Task, ...]:
-        """The drive to its start, if there is one, and the push: start, contact, end and retreat of the robot's centre."""
-        ahead = np.array([math.cos(self.direction_rad), math.sin(self.direction_rad)])
-        along = self.start_m + np.outer([0.0, self.free_m, self.length_m], ahead)
-        approach, path = (
-            tuple((float(x), float(y)) for x, y in points)
-            for points in (self.approach_m, (*along, self.retreat_m))
-        )
-        driven_m = float(np.hypot(*np.diff(self.approach_m, axis=0).T).sum())
-        x, y = (float(value) for value in self.displacement_m)
-        turn = Task(
-            "turn",
-            self.cost_s - self.approach_s,
-            self.length_m + float(np.hypot(*(along[2] - self.retreat_m))),
-            path,
-            self.object,
-            displacement_m=(x, y),
-            goal_m=self.goal_m,
-            turn_rad=self.turn_rad,
-            failure_probability=self.failure_probability,
-        )
-        return (Task("navigate", self.approach_s, driven_m, approach), turn)[len(approach) < 2 :]
-
-    @property
-    def start_m(self) -> Point:
-        """Approach pose: start of the push, x, y [m]."""
-        return self.approach_m[-1]
-
-    @property
-    def retreat_m(self) -> Point:
-        """Retreat pose: position of the robot after backing off, x, y [m]."""
-        ahead = np.array([math.cos(self.direction_rad), math.sin(self.direction_rad)])
-        return self.start_m + max(self.length_m - BACK_OFF_M, 0.0) * ahead
+#: A drive to the start of a push, if it is elsewhere, and the push: start, contact, end and retreat of the robot's centre.
+Tasks = tuple[Task, ...]
 
 
 def plan_off_centre_pushes(
@@ -97,7 +47,7 @@ def plan_off_centre_pushes(
     *,
     margin_m: float = 0.0,
     among: Collection[str] | None = None,
-) -> tuple[OffCentrePush, ...]:
+) -> tuple[Tasks, ...]:
     """Pushes that rotate an object and clear a passage, the best first; empty if none was found.
 
     Parameters
@@ -113,7 +63,8 @@ def plan_off_centre_pushes(
 
     Returns
     -------
-    Sorted by expected cost, cost / (1 - probability of failure); those that clear a passage come first.
+    The drive to each push, if there is one, and the push; sorted by expected cost, cost / (1 - probability of failure). If
+    any of them clears a passage, all do.
 
     Raises
     ------
@@ -135,9 +86,8 @@ def plan_off_centre_pushes(
         chosen = [rollout for rollout in _diverse(ranked) if _solved_after(rollout, planner)]
     else:
         chosen = []
-    plans = [_evaluated(rollout, opens=bool(opening)) for rollout in chosen]
-    pushes = [push for push in plans if len(push.approach_m)]
-    return tuple(sorted(pushes, key=lambda push: push.cost_s / max(1.0 - push.failure_probability, 1e-3)))
+    pushes = filter(None, (_tasks(rollout, opens=bool(opening)) for rollout in chosen))
+    return tuple(sorted(pushes, key=_expected_s))
 
 
 def via_off_centre(
@@ -161,49 +111,58 @@ def via_off_centre(
     """
     found, best_s = Plan(False, reason="off-centre pushes clear no path either"), math.inf
     for push in plan_off_centre_pushes(problem, lambda after: rest(after, ""), among=among):
-        after = after_push(problem, push.object, push.displacement_m, push.retreat_m, turn_rad=push.turn_rad)
-        plan = rest(after, push.object) if left() else Plan(False)
-        expected_s = push.cost_s / max(1.0 - push.failure_probability, 1e-3) + plan.cost_s
+        turn = push[-1]
+        after = after_push(
+            problem,
+            turn.object,
+            np.array(turn.displacement_m),
+            np.array(turn.path_m[-1]),
+            turn_rad=turn.turn_rad,
+        )
+        plan = rest(after, turn.object) if left() else Plan(False)
+        expected_s = _expected_s(push) + plan.cost_s
         if expected_s < best_s:
-            found, best_s = replace(plan, tasks=(*push.tasks, *plan.tasks), gap=math.inf), expected_s
+            found, best_s = replace(plan, tasks=(*push, *plan.tasks), gap=math.inf), expected_s
     return found
+
+
+def _expected_s(push: Tasks) -> float:
+    return sum(task.cost_s for task in push) / max(1.0 - push[-1].failure_probability, 1e-3)
 
 
 def _solved_after(rollout: Rollout, planner: Callable[[PlanningProblem], Plan]) -> bool:
     problem, body = rollout.scene.domain.problem, rollout.scene.body
-    moved_m, at_m = _predicted(rollout)[0], world_from_grid(problem.map, retreat(rollout))
+    moved_m, at_m = _moved_m(rollout), world_from_grid(problem.map, retreat(rollout))
     return planner(after_push(problem, body.obj.id, moved_m, at_m, turn_rad=float(rollout.pose[2]))).reachable
 
 
-def _predicted(rollout: Rollout) -> tuple[Point, float]:
-    """Displacement of the body's centroid in the map frame [m], and the direction of the drive there [rad]."""
-    turned = rotation_2d(rollout.scene.domain.map.origin[2]).T
-    ahead = rollout.direction @ turned
-    return rollout.pose[:2] @ turned, math.atan2(ahead[1], ahead[0])
+def _moved_m(rollout: Rollout) -> Point:
+    """Displacement of the body's centroid in the map frame [m]."""
+    moved_m: Point = rollout.pose[:2] @ rotation_2d(rollout.scene.domain.map.origin[2]).T
+    return moved_m
 
 
-def _evaluated(rollout: Rollout, *, opens: bool) -> OffCentrePush:
-    domain, obj = rollout.scene.domain, rollout.scene.body.obj
-    moved_m, direction_rad = _predicted(rollout)
-    goal_m = obj.centre_m + moved_m
+def _tasks(rollout: Rollout, *, opens: bool) -> Tasks:
+    """The drive and the push; none if there is no drive to its start."""
+    domain, obj, moved_m = rollout.scene.domain, rollout.scene.body.obj, _moved_m(rollout)
+    grid, robot = domain.map, domain.robot
     path, _ = pull_string(domain, np.zeros((len(domain.bodies), 2)), domain.start, rollout.approach_at)
+    lengths = np.array([0.0, rollout.scene.stand_off, rollout.length_m / grid.resolution_m])
+    along = rollout.approach_at + lengths[:, None] * rollout.direction
+    ways = [world_from_grid(grid, way) for way in (path, np.vstack([along, retreat(rollout)]))]
+    drive_m, push_m = (float(np.hypot(*np.diff(way, axis=0).T).sum()) for way in ways)
+    drive, push = (tuple((float(x), float(y)) for x, y in way) for way in ways)
     # Drift and rotation of straight pushes do not apply here; the counters and the force do.
-    holds = 1.0 - failure_probability(obj.tag, 0.0, domain.robot, domain.costs)
+    holds = 1.0 - failure_probability(obj.tag, 0.0, robot, domain.costs)
     holds *= 1.0 - _missed(rollout, opens=opens)
-    return OffCentrePush(
-        obj.id,
-        world_from_grid(domain.map, path),
-        direction_rad,
-        rollout.length_m,
-        rollout.scene.stand_off * domain.map.resolution_m,
-        moved_m,
-        float(rollout.pose[2]),
-        1.0 - holds,
-        domain.robot.setup_time_s + _seconds(rollout),
-        opens,
-        rollout.approach_s,
-        (float(goal_m[0]), float(goal_m[1])),
-    )
+    turn = Task(
+        "turn", robot.setup_time_s + rollout.length_m / robot.v_push_m_s, push_m, push, obj.id,
+        displacement_m=(float(moved_m[0]), float(moved_m[1])),
+        goal_m=(float(obj.centre_m[0] + moved_m[0]), float(obj.centre_m[1] + moved_m[1])),
+        turn_rad=float(rollout.pose[2]), failure_probability=1.0 - holds,
+    )  # fmt: skip
+    drives = (Task("navigate", rollout.approach_s, drive_m, drive),) if len(drive) > 1 else ()
+    return (*drives, turn) if len(path) else ()
 
 
 def _missed(rollout: Rollout, *, opens: bool) -> float:

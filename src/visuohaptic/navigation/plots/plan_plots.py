@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +92,7 @@ def plot_path_plan(
     if (problem.goal_m != problem.start_m).any():
         axes.plot(*problem.goal_m, "*", color="tab:blue", ms=11, label="goal")
     axes.set(xlim=(low_m[0], high_m[0]), ylim=(low_m[1], high_m[1]), xlabel="x [m]", ylabel="y [m]")
-    axes.set_title(title or plan.summary, fontsize=10, wrap=True)
+    axes.set_title(textwrap.fill(title or plan.summary, 80), fontsize=10)
     handles, labels = axes.get_legend_handles_labels()
     first = {label: handle for handle, label in zip(handles[::-1], labels[::-1], strict=True)}
     figure.legend([*first.values()][::-1], [*first][::-1], loc="outside lower center", ncols=4, fontsize=8)

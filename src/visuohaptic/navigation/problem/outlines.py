@@ -29,6 +29,8 @@ def outline_of(points: object, where: str) -> Float[np.ndarray, "p 2"]:
     InputError
         The corners do not form a simple polygon with an area.
     """
+    import shapely
+
     try:
         outline = np.array(points, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -51,7 +53,7 @@ def outline_of(points: object, where: str) -> Float[np.ndarray, "p 2"]:
     extent = float(np.ptp(outline, axis=0).max())
     if abs(area) <= 1e-9 * extent**2 or extent == 0:
         raise InputError(where, "found an outline without area, expected a polygon", field="footprint_m")
-    if _crosses_itself(outline - outline[0]):
+    if not shapely.Polygon(outline).is_valid:
         raise InputError(
             where,
             "found an outline that crosses itself, expected a simple polygon",
@@ -59,22 +61,3 @@ def outline_of(points: object, where: str) -> Float[np.ndarray, "p 2"]:
             remedy="list the corners in order around the object",
         )
     return outline if area > 0 else outline[::-1].copy()
-
-
-def _crosses_itself(p: Float[np.ndarray, "p 2"]) -> bool:
-    """Whether two edges that are not neighbours cross properly."""
-    n = len(p)
-    if n < 4:
-        return False
-    a, b = p, np.roll(p, -1, axis=0)
-
-    def side(u: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
-        return np.sign(
-            (v[..., 0] - u[..., 0]) * (w[..., 1] - u[..., 1])
-            - (v[..., 1] - u[..., 1]) * (w[..., 0] - u[..., 0])
-        )
-
-    one = side(a[:, None], b[:, None], a[None]) * side(a[:, None], b[:, None], b[None])
-    two = one.T
-    crossing = (one < 0) & (two < 0)
-    return bool(crossing.any())

@@ -89,7 +89,7 @@ class FusionView:
 
 
 def pinhole_images(frame: DepthFrame, *, color: bool) -> tuple[np.ndarray, np.ndarray | None]:
-    """Depth and color of a pinhole camera without distortion or skew; depth of the nearest pixel, without interpolation.
+    """Depth and color of a pinhole camera without distortion; depth of the nearest pixel, without interpolation.
 
     Parameters
     ----------
@@ -99,14 +99,13 @@ def pinhole_images(frame: DepthFrame, *, color: bool) -> tuple[np.ndarray, np.nd
         Whether the color image is used.
     """
     camera, image = frame.camera, frame.color if color else None
-    if not (camera.distortion.any() or camera.matrix[0, 1]):
+    if not camera.distortion.any():
         return frame.depth_m, image
     import cv2
 
-    matrix = camera.matrix.copy()
-    matrix[0, 1] = 0.0
+    size = (camera.width, camera.height)
     x, y = cv2.initUndistortRectifyMap(
-        camera.matrix, camera.distortion, None, matrix, (camera.width, camera.height), cv2.CV_32FC1
+        camera.matrix, camera.distortion, None, camera.matrix, size, cv2.CV_32FC1
     )
     depth = cv2.remap(frame.depth_m, x, y, cv2.INTER_NEAREST, borderValue=float("nan"))
     return depth, None if image is None else cv2.remap(image, x, y, cv2.INTER_LINEAR)

@@ -195,7 +195,6 @@ def thinned(frame: DepthFrame, stride: int) -> DepthFrame:
     camera, first = frame.camera, stride // 2
     depth_m = np.ascontiguousarray(ideal_depth(frame)[first::stride, first::stride])
     matrix = camera.matrix.copy()
-    matrix[0, 1] = 0.0
     matrix[:2, 2] -= first
     matrix[:2] /= stride
     height, width = depth_m.shape

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from ...core import DeviceError, VisuohapticError, parse_yaml, to_dict
+from ...core import DeviceError, InputError, VisuohapticError, parse_yaml, to_dict
 from ...core.files.plain_json import dumps
 from ...io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ...navigation.files import felt_obstacles, save_joint_route_graph
@@ -58,6 +58,28 @@ class MapNode(Worker):
 
     def _grid(self) -> OccupancyMap:
         return OccupancyMap.from_message(self._map, self.parameters.map)
+
+    def in_map(self, stamped: Any, topic: str) -> Any:
+        """A stamped pose whose coordinate frame is that of the map, or not stated.
+
+        Parameters
+        ----------
+        stamped
+            Message with a header.
+        topic
+            Where it comes from, for the message.
+
+        Raises
+        ------
+        InputError
+            It is in another frame, as a goal from RViz with the fixed frame ``odom``: the robot would go elsewhere.
+        """
+        found, own = (str(one.header.frame_id).lstrip("/") for one in (stamped, self._map))
+        if found and own and found != own:
+            raise InputError(
+                topic, f"found {found!r}, expected {own!r}, the frame of the map", field="frame_id"
+            )
+        return stamped
 
     @abstractmethod
     def work(self) -> None:

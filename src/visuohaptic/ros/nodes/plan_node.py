@@ -71,7 +71,7 @@ class PlanNode(MapNode):
         DeviceError
             Map, pose or goal are missing, the node was deactivated in the meantime, or the search does not end.
         InputError
-            Start or goal is not in free space.
+            Start or goal is not in free space, or in another frame than the map.
         """
         answer: Future[Mapping[str, Any]] = Future()
         with self._lock:
@@ -116,7 +116,10 @@ class PlanNode(MapNode):
         if missing := [name for name in ("map", "pose", "goal") if name not in newest]:
             topics = ", ".join(self.host.node.resolve(getattr(self.parameters, name)) for name in missing)
             raise DeviceError(f"nothing on {topics} yet; check that it is published")
-        start, goal = _place(newest["pose"].pose.pose), _place(newest["goal"].pose)
+        posed, aimed = (
+            self.in_map(newest[name], getattr(self.parameters, name)) for name in ("pose", "goal")
+        )
+        start, goal = _place(posed.pose.pose), _place(aimed.pose)
         problem = PlanningProblem(self._grid(), self._robot, start, goal, self._objects, self._passages)
         found = make_plan(problem, limits=SearchLimits(self.parameters.budget_s))
         self.still(end)

@@ -40,7 +40,11 @@ class PlayNode(Worker):
         self._file = open_bag(Path(self.parameters.file))
         self._outlets: dict[str, RosPublisher] = {}
         kinds = {topic.name: topic.datatype for topic in self._file.topics()}
-        texts = {s.name: s.data.decode() for s in self._file.schemas.values() if s.encoding == "ros2msg"}
+        texts = {
+            s.name: s.data.decode(errors="replace")
+            for s in self._file.schemas.values()
+            if s.encoding == "ros2msg"
+        }
         for topic, name in kinds.items():
             kind = parse_definition(name, texts[name]) if name in texts else message_type(name)
             qos = Qos(latched=name in LATCHED_TYPES or topic.endswith("/tf_static"), depth=100)

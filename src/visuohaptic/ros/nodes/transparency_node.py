@@ -74,6 +74,10 @@ class TransparentPartsNode(Component):
         if not self.host.active.is_set() or camera is None:
             return
         with self._lock:
+            if (
+                self._views and t_s <= self._views[0].t_s
+            ):  # a recording that starts again, or a clock set back
+                self._views.clear()
             if self._views and t_s - self._views[-1].t_s < self.parameters.pause_s:
                 return
             near = min(self._poses, key=lambda posed: abs(posed[0] - t_s), default=None)

@@ -65,6 +65,7 @@ class _Senses:
         self._seen = {id: LatestMessage(node, f"{chosen.seen}/{id}", stamped, chosen.max_age_s) for id in ids}
         self.turned: dict[str, float] = {}  #: heading of each object at its first observation [rad]
         self.located = not chosen.pose
+        self.place: Any = None  #: latest message of the robot's pose in the map
 
     def _locate(self, received: Received) -> None:
         """Compute the pose of the odometry frame in the map, from the robot's pose in both."""
@@ -75,7 +76,7 @@ class _Senses:
         base_odom = relative_2d((state.x_m, state.y_m, state.heading_rad), (0.0, 0.0, 0.0))
         with self._lock:
             self._map_odom = compose_2d(planar(received.message.pose.pose), base_odom)
-            self.located = True
+            self.located, self.place = True, received.message
 
     def pose(self) -> tuple[float, float, float]:
         state = self._base.state()
@@ -136,7 +137,7 @@ class TravelNode(MapNode):
             self._due.set()
 
     def work(self) -> None:
-        self.drive(planar(self._goal.pose)[:2], lambda remaining_m: None, self._cancel.is_set)
+        self.drive(self._goal, self.parameters.goal, lambda remaining_m: None, self._cancel.is_set)
 
     def _take_back(self) -> Mapping[str, Any]:
         self._cancel.set()
@@ -162,21 +163,24 @@ class TravelNode(MapNode):
             The goal was cancelled, or the robot cannot be driven.
         """
         done = self.drive(
-            planar(goal.pose.pose)[:2],
+            goal.pose,
+            self.parameters.action,
             lambda remaining_m: tell({"distance_remaining": remaining_m}),
             cancelled,
         )
         return done.arrived
 
     def drive(
-        self, goal_m: tuple[float, float], tell: Callable[[float], None], cancelled: Callable[[], bool]
+        self, goal: Any, topic: str, tell: Callable[[float], None], cancelled: Callable[[], bool]
     ) -> Travel:
         """Drive to a position in the map.
 
         Parameters
         ----------
-        goal_m
-            x and y [m].
+        goal
+            PoseStamped.
+        topic
+            Topic or action that it comes from, for messages.
         tell
             Called about twice per second with the distance to the goal [m].
         cancelled
@@ -186,6 +190,8 @@ class TravelNode(MapNode):
         ------
         DeviceError
             The robot is already driving, or map, localisation or odometry are missing.
+        InputError
+            Goal or localisation is in another frame than the map.
         """
         if not self._driving.acquire(blocking=False):
             raise DeviceError("the robot is driving to another goal; cancel that first")
@@ -195,6 +201,9 @@ class TravelNode(MapNode):
                 raise DeviceError(
                     f"nothing on {self.host.node.resolve(place)} yet; check that it is published"
                 )
+            goal_m = planar(self.in_map(goal, topic).pose)[:2]
+            if self._senses.place is not None:
+                self.in_map(self._senses.place, self.parameters.pose)
             start = np.array(self._senses.pose()[:2])
             problem = PlanningProblem(
                 self._grid(), self._robot, start, np.array(goal_m), self._objects, self._passages

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from ...core import POSITIVE, Closing, DeviceError, Gripper, GripperState, InputError, check_numbers, within
+from ...core.errors import StaleFrameError
 from ...io.ros.ros_messages import header, stamp
 from ..latest import LatestMessage
 from ..transports.topic_node import Received, TopicNode
@@ -93,7 +94,7 @@ class RosGripper(Closing, Gripper):
         Raises
         ------
         StaleFrameError
-            There is none, or it is too old.
+            There is none, it is too old, or its position is not finite.
         DeviceError
             It does not contain the joint.
         """
@@ -110,6 +111,8 @@ class RosGripper(Closing, Gripper):
         place = message.name.index(self.joint)
         if place >= len(message.position):
             raise DeviceError(f"{self._states.topic} has no position of the joint {self.joint!r}")
+        if not math.isfinite(message.position[place]):
+            raise StaleFrameError(f"{self._states.topic} has the position NaN of the joint {self.joint!r}")
         speed = float(message.velocity[place]) if place < len(message.velocity) else math.nan
         return float(message.position[place]), speed
 

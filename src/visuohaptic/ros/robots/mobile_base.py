@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 
+from ...core.errors import StaleFrameError
 from ...core.robots import BaseState
 from ...io.ros.ros_messages import header
 from ...tasks.robots.repeater import RepeatedBase, Repeater
@@ -77,7 +79,7 @@ class RosBase(RepeatedBase):
         Raises
         ------
         StaleFrameError
-            There is none, or it is too old.
+            There is none, it is too old, or its numbers are not finite.
         """
         return base_state(self._odometry.get())
 
@@ -94,7 +96,15 @@ def base_state(received: Received) -> BaseState:
     ----------
     received
         Message with its time.
+
+    Raises
+    ------
+    StaleFrameError
+        It has numbers that are not finite: a driver sends NaN where it knows nothing.
     """
     message = received.message
     speed = message.twist.twist
-    return BaseState(received.t_s, *planar(message.pose.pose), speed.linear.x, speed.angular.z)
+    numbers = (*planar(message.pose.pose), speed.linear.x, speed.angular.z)
+    if not all(map(math.isfinite, numbers)):
+        raise StaleFrameError(f"the odometry has numbers that are not finite, {numbers}")
+    return BaseState(received.t_s, *numbers)

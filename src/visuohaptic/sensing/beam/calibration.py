@@ -26,6 +26,8 @@ from .records import LoadRecord
 AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 #: Minimum number of rows, and of loaded rows among them.
 MIN_ROWS, MIN_LOADED = 8, 4
+#: An axis counts as loaded if its load changes by more than this fraction of the largest load.
+LOADED = 0.05
 #: Fractions of the load range: maximum scatter of the unloaded rows, and maximum residual.
 MAX_WANDER, MAX_RESIDUAL = 0.05, 0.05
 #: Minimum fraction of the variance of a loaded axis that a linear fit explains.
@@ -34,6 +36,7 @@ MIN_EXPLAINED = 0.95
 OUTLIER = 7.0
 #: Maximum deviation from the beam's data sheet, in standard deviations of the prior.
 MAX_SURPRISE = 5.0
+_LOAD_BOTH_WAYS = "load each axis both ways, and leave it unloaded in between"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +98,7 @@ def calibrate_beam(
     reach = float(np.abs(load).max())
     _refuse_few(record, load)
     read = _model_wrenches(record, beam, xi) * scale
-    loaded = np.ptp(load, axis=0) > 0.05 * reach
+    loaded = np.ptp(load, axis=0) > LOADED * reach
     free, free_rest, free_sigma = _free_fit(load, read, loaded)
     # Reading at the largest load: another beam has its scatter in its own scale.
     span = reach * np.where(loaded, np.linalg.norm((np.eye(6) + free)[:, loaded], axis=1), 1.0)
@@ -165,7 +168,15 @@ def _refuse_few(record: LoadRecord, load: np.ndarray) -> None:
         raise CalibrationError(
             record.where,
             f"found {len(load)} rows, {loaded} of them with a load, expected {MIN_ROWS} and {MIN_LOADED} or more",
-            remedy="load each axis both ways, and leave it unloaded in between",
+            remedy=_LOAD_BOTH_WAYS,
+        )
+    reach = float(np.abs(load).max())
+    # Offset and scale of an axis cannot be separated if its load never changes.
+    if not (np.ptp(load, axis=0) > LOADED * reach).any():
+        raise CalibrationError(
+            record.where,
+            f"no load changes by more than {100 * LOADED:.0f} % of the largest one between the rows",
+            remedy=_LOAD_BOTH_WAYS,
         )
 
 

@@ -8,11 +8,10 @@ import math
 import numpy as np
 
 from ...core.kernels import kernel
+from ._light_kernels import edge_ramp, fit_light, light_residuals, pixel_dependence, pixel_weights
 
 #: Number of samples behind the edge that are compared with the zero image, and beyond the front at rest.
 BAND, AHEAD = 12, 4
-#: Correlation length limit of the residuals [samples].
-LAGS = 10
 #: Samples closer to an edge than this many blurs are excluded.
 EDGE = 2.0
 #: The edge of a shadow is as sharp as the lens, or softer by this factor or its square.
@@ -23,163 +22,8 @@ UNCOVERED = 0.3
 NEAR = 5
 #: The place of such an edge is refined in this many steps, from half its width to an eighth.
 REFINED = 3
-
-
-@kernel(nogil=True)
-def _solve(normal, right):
-    """Solve a small symmetric system by Cholesky with a ridge; its factor and the solution replace both."""
-    size = len(right)
-    for i in range(size):
-        normal[i, i] = normal[i, i] * (1.0 + 1e-6) + 1e-6
-        for j in range(i + 1):
-            value = normal[i, j]
-            for k in range(j):
-                value -= normal[i, k] * normal[j, k]
-            normal[i, j] = math.sqrt(max(value, 1e-9)) if i == j else value / normal[j, j]
-    for i in range(size):
-        for k in range(i):
-            right[i] -= normal[i, k] * right[k]
-        right[i] /= normal[i, i]
-    for i in range(size - 1, -1, -1):
-        for k in range(i + 1, size):
-            right[i] -= normal[k, i] * right[k]
-        right[i] /= normal[i, i]
-
-
-@kernel(nogil=True)
-def _fit(now, template, over, out, surface, first, last, mean, transfer, shaded, normal, solution):
-    """Least-squares fit of the illumination of the template and of the surface beyond; returns the sum of squared residuals.
-
-    With ``shaded``: the template in one light up to the edge, in another, linearly varying light from there to the front
-    at rest, then the surface, which varies linearly; or, if ``shaded`` is 2, each in uniform light. Else the template up to
-    the edge, then the surface, both varying linearly.
-    """
-    tilt = 0.0 if shaded == 2 else 0.05
-    n00, n10, n11, n20, n21, n22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    n30, n31, n32, n33, n40, n41, n42, n43, n44 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    r0, r1, r2, r3, r4, square = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for lane in range(now.shape[0]):
-        for j in range(first, last + 1):
-            value = float(now[lane, j])
-            foam = mean + transfer * (template[lane, j] - mean)
-            p1, p0, tau = over[lane, j], out[lane, j], tilt * (j - first)
-            if shaded:
-                square += value * value
-                # Far from both edges only one of the terms is not zero.
-                if p1 == 0.0 and p0 == 0.0:
-                    n00 += foam * foam
-                    r0 += foam * value
-                    continue
-                if p0 == 0.0 and p1 == 1.0:
-                    b, c = foam, foam * tau
-                    n11, n21, n22 = n11 + b * b, n21 + b * c, n22 + c * c
-                    r1, r2 = r1 + b * value, r2 + c * value
-                    continue
-                inside = foam * (1.0 - p0)
-                a, b, d = inside * (1.0 - p1), inside * p1, surface[lane, j]
-                c, e = b * tau, d * tau
-            else:
-                a, b = foam * (1.0 - p1), surface[lane, j]
-                c, d, e = b * tau, a * tau, 0.0
-                square += value * value
-            n00 += a * a
-            n10 += a * b
-            n11 += b * b
-            n20 += a * c
-            n21 += b * c
-            n22 += c * c
-            n30 += a * d
-            n31 += b * d
-            n32 += c * d
-            n33 += d * d
-            n40 += a * e
-            n41 += b * e
-            n42 += c * e
-            n43 += d * e
-            n44 += e * e
-            r0 += a * value
-            r1 += b * value
-            r2 += c * value
-            r3 += d * value
-            r4 += e * value
-    normal[0, 0], normal[1, 0], normal[1, 1] = n00, n10, n11
-    normal[2, 0], normal[2, 1], normal[2, 2] = n20, n21, n22
-    normal[3, 0], normal[3, 1], normal[3, 2], normal[3, 3] = n30, n31, n32, n33
-    normal[4, 0], normal[4, 1], normal[4, 2], normal[4, 3], normal[4, 4] = n40, n41, n42, n43, n44
-    solution[0], solution[1], solution[2], solution[3], solution[4] = r0, r1, r2, r3, r4
-    _solve(normal, solution)
-    a, b, c, d, e = solution[0], solution[1], solution[2], solution[3], solution[4]
-    # The ridge does not contribute to the residuals.
-    square -= 2.0 * (a * r0 + b * r1 + c * r2 + d * r3 + e * r4)
-    square += a * a * n00 + b * b * n11 + c * c * n22 + d * d * n33 + e * e * n44
-    square += 2.0 * (a * (b * n10 + c * n20 + d * n30 + e * n40) + b * (c * n21 + d * n31 + e * n41))
-    return max(square + 2.0 * (c * (d * n32 + e * n42) + d * e * n43), 0.0)
-
-
-@kernel(nogil=True)
-def _residuals(now, template, over, out, surface, first, last, mean, transfer, solution, residual, texture):
-    """Sum of squared residuals of a shaded :func:`_fit` beyond the edge, and their number.
-
-    Fills the residuals and the fitted texture of the template, zero elsewhere.
-    """
-    squares, count = 0.0, 0
-    for lane in range(now.shape[0]):
-        for j in range(first, last + 1):
-            residual[lane, j], texture[lane, j] = 0.0, 0.0
-            p1, p0, tau = over[lane, j], out[lane, j], (j - first) / 20.0
-            if p1 > 0.5:
-                foam = mean + transfer * (template[lane, j] - mean)
-                light = solution[0] * (1.0 - p1) + (solution[1] + solution[2] * tau) * p1
-                beyond = surface[lane, j] * (solution[3] + solution[4] * tau)
-                value = float(now[lane, j]) - light * foam * (1.0 - p0) - beyond
-                squares, count = squares + value * value, count + 1
-                residual[lane, j] = value
-                texture[lane, j] = light * (foam - mean) * (1.0 - p0)
-    return squares, count
-
-
-#: Table of the complementary error function from -5 to 5, interpolated linearly: exact to 3e-6, 1/2000 of a grey level.
-_OVER, _STEPS = 5.0, 200.0
-_ERFC = np.array([math.erfc(i / _STEPS - _OVER) for i in range(int(2.0 * _OVER * _STEPS) + 2)])
-_ERFC[0], _ERFC[-2:] = 2.0, 0.0
-
-
-@kernel(nogil=True)
-def _beyond(away):
-    """Twice the fraction of a Gaussian edge that lies beyond a position, given in units of its width times sqrt(2)."""
-    place = min(max((away + _OVER) * _STEPS, 0.0), 2.0 * _OVER * _STEPS)
-    at = int(place)
-    return _ERFC[at] + (place - at) * (_ERFC[at + 1] - _ERFC[at])
-
-
-@kernel(nogil=True)
-def _sampling(line, taps, first, last):
-    """Fill the interpolation weights of each sample: position of a pixel and weight of the next one along the steeper axis
-    of the line, and the variance due to interpolation along the other axis [samples^2], which softens edges."""
-    lanes = taps.shape[1]
-    axis = 0 if abs(line[2]) > abs(line[3]) else 1
-    for lane in range(lanes):
-        away = (lane - 0.5 * (lanes - 1)) * line[5]
-        for j in range(first, last + 1):
-            u = (line[0] + j * line[4] * line[2] - away * line[3]) % 1.0
-            v = (line[1] + j * line[4] * line[3] + away * line[2]) % 1.0
-            part, other = (v, u) if axis else (u, v)
-            taps[0, lane, j] = j - part * line[2 + axis] / line[4]
-            taps[1, lane, j] = part
-            taps[2, lane, j] = other * (1.0 - other) * (line[3 - axis] / line[4]) ** 2
-    return line[2 + axis] / line[4]
-
-
-@kernel(nogil=True)
-def _ramp(over, at, slope, width, taps, apart, first, last):
-    """Fill the fraction of each sample that lies beyond a blurred edge, interpolated between pixels ``apart``."""
-    lanes = over.shape[0]
-    for lane in range(lanes):
-        x1 = at + (lane - 0.5 * (lanes - 1)) * slope
-        for j in range(first, last + 1):
-            scale = 1.0 / math.sqrt(2.0 * (width * width + taps[2, lane, j]))
-            away, part = (x1 - taps[0, lane, j]) * scale, taps[1, lane, j]
-            over[lane, j] = 0.5 * ((1.0 - part) * _beyond(away) + part * _beyond(away - apart * scale))
+#: Places of the front in a shadow that are tried are farther from that at rest by this factor, each.
+STRIDE = 1.3
 
 
 @kernel(nogil=True)
@@ -200,35 +44,33 @@ def _behind(beyond, over, rest_shape, known, x0, front, slope, blur, result, fir
 
 
 @kernel(nogil=True)
-def _dependence(residual, texture, first, last):
-    """Factor by which correlation raises the variance of the sum of residual times texture over that of white noise.
+def _moved_odds(now, template, over, taps, line, places, given, noise, work, normal, solution, left):
+    """Log-likelihood ratio of foam in a shadow whose front has moved, anywhere up to the edge of the shadow, against foam at rest.
 
-    Sum of the products of both autocorrelations over all lags (Bartlett), along the lines and across them.
+    The front is at rest within half a pixel.
     """
-    lanes = residual.shape[0]
-    result = 1.0
-    own = 0.0
-    for lane in range(lanes):
-        for j in range(first, last + 1):
-            own += residual[lane, j] ** 2
-    power = 0.0
-    for lane in range(lanes):
-        for j in range(first, last + 1):
-            power += texture[lane, j] ** 2
-    if own * power <= 0.0:
-        return result
-    for across in range(2):
-        total = 1.0
-        for lag in range(1, lanes if across else LAGS):
-            a, b = (lag, 0) if across else (0, lag)
-            one, other = 0.0, 0.0
-            for lane in range(lanes - a):
-                for j in range(first, last + 1 - b):
-                    one += residual[lane, j] * residual[lane + a, j + b]
-                    other += texture[lane, j] * texture[lane + a, j + b]
-            total += 2.0 * max(one * other / (own * power), 0.0)
-        result *= total
-    return result
+    (x0, front, blur), (first, last, mean, transfer) = places, given
+    pixel, apart = 1.0 / line[4], pixel_weights(line, taps, first, last)
+    rest, moved, place, away = 1e300, 1e300, x0, -0.5
+    while away * pixel < x0 - front:
+        at = x0 - away * pixel
+        edge_ramp(work, at, 0.0, blur, taps, apart, first, last)
+        fit = fit_light(now, template, over, work, work, first, last, mean, transfer, 1, normal, solution)
+        rest = min(rest, fit) if away < 1.0 else rest
+        if away >= 1.0 and fit < moved:
+            moved, place = fit, at
+        away = max(away + 0.5, STRIDE * away)
+    # It would be within a pixel of its place by chance.
+    chance = math.log(max((x0 - front) / pixel, 1.0))
+    if moved > rest:
+        return -chance
+    edge_ramp(work, place, 0.0, blur, taps, apart, first, last)
+    fit_light(now, template, over, work, work, first, last, mean, transfer, 1, normal, solution)
+    count = now.shape[0] * (last + 1 - first)
+    better = 0.5 * count * math.log(max(rest, noise * count) / max(moved, noise * count))
+    texture = np.zeros_like(left)
+    light_residuals(now, template, over, work, work, first, last, mean, transfer, solution, left, texture)
+    return better / pixel_dependence(left, left, first, last) - chance
 
 
 @kernel(nogil=True)
@@ -250,11 +92,11 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
     tested
         Points to test, (K,).
     result
-        Filled, (K, 7): log-likelihood ratio of the texture of the zero image beyond the edge against none, for
+        Filled, (K, 8): log-likelihood ratio of the texture of the zero image beyond the edge against none, for
         independent pixels; log-likelihood ratio of a second edge at the front at rest against a single edge, where
         both are too close to be resolved; grey level between edge and front at rest, beyond it, and beyond it at rest;
         number of pixels equivalent to one independent pixel; log-likelihood ratio of an edge that is softer than lens and motion make
-        it, for independent pixels.
+        it, for independent pixels; log-likelihood ratio of a front that has moved in the shadow against one at rest.
     """
     parallels, samples = now.shape[1], now.shape[2]
     over = np.zeros((parallels, samples))
@@ -265,7 +107,7 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
     left, texture = np.zeros((parallels, samples)), np.zeros((parallels, samples))
     body = np.zeros((parallels, samples))
     for k in range(len(front)):
-        for i in range(7):
+        for i in range(8):
             result[k, i] = np.nan
         x0 = resting[k]
         first = max(int(min(front[k], x0) - EDGE * SOFTNESS * blur - 2.0), 0)
@@ -281,8 +123,8 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
             beyond += rest[k, lane, last] + rest[k, lane, last - 1] + rest[k, lane, last - 2]
         mean /= parallels * (edge + 1 - begin)
         beyond /= 3.0 * parallels
-        apart = _sampling(lines[k], taps, first, last)
-        _ramp(out, x0, 0.0, blur, taps, apart, first, last)
+        apart = pixel_weights(lines[k], taps, first, last)
+        edge_ramp(out, x0, 0.0, blur, taps, apart, first, last)
         # The surface beyond is uniform, or the floor of the zero image, which extends to where the foam has uncovered it.
         scale = 100.0 / max(beyond, 1.0)
         for lane in range(parallels):
@@ -292,45 +134,60 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
                 floors[0, lane, j] = 100.0 * p0
                 floors[1, lane, j] = scale * (rest[k, lane, j] - foam * (1.0 - p0)) if p0 > 0.0 else 0.0
                 bodies[1, lane, j] = floors[1, lane, j] / p0 if p0 > UNCOVERED else bodies[1, lane, j + 1]
-        _ramp(over, front[k], slope[k], blur, taps, apart, first, last)
+        edge_ramp(over, front[k], slope[k], blur, taps, apart, first, last)
         count, sharp = parallels * (last + 1 - first), math.hypot(blur, smear[k])
         result[k, 4] = beyond
         if x0 - front[k] > 2.0 * EDGE * blur:
             width, best, floor = blur, 1e300, floors[0]
             for i in range(2):
-                fit = _fit(
+                fit = fit_light(
                     now[k], template, over, out, floors[i], first, last, mean, transfer, 1, normal, solution
                 )
                 if fit < best:
                     best, floor = fit, floors[i]
             least = best
             for i in range(1, SOFT):
-                _ramp(over, front[k], slope[k], SOFTNESS**i * blur, taps, apart, first, last)
-                fit = _fit(
+                edge_ramp(over, front[k], slope[k], SOFTNESS**i * blur, taps, apart, first, last)
+                fit = fit_light(
                     now[k], template, over, out, floor, first, last, mean, transfer, 1, normal, solution
                 )
                 if fit < least:
                     least, width = fit, SOFTNESS**i * blur
             result[k, 6] = 0.0
             if width > sharp:
-                _ramp(over, front[k], slope[k], sharp, taps, apart, first, last)
-                best = _fit(
+                edge_ramp(over, front[k], slope[k], sharp, taps, apart, first, last)
+                best = fit_light(
                     now[k], template, over, out, floor, first, last, mean, transfer, 1, normal, solution
                 )
                 noise = variance * count
                 result[k, 6] = 0.5 * count * math.log(max(best, noise) / max(least, noise))
             given = template, over, out, floor, first, last, mean
-            _ramp(over, front[k], slope[k], width, taps, apart, first, last)
-            _fit(now[k], *given, 0.0, 1, normal, solution)
-            without, count = _residuals(now[k], *given, 0.0, solution, left, texture)
-            _fit(now[k], *given, transfer, 1, normal, solution)
-            with_texture, count = _residuals(now[k], *given, transfer, solution, left, texture)
+            edge_ramp(over, front[k], slope[k], width, taps, apart, first, last)
+            fit_light(now[k], *given, 0.0, 1, normal, solution)
+            without, count = light_residuals(now[k], *given, 0.0, solution, left, texture)
+            fit_light(now[k], *given, transfer, 1, normal, solution)
+            with_texture, count = light_residuals(now[k], *given, transfer, solution, left, texture)
             noise = variance * max(count, 1)
             result[k, 0] = 0.5 * count * math.log(max(without, noise) / max(with_texture, noise))
-            result[k, 5] = _dependence(left, texture, first, last)
+            result[k, 5] = pixel_dependence(left, texture, first, last)
             middle = 0.5 * (front[k] + x0)
             result[k, 2] = mean * (solution[1] + solution[2] * (middle - first) / 20.0)
             result[k, 3] = 100.0 * (solution[3] + solution[4] * (x0 - first) / 20.0)
+            span = first, last, mean, transfer
+            result[k, 7] = _moved_odds(
+                now[k],
+                template,
+                over,
+                taps,
+                lines[k],
+                (x0, front[k], blur),
+                span,
+                variance,
+                body,
+                normal,
+                solution,
+                left,
+            )
         else:
             given = first, last, mean, transfer
             # Foam that has moved: beyond it a body or the floor, with the shape of a blurred step or that of the front at rest;
@@ -338,10 +195,10 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
             single, nearest = 1e300, 0
             for i in range(4):
                 if i == 3:
-                    _ramp(over, front[k], slope[k], sharp, taps, apart, first, last)
+                    edge_ramp(over, front[k], slope[k], sharp, taps, apart, first, last)
                 behind = bodies[min(nearest if i == 3 else i, 1)]
                 _behind(behind, over, floors[1], i == 2, x0, front[k], slope[k], blur, body, first, last)
-                fit = _fit(now[k], template, over, out, body, *given, 0, normal, solution)
+                fit = fit_light(now[k], template, over, out, body, *given, 0, normal, solution)
                 if fit < single:
                     single, nearest = fit, i
             # A sharp edge is resolved only where it lies before the front, a soft one anywhere. Nearer than two widths of the
@@ -351,10 +208,10 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
                 soft = SOFTNESS**i * blur
                 for m in range(3 if i else NEAR):
                     at = x0 - 1.5 * soft * (m - 1 if i else m + 1)
-                    _ramp(over, at, slope[k], soft, taps, apart, first, last)
+                    edge_ramp(over, at, slope[k], soft, taps, apart, first, last)
                     for known in range(2 if i == 0 and m > 0 else 1):
                         surface = floors[known]
-                        fit = _fit(now[k], template, over, out, surface, *given, 2, normal, solution)
+                        fit = fit_light(now[k], template, over, out, surface, *given, 2, normal, solution)
                         if fit < best:
                             best, place, width, floor = fit, at, soft, surface
                             latest = x0 - 1.5 * blur * (1 + known) if i == 0 else x0 + 2.0 * soft
@@ -362,8 +219,8 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
             for _halving in range(REFINED):
                 for m in range(2):
                     at = min(place + (span if m else -span), latest)
-                    _ramp(over, at, slope[k], width, taps, apart, first, last)
-                    fit = _fit(now[k], template, over, out, floor, *given, 2, normal, solution)
+                    edge_ramp(over, at, slope[k], width, taps, apart, first, last)
+                    fit = fit_light(now[k], template, over, out, floor, *given, 2, normal, solution)
                     if fit < best:
                         best, place = fit, at
                 span *= 0.5
@@ -374,8 +231,8 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
             better = 0.5 * count * max(own - best / (count * variance), 0.0)
             if better > 0.0:
                 # The blotches of a surface are a few independent pixels.
-                _ramp(over, place, slope[k], width, taps, apart, first, last)
-                _fit(now[k], template, over, out, floor, *given, 2, normal, solution)
-                _residuals(now[k], template, over, out, floor, *given, solution, left, texture)
-                better /= _dependence(left, left, first, last)
+                edge_ramp(over, place, slope[k], width, taps, apart, first, last)
+                fit_light(now[k], template, over, out, floor, *given, 2, normal, solution)
+                light_residuals(now[k], template, over, out, floor, *given, solution, left, texture)
+                better /= pixel_dependence(left, left, first, last)
             result[k, 1] = better - math.log(count)

@@ -11,15 +11,12 @@ from ...core.kernels import kernel
 from ...tracking._solve_kernels import median
 from ._chain_kernels import ALIKE, FOAM, OCCLUDER, SHADOW, log_sum
 from ._posterior_kernels import BAND, EDGE
-from .edges import BESIDE, local_statistics
 
 #: Columns of the bands: number of samples, current mean grey level, gain relative to the zero image at its old position and
 #: compressed with the foam; current variance, and covariance and variance of both predictions.
 COUNT, MEAN, GAIN_REST, GAIN_PRESSED, OWN, COV_REST, VAR_REST, COV_PRESSED, VAR_PRESSED = range(9)
-#: Log prior of texture that moves with the foam, stays in place, or differs from the zero image.
-_MOVED, _FIXED, _OTHER = math.log(0.6), math.log(0.3), math.log(0.1)
-#: Independent points among a point and its neighbours.
-_NEIGHBOURS = ALIKE * (2 * BESIDE + 1)
+#: Log prior of texture that is that of the zero image, or differs from it. Foam moves it, as far as it is compressed.
+_SAME, _OTHER = math.log(0.9), math.log(0.1)
 #: Probability that the edge of a shadow lies within a band.
 _LIGHT_EDGE = 0.05
 #: Fraction of the pixels of a band that are independent, after lens, interpolation and JPEG.
@@ -126,7 +123,7 @@ def texture_odds(bands, unary, against, gain):
     if count < 6:
         return 0.0, 0.0
     transfer = min(max(median(cov, count, work) / max(median(var, count, work), 1e-6), 0.0), 1.0)
-    moved, fixed, instead, count, coarsest = np.empty(n), np.empty(n), np.empty(n), 0, 0.0
+    moved, fixed, count, coarsest = np.empty(n), np.empty(n), 0, 0.0
     for k in range(n):
         b = bands[k]
         moved[k] = max(b[OWN] - 2.0 * transfer * b[COV_PRESSED] + transfer**2 * b[VAR_PRESSED], 0.05)
@@ -143,26 +140,18 @@ def texture_odds(bands, unary, against, gain):
             own = 1.0 + math.log(max(bands[k, OWN], 0.05) / variance)
             moved[k] = min(max(half * (own - moved[k] / variance), -MAX_ODDS), MAX_ODDS)
             fixed[k] = min(max(half * (own - fixed[k] / variance), -MAX_ODDS), MAX_ODDS)
-        else:
-            moved[k], fixed[k] = math.nan, math.nan
-        instead[k] = fixed[k] - moved[k]
-    # Whether a texture moves with the foam, stays in place or differs is the same for neighbours and counts once for them.
-    stayed, still = local_statistics(instead), local_statistics(fixed)
-    both = math.exp(_MOVED) + math.exp(_FIXED)
     for k in range(n):
         if bands[k, COUNT] > 0.0:
             half = 0.5 * _INDEPENDENT * bands[k, COUNT]
             goes, stays = moved[k], fixed[k]
-            fixed_part = both / (1.0 + math.exp(_MOVED - _FIXED - _NEIGHBOURS * stayed[0, k]))
-            beside = both / (1.0 + math.exp(_MOVED - _FIXED - _NEIGHBOURS * still[0, k]))
             # Foam that shows another part of its surface is no coarser than the coarsest part of the strip at rest.
             ratio = max(bands[k, OWN] / (variance + transfer**2 * coarsest), 1.0)
             coarse = half * (1.0 + math.log(ratio) - ratio)
             coarse = log_sum(math.log(1.0 - _LIGHT_EDGE) + coarse, math.log(_LIGHT_EDGE))
-            foam = log_sum(math.log(both - fixed_part) + goes, math.log(fixed_part) + stays)
-            foam = log_sum(foam, _OTHER + coarse)
-            other = log_sum(math.log(beside) + stays, math.log(1.0 - beside))
-            shaded = log_sum(math.log(0.9) + stays, _OTHER)
+            foam = log_sum(_SAME + goes, _OTHER + coarse)
+            # Beside an occluder foam is at rest, or not.
+            other = log_sum(stays, 0.0) + math.log(0.5)
+            shaded = log_sum(_SAME + stays, _OTHER)
             # A run of points has a common cause for a different texture, such as rotated or worn foam, or a slanted shadow.
             foam -= (1.0 - ALIKE) * min(foam - other, 0.0)
             shaded -= (1.0 - ALIKE) * min(shaded - other, 0.0)
@@ -224,7 +213,7 @@ def level_odds(found, dependence, gain, foam, variance, against):
             same += 0.3 * _density(beyond - between / foam[k] * floor, sigma)
             same += 0.2 * _density(beyond - shade * floor, sigma)
             shaded = same + 0.2 / 255
-            bare[k] = same / shaded
+            bare[k] = same / shaded / (1.0 + math.exp(min(found[k, 7], 40.0)))
             # An edge of a body would have to coincide with the front at rest by chance.
             body = 0.6 * _density(beyond - between, sigma) + 0.4 / 255 * _BY_CHANCE
             levels = ALIKE * math.log(shaded / body)

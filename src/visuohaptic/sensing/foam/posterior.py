@@ -4,9 +4,10 @@ Point k of the contour has one of the states z_k = F (front of the foam), S (edg
 rest), O (occluder) and N (no edge). With the image I along its line, the zero image Z, the position x of the edge
 now and x0 at rest, the likelihoods of a frame, each relative to that of O, are
 
-    foam      p(I before x | F) = 0.6 p(I | g Z(t x0/x)) + 0.3 p(I | g Z(t)) + 0.1 p(I | any)
+    foam      p(I before x | F) = 0.9 p(I | g Z(t x0/x)) + 0.1 p(I | any);  p(... | O) = 0.5 p(I | g Z(t)) + 0.5 p(I | any)
     shadow    p(I | S) : I = light(t) Z(t), or light(t) Z(t) up to x0, then another floor; p(I | F) : g Z up to x, then a surface
-    floor     p(I beyond x0 | S) : the floor of Z in any light, or a body that may press: then the front is not seen
+    floor     p(I beyond x0 | S) : the floor of Z in any light, or a body that may press: then the front is not seen; nor is it
+              where the foam in the shadow ends before x0, by a pixel or more
     position  p(x | F) : at rest, or within reach of the last position at max_contact_speed;  p(x | O) : anywhere
     blur      p(b | F, pressed) : that of the lens and of its own motion;  p(b | O) : any, the edge of a shadow may be soft
     steepness p(x_k, x_k+1 | F, F) : free foam decays over DECAY_PER_WIDTH w or more (a free end has no slope)
@@ -267,7 +268,7 @@ def _compare(
     transfer, variance = texture_odds(bands, unary, against, gain)
     if variance == 0.0:
         return np.ones(len(seen))
-    found = np.empty((len(seen), 7))
+    found = np.empty((len(seen), 8))
     lines = np.column_stack(
         [strip.reference_points_px, strip.front.lines.direction_px, strip.step_px, strip.across_px]
     )

@@ -172,7 +172,7 @@ def record_push(
             np.nan,
             0.0,
         ]
-        main = max(profile.contacts, key=lambda contact: contact.force_N, default=None)
+        main = profile.max_contact
         if seen and main is not None:
             columns[5, i] = _load_centre_m(profile, main)
         if profile.valid and profile.force_N > 0:

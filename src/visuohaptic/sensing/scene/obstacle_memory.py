@@ -56,15 +56,18 @@ class ObstacleMemory:
         obstacle
             Detection in the frame.
         motion
-            Motion of frame F since the previous frame; the memory does not move if it is not valid.
+            Motion of frame F since the previous frame; one that is not valid is a prediction with its covariance, or, with
+            an infinite one, no motion at all, because no time has passed.
         in_contact
             Whether the foam touches something: then the obstacle is at distance 0.
         """
         s = self.settings
-        if motion.valid:
+        if motion.valid or math.isfinite(motion.covariance[0, 0]):
             ahead = float(motion.translation_m[0])
             self._near_m -= ahead
-            self._sigma_m += s.drift * abs(ahead)
+            # Predictions of successive frames have the same error of the speed: their deviations add up, not their variances.
+            unknown_m = 0.0 if motion.valid else math.sqrt(motion.covariance[0, 0])
+            self._sigma_m += s.drift * abs(ahead) + unknown_m
             self._turned_rad += motion.rotation_rad
         if in_contact:
             # A released object stays where it was left: the distance counts from here.

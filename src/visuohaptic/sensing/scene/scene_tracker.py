@@ -198,7 +198,7 @@ class SceneTracker:
         motion = self.ego.update(t_s, floor=floor, odometry=base_state, gyroscope_rad_s=gyroscope_rad_s)
         self._last_t_s = t_s
         fraction = 1.0
-        if profile is not None:
+        if profile is not None and np.isfinite(profile.force_N):  # a frame that is not read has no force
             self._force_N = max(profile.force_N, 0.97 * self._force_N)
             fraction = profile.force_N / self._force_N if self._force_N > 0 else 1.0
         moved, events = self._object.update(on_object, t_s, in_contact=in_contact, force_fraction=fraction)
@@ -233,9 +233,7 @@ class SceneTracker:
         That is at the first contact, and again when it has become wider. An object without contact
         for a long time is released.
         """
-        contact = None
-        if profile is not None:
-            contact = max((c for c in profile.contacts), key=lambda c: c.force_N, default=None)
+        contact = None if profile is None else profile.max_contact
         if contact is None:
             self._without += 1
             if self._object.face is not None and self._without > self.settings.lost_contact_frames:
@@ -280,7 +278,7 @@ class SceneTracker:
                 self._angle_before = in_world - self._flat_angle
             self._flat_angle = in_world - self._angle_before
         if begins:
-            self._force_N = contact.force_N
+            self._force_N = float(np.nan_to_num(contact.force_N))
         self._points.forget(OBJECT)
         regions = self._labels()
         # Points assumed to be on the floor may be on the object.

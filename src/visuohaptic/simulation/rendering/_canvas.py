@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -27,6 +27,10 @@ class Plane:
     matrices: Float[np.ndarray, "rows 3 3"]
     surface: Surface
     light: float = 1.0  #: multiplies the mean level
+    #: Shift of its texture at the points of an even grid, (A, B, 2) float32, and the first point and the spacing of
+    #: the grid, (3,) [m]; (0, 0, 2) for a rigid surface
+    warp: Float32[np.ndarray, "A B 2"] = field(default_factory=lambda: np.zeros((0, 0, 2), np.float32))
+    grid: Float[np.ndarray, "3"] = field(default_factory=lambda: np.ones(3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -310,6 +314,8 @@ class Canvas:
             TILE_TEXELS / MATERIALS[surface.material],
             float(surface.texture),
             (plane.light * surface.levels(self._image.shape[2])).astype(np.float32),
+            plane.warp,
+            plane.grid,
         )
 
     def _tile(self, surface: Surface) -> np.ndarray:

@@ -157,6 +157,34 @@ def add_filtered_coverage(
             cover[row, column] = 0.0 if total < EDGE else (1.0 if total > 1.0 - EDGE else total)
 
 
+@kernel(nogil=True, error_model="numpy")
+def _shift(
+    a: np.ndarray,
+    b: np.ndarray,
+    count: int,
+    a0: float,
+    b0: float,
+    per_m: float,
+    warp: np.ndarray,
+    grid: np.ndarray,
+) -> None:
+    """Shift ``count`` texture coordinates (a, b) [texels], relative to (a0, b0), by a table that is interpolated linearly."""
+    rows, columns = warp.shape[0], warp.shape[1]
+    for c in range(count):
+        x = min(max(((a[c] + a0) / per_m - grid[0]) / grid[2], 0.0), rows - 1.001)
+        y = min(max(((b[c] + b0) / per_m - grid[1]) / grid[2], 0.0), columns - 1.001)
+        i, j = int(x), int(y)
+        u, v = x - i, y - j
+        for axis in range(2):
+            low = warp[i, j, axis] + u * (warp[i + 1, j, axis] - warp[i, j, axis])
+            high = warp[i, j + 1, axis] + u * (warp[i + 1, j + 1, axis] - warp[i, j + 1, axis])
+            moved = np.float32(per_m * (low + v * (high - low)))
+            if axis == 0:
+                a[c] += moved
+            else:
+                b[c] += moved
+
+
 @kernel(nogil=True, error_model="numpy", fastmath={"nsz", "arcp", "contract", "reassoc"})
 def add_plane(
     image: np.ndarray,
@@ -170,6 +198,8 @@ def add_plane(
     texels_per_m: float,
     amplitude: float,
     colour: np.ndarray,
+    warp: np.ndarray,
+    grid: np.ndarray,
 ) -> None:
     """Add a weighted textured plane to a window of the image, where no nearer layer hides it.
 
@@ -198,6 +228,10 @@ def add_plane(
         Standard deviation of the texture [grey levels].
     colour
         Mean level of each channel (C).
+    warp
+        Shift of the texture along a and b at the points of an even grid [m], (A, B, 2) float32; (0, 0, 2) for none.
+    grid
+        Its first point (a, b) and its spacing [m], (3,).
     """
     height, width = weight.shape
     channels, size = image.shape[2], tile.shape[0]
@@ -247,8 +281,12 @@ def add_plane(
             for c in range(count):
                 u, v = np.float32(ray[c, 0]), np.float32(ray[c, 1])
                 z = np.float32(1.0) / (zx * u + zy * v + zc)
-                s = min(max((iwx * u + iwy * v + iwc) * z, -far), far)
-                t = min(max((jwx * u + jwy * v + jwc) * z, -far), far)
+                right[c] = min(max((iwx * u + iwy * v + iwc) * z, -far), far)
+                down[c] = min(max((jwx * u + jwy * v + jwc) * z, -far), far)
+            if warp.shape[0] > 0:
+                _shift(right, down, count, i0, j0, texels_per_m, warp, grid)
+            for c in range(count):
+                s, t = right[c], down[c]
                 i, j = np.floor(s), np.floor(t)
                 right[c], down[c] = s - i, t - j
                 at[c] = ((np.int32(j) & mask) << bits) | (np.int32(i) & mask)

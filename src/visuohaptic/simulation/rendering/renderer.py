@@ -33,7 +33,7 @@ from .effects import CameraEffects
 from .exposure import CameraShake, ExposedScene, SceneLike, inner_edge, observe
 from .scene import FoamScene
 from .shadow import shade_floor
-from .textures import MATERIALS
+from .textures import MATERIALS, compression
 
 #: Light comes from above, behind and the left; a face's brightness grows with its normal along this direction.
 _LIGHT = np.array([-0.5, 0.3, 1.0])
@@ -228,6 +228,8 @@ class SceneRenderer:
         surfaces = [self.look.stripe] if self.look.stripe is not None else []
         surfaces += [self.look.foam, self.look.body]
         planes = [self._plane(shot, surface, _SENSOR_AXES) for surface in surfaces]
+        warp, grid = compression(back[:, mid], front[:, mid])
+        planes[:-1] = [replace(plane, warp=warp, grid=grid) for plane in planes[:-1]]
         self._canvas.paint_nested(regions, planes, holes)
         for occluder in occluders:
             self._draw_occluder(shot, occluder)

@@ -1,4 +1,4 @@
-"""Procedural surfaces: seamless tiles, each determined by its name and seed.
+"""Procedural surfaces: seamless tiles, each determined by its name and seed, and their shift on foam that is compressed.
 
 Every tile is uint8 with mean 128 and standard deviation 42, so that an amplitude in
 grey levels is the standard deviation of its contribution to a surface.
@@ -9,7 +9,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float, UInt8, UInt32
+from jaxtyping import Float, Float32, UInt8, UInt32
 
 from ...core import InputError, check_choice
 
@@ -29,6 +29,13 @@ MATERIALS: dict[str, float] = {
     "metal": 0.15,
     "carpet": 0.2,
 }
+
+#: Width of a strip at which its texture has its nominal size, and spacing of the table [m].
+FOAM_WIDTH_M, FOAM_STEP_M = 0.02, 1e-3
+#: Columns whose directions differ by less are parallel.
+_PARALLEL = 1e-6
+#: Compression below which the texture is not moved: a hundredth of a micrometre.
+_AT_REST = 5e-7
 
 
 def fractal_noise(
@@ -187,3 +194,52 @@ def blurred_texels(material: str, seed: int, sigma_texels: float) -> UInt32[np.n
     for axis, shift in ((1, 8), (0, 16)):
         texels |= np.roll(texels, -1, axis) << np.uint32(shift)
     return texels
+
+
+def compression(
+    back_m: Float[np.ndarray, "n 2"], front_m: Float[np.ndarray, "n 2"]
+) -> tuple[Float32[np.ndarray, "A B 2"], Float[np.ndarray, "3"]]:
+    """Shift from a place of the sensor plane to the place of the same material in a strip of nominal width.
+
+    Each column is compressed evenly from its back to its front. Columns are parallel, or on lines that meet in one point.
+
+    Parameters
+    ----------
+    back_m, front_m
+        Ends (x, y) of each column, in order along the strip [m].
+
+    Returns
+    -------
+    tuple
+        Shift along a = y and b = x at the points of an even grid [m], and the first point (a, b) and the spacing of the grid [m];
+        no points for a strip of nominal width at rest.
+    """
+    width = np.linalg.norm(front_m - back_m, axis=1)
+    normal, stretch = (front_m - back_m) / width[:, None], FOAM_WIDTH_M / width - 1.0
+    if np.abs(stretch).max() < _AT_REST:
+        return np.zeros((0, 0, 2), np.float32), np.ones(3)
+    corners = np.concatenate([back_m, front_m])
+    low, high = corners.min(axis=0) - FOAM_STEP_M, corners.max(axis=0) + 2 * FOAM_STEP_M
+    x, y = np.arange(low[0], high[0], FOAM_STEP_M), np.arange(low[1], high[1], FOAM_STEP_M)
+    points = np.stack(np.broadcast_arrays(x[None], y[:, None]), axis=2)
+    along = np.array([-normal[0, 1], normal[0, 0]])
+    turned = float(normal[-1] @ along)
+    if abs(turned) < _PARALLEL:
+        place, column, height = (
+            (points - back_m[0]) @ along,
+            (back_m - back_m[0]) @ along,
+            (points - back_m[0]) @ normal[0],
+        )
+    else:
+        chord = back_m[-1] - back_m[0]
+        radius = (chord[0] * normal[-1, 1] - chord[1] * normal[-1, 0]) / turned
+        centre, ahead = back_m[0] + radius * normal[0], normal[len(normal) // 2]
+        side = np.array([-ahead[1], ahead[0]])
+        away, rays = -np.sign(radius) * (points - centre), -np.sign(radius) * (back_m - centre)
+        place, column = (np.arctan2(p @ side, p @ ahead) for p in (away, rays))
+        height = np.hypot(away[..., 0], away[..., 1]) * -np.sign(radius) + radius
+    order = np.argsort(column)
+    column, normal = column[order], normal[order]
+    part = np.maximum(height, 0.0) * np.interp(place, column, stretch[order])
+    shift = np.stack([part * np.interp(place, column, normal[:, axis]) for axis in (1, 0)], axis=2)
+    return shift.astype(np.float32), np.array([low[1], low[0], FOAM_STEP_M])

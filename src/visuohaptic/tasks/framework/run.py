@@ -8,6 +8,7 @@ from typing import Any
 
 from ...core.errors import DeviceError
 from .machine import CommandT, Machine, ObservationT
+from .trace import Ending
 
 
 def run_machine(
@@ -17,13 +18,13 @@ def run_machine(
     *stops: Callable[[], None],
     refused: str = "device_failed",
     after: Callable[[], None] | None = None,
-) -> None:
-    """Step a task with observations until it ends; a device error is an ending, not an exception.
+) -> Ending:
+    """Step a task with observations until it ends, and return its ending; a device error is one, not an exception.
 
     Parameters
     ----------
     task
-        Task to run; its ending is set.
+        Task to run.
     observations
         Iterable of observations, each made after the previous command was executed.
     execute
@@ -56,3 +57,5 @@ def run_machine(
             with contextlib.suppress(DeviceError):
                 stop()
     task.end(False, "source_ended", "the camera delivers no more frames")
+    assert task.ending is not None
+    return task.ending

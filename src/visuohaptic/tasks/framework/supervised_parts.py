@@ -19,15 +19,13 @@ from ...core.robots import (
     ProbeArm,
     require_members,
 )
-from ._motion import SupervisedPart
+from ._motion import STANDING_M, RepeatedState, SupervisedPart
 from .path_clearance import KnownObstacles
 from .supervisor import SupervisorCore
 from .watched_sensors import WatchedFrames, WatchedSenses, WatchedSensor, force_of
 
 ReadingT = TypeVar("ReadingT")
 DeviceT = TypeVar("DeviceT", bound=MobileBase | ProbeArm | Gripper)
-#: Minimum distance from its target of a commanded part whose constant readings mean that they are frozen, or that it is held [m].
-STANDING_M = 1e-3
 #: Minimum motion between two readings that changes any pose [m or rad]: the last digit is 1e-11 m within 10 km.
 ROUNDING_M = 1e-9
 
@@ -168,6 +166,7 @@ class _Supervised(SupervisedPart, Generic[DeviceT]):
 
     def __init__(self, guard: SupervisorCore, device: DeviceT) -> None:
         self._guard, self._device = guard, device
+        self._repeated, self._requested_s = RepeatedState(), -math.inf
         guard.register(self)
 
     def stop(self) -> None:
@@ -179,6 +178,20 @@ class _Supervised(SupervisedPart, Generic[DeviceT]):
 
     def only_opens(self) -> bool:
         return False
+
+    def _as_of_s(self, changed: bool, rate_m_s: float) -> float:
+        """Time up to which a state is new on the supervisor's clock [s], infinite: now; see :class:`RepeatedState`."""
+        missing_s = self._repeated.missing_s(changed, self._guard.executed_s(self), rate_m_s)
+        return self._guard.now_s() - missing_s if missing_s > 0.0 else math.inf
+
+    def _renew(self, before: object, arrives_s: float) -> None:
+        """Allow a motion to a new target after a constant state: away from the last one, or after it stood there."""
+        if before is not None and self.retreats(before):
+            self._repeated.turn_back()
+        now_s = self._guard.now_s()
+        if now_s - self._requested_s > arrives_s + self._guard.limits.max_age_s:
+            self._repeated.arrive()
+        self._requested_s = now_s
 
 
 class _SupervisedBase(_Supervised[MobileBase], MobileBase):
@@ -201,7 +214,9 @@ class _SupervisedBase(_Supervised[MobileBase], MobileBase):
         part = max(
             1.0, abs(speed_m_s) / limits.max_speed_m_s, abs(turn_rate_rad_s) / limits.max_turn_rate_rad_s
         )
-        self._velocities = (speed_m_s / part, turn_rate_rad_s / part)
+        before, self._velocities = self._velocities, (speed_m_s / part, turn_rate_rad_s / part)
+        if before != (0.0, 0.0) and self.retreats(before):
+            self._repeated.turn_back()
         self._guard.request(self)
 
     def state(self) -> BaseState:
@@ -213,13 +228,15 @@ class _SupervisedBase(_Supervised[MobileBase], MobileBase):
         jumped = ""
         if last is not None:
             step_m = math.hypot(state.x_m - last.x_m, state.y_m - last.y_m)
-            jumped = _leap(
-                self.name, step_m, state.t_s - last.t_s, self._guard.limits.max_speed_m_s, self._guard
-            )
+            max_m_s = self._guard.limits.max_speed_m_s
+            jumped = self._guard.leap(self.name, step_m, state.t_s - last.t_s, max_m_s)
+        blocked = self._guard.blocked_by_contact(self)
+        as_of_s = self._as_of_s(not same or blocked, max(map(abs, self._velocities)))
         # A base that reports a velocity has a new pose each time; a base at rest reports zero velocity.
         rate = max(abs(state.speed_m_s), abs(state.turn_rate_rad_s))
-        frozen = same and last is not None and rate * (state.t_s - last.t_s) > ROUNDING_M
-        self._guard.note(self.name, state.t_s, frozen=frozen, jumped=jumped)
+        if same and last is not None and rate * (state.t_s - last.t_s) > ROUNDING_M:
+            as_of_s = -math.inf
+        self._guard.note(self.name, state.t_s, as_of_s=as_of_s, jumped=jumped)
         return state
 
     def execute(self) -> None:
@@ -245,20 +262,17 @@ def _apart_m(first: Pose, second: Pose) -> float:
     return float(np.linalg.norm(first.translation_m - second.translation_m))
 
 
+def _same(first: Pose, second: Pose) -> bool:
+    return np.array_equal(first.translation_m, second.translation_m) and np.array_equal(
+        first.rotation, second.rotation
+    )
+
+
 def _check_numbers(call: str, **values: float) -> None:
     """Refuse nan at once: held back, it would reach the device with a later reading."""
     for what, value in values.items():
         if math.isnan(value):
             raise DeviceError(f"{call}: found {what} nan, expected a number; the previous command holds")
-
-
-def _leap(name: str, step_m: float, passed_s: float, max_speed_m_s: float, guard: SupervisorCore) -> str:
-    """Describe a change of state that no motion within the limits can make; empty if plausible."""
-    limits = guard.limits
-    # Jumps of the clock are reported separately.
-    if abs(passed_s) > limits.max_jump_s or step_m <= max_speed_m_s * max(passed_s, 0.0) + limits.max_leap_m:
-        return ""
-    return f"{name} reports a motion of {step_m:.2f} m in {passed_s:.2f} s"
 
 
 class _SupervisedArm(_Supervised[ProbeArm], ProbeArm):
@@ -268,8 +282,7 @@ class _SupervisedArm(_Supervised[ProbeArm], ProbeArm):
         self._obstacles = obstacles
         self._target, self._speed_m_s = Pose.identity(), 0.0
         self._felt_from: Pose | None = None  #: start of the last motion, if it was slow enough for contact
-        self._tip_m, self._t_s = np.full(3, math.nan), math.nan
-        self._frozen = False
+        self._newest: tuple[float, Pose] | None = None  #: time and pose of the last reading
         super().__init__(guard, device)
 
     def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
@@ -285,9 +298,11 @@ class _SupervisedArm(_Supervised[ProbeArm], ProbeArm):
             )
         if self._obstacles is not None:
             self._keep_clear(self._obstacles, T_base_tip, speed_m_s)
-        # A new target resets the frozen state.
-        self._frozen &= bool(np.array_equal(tip, self._target.translation_m))
-        self._target, self._speed_m_s = T_base_tip, min(speed_m_s, limits.max_tip_speed_m_s)
+        before, left_m = self.pressing(), self._left_m()
+        if not _same(T_base_tip, self._target):
+            self._target, last_m_s = T_base_tip, self._speed_m_s
+            self._renew(before, left_m / last_m_s if last_m_s > 0.0 else 0.0)
+        self._speed_m_s = min(speed_m_s, limits.max_tip_speed_m_s)
         self._guard.request(self)
 
     def _keep_clear(self, obstacles: KnownObstacles, T_base_tip: Pose, speed_m_s: float) -> None:
@@ -309,18 +324,12 @@ class _SupervisedArm(_Supervised[ProbeArm], ProbeArm):
     def pose(self) -> tuple[float, Pose]:
         """Newest time [s] and pose of the tip in the base frame."""
         t_s, pose = self._device.pose()
-        tip_m, far_m = (
-            pose.translation_m,
-            float(np.linalg.norm(self._target.translation_m - pose.translation_m)),
-        )
-        to_move = self._guard.is_executing(self) and far_m > STANDING_M
-        self._frozen = bool(np.array_equal(tip_m, self._tip_m)) and (self._frozen or to_move)
-        step_m, passed_s = float(np.linalg.norm(tip_m - self._tip_m)), t_s - self._t_s
-        jumped = _leap(self.name, step_m, passed_s, self._guard.limits.max_tip_speed_m_s, self._guard)
-        self._tip_m, self._t_s = tip_m, t_s
-        self._guard.note(
-            self.name, t_s, frozen=self._frozen, jumped=jumped if math.isfinite(passed_s) else ""
-        )
+        (last_s, last), self._newest = self._newest or (t_s, pose), (t_s, pose)
+        max_m_s = self._guard.limits.max_tip_speed_m_s
+        jumped = self._guard.leap(self.name, _apart_m(pose, last), t_s - last_s, max_m_s)
+        due = max(self._left_m(), pose.angle_to(self._target)) > STANDING_M
+        as_of_s = self._as_of_s(not _same(pose, last), math.inf if due else 0.0)
+        self._guard.note(self.name, t_s, as_of_s=as_of_s, jumped=jumped)
         return t_s, pose
 
     def reach_m(self) -> Float[np.ndarray, "2"]:
@@ -330,13 +339,18 @@ class _SupervisedArm(_Supervised[ProbeArm], ProbeArm):
     def execute(self) -> None:
         self._device.move_linear(self._target, self._speed_m_s)
 
+    def _way_m(self) -> Float[np.ndarray, "3"]:
+        """From the newest tip to the target [m]; NaN before the first reading."""
+        return self._target.translation_m - (self._newest[1].translation_m if self._newest else math.nan)
+
+    def _left_m(self) -> float:
+        return float(np.linalg.norm(self._way_m()))
+
     def pressing(self) -> Float[np.ndarray, "3"] | None:
-        moves_m = self._target.translation_m - self._tip_m
-        return None if float(np.linalg.norm(moves_m)) <= STANDING_M else moves_m
+        return None if self._left_m() <= STANDING_M else self._way_m()
 
     def retreats(self, pressing: object) -> bool:
-        moves_m = self._target.translation_m - self._tip_m
-        return pressing is None or float(moves_m @ np.asarray(pressing)) < 0.0
+        return pressing is None or float(self._way_m() @ np.asarray(pressing)) < 0.0
 
 
 class _SupervisedGripper(_Supervised[Gripper], Gripper):
@@ -344,27 +358,29 @@ class _SupervisedGripper(_Supervised[Gripper], Gripper):
 
     def __init__(self, guard: SupervisorCore, device: Gripper) -> None:
         self._target_m = self._speed_m_s = 0.0
-        self._opening_m, self._frozen = math.nan, False
+        self._opening_m = math.nan
         self._widest_m = math.nan  #: widest opening that it may have reached since the last fresh reading
         super().__init__(guard, device)
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
         """Move to an opening, within the limits."""
         _check_numbers("move", opening_m=opening_m, speed_m_s=speed_m_s)
-        self._frozen &= opening_m == self._target_m
-        self._target_m = opening_m
+        before, left_m, last_m_s = self.pressing(), abs(self.pressing()), self._speed_m_s
+        if opening_m != self._target_m:
+            self._target_m = opening_m
+            self._renew(before, left_m / last_m_s if last_m_s > 0.0 else 0.0)
         self._speed_m_s = min(speed_m_s, self._guard.limits.max_finger_speed_m_s)
         self._guard.request(self)
 
     def state(self) -> GripperState:
         """Newest reading."""
         state = self._device.state()
-        to_move = self._guard.is_executing(self) and abs(self._target_m - state.opening_m) > STANDING_M
-        self._frozen = state.opening_m == self._opening_m and (self._frozen or to_move)
-        if not self._frozen:
+        changed, due = state.opening_m != self._opening_m, abs(self._target_m - state.opening_m) > STANDING_M
+        as_of_s = self._as_of_s(changed, math.inf if due else 0.0)
+        if changed or not (as_of_s < math.inf or (due and self._guard.is_executing(self))):
             self._widest_m = state.opening_m
         self._opening_m = state.opening_m
-        self._guard.note(self.name, state.t_s, frozen=self._frozen)
+        self._guard.note(self.name, state.t_s, as_of_s=as_of_s)
         return state
 
     def execute(self) -> None:

@@ -9,8 +9,9 @@ The supervisor is independent of the tasks. It wraps the parts of a robot and it
   Then only a retreat is permitted, until the force is below the limit again; it needs no fresh sensors. A retreat is
   opposed to the motion at the limit; of a part that stood there, to the motion by which most of the force rose. A motion
   that raises the force further, because it came from elsewhere, is no retreat.
-- A reading is *fresh* if its own time is newer than before and its content is not a frozen copy. While a part
-  moves, its own state and every sensor in use must be fresh; otherwise the part is held, and resumes when they are. A force
+- A reading is *fresh* if its own time is newer than before and its content is not a frozen copy: the state of a part that has
+  to move must change, whatever speed it reports, unless a contact may block a base. While a part moves, its own state and
+  every sensor in use must be fresh; otherwise the part is held, and resumes when they are. A force
   that cannot be read since a contact is waited for as long after the retreat from it begins: foam may be pressed until then.
 - Fingers may always open and every part may always stop, whatever is read, so that nothing stays clamped.
 - A clock that jumps, or a hold that lasts too long, is permanent: every later reading or command raises
@@ -149,6 +150,18 @@ class SupervisorCore(Closing):
         motion = self._motions[part.name]
         return motion.moving and not motion.held
 
+    def blocked_by_contact(self, part: SupervisedPart) -> bool:
+        """Whether the newest force shows that a part is pressed against something, and its motion is no retreat from it.
+
+        Parameters
+        ----------
+        part
+            Part of the robot.
+        """
+        presses = self._presses(self._motions[part.name])
+        retreats = presses is not None and part.retreats(presses)
+        return not retreats and self._force[1] >= EXCESS * self.limits.max_force_N
+
     def register(self, part: SupervisedPart) -> None:
         """Register a part.
 
@@ -171,8 +184,7 @@ class SupervisorCore(Closing):
         """
         with self._lock:
             motion = self._motions[part.name]
-            if motion.moving and not motion.held:
-                motion.halted_s = self._clock()
+            motion.pause(self._clock())
             motion.moving, motion.held, motion.held_since_s = False, "", math.nan
             part.halt()
 
@@ -199,9 +211,19 @@ class SupervisorCore(Closing):
             if reason:
                 self._hold(motion, now_s, reason)
             else:
-                motion.execute()
+                motion.execute(now_s)
 
-    def note(self, name: str, t_s: float, *, frozen: bool = False, jumped: str = "") -> None:
+    def executed_s(self, part: SupervisedPart) -> float:
+        """Duration of all motions of a part so far [s], without holds.
+
+        Parameters
+        ----------
+        part
+            Part of the robot.
+        """
+        return self._motions[part.name].executed_s(self._clock())
+
+    def note(self, name: str, t_s: float, *, as_of_s: float = math.inf, jumped: str = "") -> None:
         """Record a reading of a sensor or of the state of a part.
 
         Parameters
@@ -210,8 +232,9 @@ class SupervisorCore(Closing):
             Name of the sensor or part.
         t_s
             Time stamp of the reading [s]; NaN: no reading.
-        frozen
-            Whether it is a copy of the last one although the value should have changed.
+        as_of_s
+            Time on the supervisor's clock up to which the value is new [s]: earlier than now if it is a copy of the last
+            one although it should have changed; minus infinity: as long as before.
         jumped
             Why the reading is implausible; empty if it is not.
 
@@ -223,13 +246,30 @@ class SupervisorCore(Closing):
         with self._lock:
             now_s = self._clock()
             stream = self._streams.setdefault(name, Stream(name, self.limits.max_jump_s))
-            if wrong := stream.note(now_s, t_s, frozen) or jumped:
+            if wrong := stream.note(now_s, t_s, as_of_s) or jumped:
                 self._fail(wrong)
             self._resume(now_s)
             self.check()
             self._raise()
 
-    def note_force(self, t_s: float, force_N: float, *, frozen: bool = False) -> None:
+    def leap(self, name: str, step_m: float, passed_s: float, max_speed_m_s: float) -> str:
+        """Describe a change of state that no motion within the limits can make; empty if plausible.
+
+        Parameters
+        ----------
+        name
+            Name of the part.
+        step_m, passed_s
+            Change [m], and the time for it [s]. Jumps of the clock are reported separately.
+        max_speed_m_s
+            Maximum speed of the part [m/s].
+        """
+        plausible = step_m <= max_speed_m_s * max(passed_s, 0.0) + self.limits.max_leap_m
+        if plausible or abs(passed_s) > self.limits.max_jump_s:
+            return ""
+        return f"{name} reports a motion of {step_m:.2f} m in {passed_s:.2f} s"
+
+    def note_force(self, t_s: float, force_N: float, *, as_of_s: float = math.inf) -> None:
         """Record a force; moving parts are stopped before the method returns if the limit is reached.
 
         Parameters
@@ -238,8 +278,8 @@ class SupervisorCore(Closing):
             Time stamp of the reading [s].
         force_N
             Magnitude of the force [N]; NaN: no reading; infinite: the foam is saturated.
-        frozen
-            Whether it is a copy of the last one although the value should have changed.
+        as_of_s
+            As of :meth:`note`.
         """
         with self._lock:
             (last_s, last_N), self._unread = self._force, math.isnan(force_N)
@@ -252,7 +292,7 @@ class SupervisorCore(Closing):
                     motion.feel(max(last_N, 0.0), force_N, brakes)
                 # Predict until the next reading, expected after the same interval as this one.
                 self._check_force(t_s - last_s if self._rate_N_s else 0.0)
-        self.note(FORCE, math.nan if math.isnan(force_N) else t_s, frozen=frozen)
+        self.note(FORCE, math.nan if math.isnan(force_N) else t_s, as_of_s=as_of_s)
 
     def _check_force(self, passed_s: float) -> None:
         """Stop parts that press if the force is at the limit, or predicted after ``passed_s`` plus half the braking time."""
@@ -296,14 +336,16 @@ class SupervisorCore(Closing):
             soon = stream.read_s == stream.fresh_s or (blind and stream.name == FORCE)
             from_s = max(stream.fresh_s, motion.since_s) if soon else stream.fresh_s
             if now_s - from_s >= max_age_s:
-                return f"{stream.name} has not been updated for {now_s - from_s:.2f} s"
+                why = " although it has to move" if own and stream.repeats else ""
+                return f"{stream.name} has not been updated for {now_s - from_s:.2f} s{why}"
         if motion.part.name not in self._streams and now_s - motion.since_s >= max_age_s:
             return f"{motion.part.name} has never been read"
         return ""
 
     def _hold(self, motion: PartMotion, now_s: float, reason: str) -> None:
         if not motion.held:
-            motion.held_since_s = motion.halted_s = now_s
+            motion.held_since_s = now_s
+            motion.pause(now_s)
             self.holds.append(SafetyHold(now_s, motion.part.name, reason))
         motion.held = reason
         motion.part.halt()
@@ -317,7 +359,7 @@ class SupervisorCore(Closing):
                 and not self._stale(motion, now_s)
                 and not self._pressed(motion)
             ):
-                motion.execute()
+                motion.execute(now_s)
 
     def _fail(self, reason: str) -> None:
         self.fault = self.fault or reason

@@ -63,7 +63,7 @@ class WatchedFrames(Closing):
             newest = zlib.crc32(rows.data)
             frozen = newest == last and bool(rows.min() != rows.max())
             last = newest
-            self._guard.note(self._name, frame.t_s, frozen=frozen)
+            self._guard.note(self._name, frame.t_s, as_of_s=-math.inf if frozen else math.inf)
             yield frame
 
     def close(self) -> None:
@@ -110,16 +110,20 @@ class WatchedSenses:
         pose: tuple[float, float, float] = self._senses.pose()
         self._pose = self._since(pose, self._pose)
         now_s = self._guard.now_s() if all(map(math.isfinite, pose)) else math.nan
-        self._guard.note("the localizer", now_s, frozen=self._pose[1] != self._guard.odometry)
+        self._guard.note("the localizer", now_s, as_of_s=self._as_of_s(self._pose))
         return pose
 
     def touch(self) -> tuple[float, tuple[float, float] | None]:
         """Force on the rim [N], and its point of application in the map [m]."""
         force_N, point_m = self._senses.touch()
         self._touch = self._since(force_N, self._touch)
-        frozen = force_N != 0.0 and self._touch[1] != self._guard.odometry
-        self._guard.note_force(self._guard.now_s(), force_N, frozen=frozen)
+        as_of_s = self._as_of_s(self._touch) if force_N != 0.0 else math.inf
+        self._guard.note_force(self._guard.now_s(), force_N, as_of_s=as_of_s)
         return force_N, point_m
+
+    def _as_of_s(self, since: tuple[object, int]) -> float:
+        """A value is frozen if it is constant although the odometry has changed."""
+        return math.inf if since[1] == self._guard.odometry else -math.inf
 
     def _since(self, value: object, before: tuple[object, int]) -> tuple[object, int]:
         """The value, with the odometry count at its last change."""

@@ -315,6 +315,5 @@ def complete_by_touch(
         else:
             arm.stop()
 
-    run_machine(task, observations(), execute, arm.stop, refused=CompleteOutcome.OUT_OF_REACH)
-    assert task.ending is not None
-    return CompletionByTouch(task.ending, tuple(probing.touches), probing.error_m, task.trace())
+    ending = run_machine(task, observations(), execute, arm.stop, refused=CompleteOutcome.OUT_OF_REACH)
+    return CompletionByTouch(ending, tuple(probing.touches), probing.error_m, task.trace())

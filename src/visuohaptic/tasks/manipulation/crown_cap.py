@@ -51,15 +51,14 @@ def open_crown_cap(
     require_members(arm, ProbeArm, "open_crown_cap", "arm")
     require_members(source, FrameSource, "open_crown_cap", "frame source", members=("__iter__",))
     task = CrownCapTask(settings)
-    run_machine(
+    ending = run_machine(
         task,
         (_observation(frame, arm, feel(frame), look(frame)) for frame in source),
         lambda command: _tell(arm, command),
         arm.stop,
         refused=CapOutcome.OUT_OF_REACH,
     )
-    assert task.ending is not None
-    return CapOpening(task.ending, task.trace(), task.attempts)
+    return CapOpening(ending, task.trace(), task.attempts)
 
 
 def tool_wrench(wrench: Wrench, rotation_tool_sensor: Float[np.ndarray, "3 3"]) -> Wrench:

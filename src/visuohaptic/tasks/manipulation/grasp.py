@@ -109,22 +109,17 @@ class GraspAndLiftTask(HandTask[GraspState]):
         p = self.plan
         if self.unread(seen.felt, GraspOutcome.SENSOR_FAILED, p.max_invalid_frames):
             return self.halt()
-        x, y, z = p.object_m
-        grasp = (x, y, z + p.place.height_m)
+        grasp, top = self._at(0.0), self._at(p.lift_m)
         if self.state is GraspState.OPEN:
-            if seen.opening_m >= p.open_m - 1e-3:
-                self.go(GraspState.REACH, "open")
-                return HandCommand(True, grasp, p.place.angle_rad, p.arm_m_s)
-            return HandCommand(opening_m=p.open_m, finger_m_s=0.1)
-        if self.state is GraspState.REACH:
-            turned = abs(math.remainder(seen.angle_rad - p.place.angle_rad, 2 * math.pi)) < 2e-3
-            if math.dist(seen.tip_m, grasp) < 5e-4 and turned:
-                self.go(GraspState.CLOSE, "there")
-            return HandCommand(True, grasp, p.place.angle_rad, p.arm_m_s)
-        if self.state is GraspState.PUT_DOWN:
-            if math.dist(seen.tip_m, grasp) < 5e-4:
-                self.go(GraspState.OPEN, "down")
-            return HandCommand(True, grasp, p.place.angle_rad, p.arm_m_s)
+            if seen.opening_m < p.open_m - 1e-3:
+                return HandCommand(opening_m=p.open_m, finger_m_s=0.1)
+            self.go(GraspState.REACH, "open")
+            return grasp
+        if self.state in (GraspState.REACH, GraspState.PUT_DOWN):
+            if self.reached(seen, grasp):
+                down = self.state is GraspState.PUT_DOWN
+                self.go(*(GraspState.OPEN, "down") if down else (GraspState.CLOSE, "there"))
+            return grasp
         if not seen.felt:
             return self.halt()
         self.force_N = seen.force_N
@@ -134,21 +129,25 @@ class GraspAndLiftTask(HandTask[GraspState]):
         self._weak = self._weak + 1 if seen.force_N < 0.4 * p.force_N else 0
         if self._weak >= 3:
             return self._fail(GraspOutcome.LOST, f"{seen.force_N:.2f} N remain of {p.force_N:.2f} N")
-        top = (grasp[0], grasp[1], grasp[2] + p.lift_m)
         if self.state is GraspState.LIFT:
-            if math.dist(seen.tip_m, top) < 5e-4:
+            if self.reached(seen, top):
                 self.go(GraspState.CHECK, "up")
-            return HandCommand(True, top, p.place.angle_rad, p.arm_m_s)
+            return top
         if self.state is GraspState.LOWER:
-            if math.dist(seen.tip_m, grasp) < 5e-4:
+            if self.reached(seen, grasp):
                 self.end(True, GraspOutcome.LIFTED, "weighed and put back")
-            return HandCommand(True, grasp, p.place.angle_rad, p.arm_m_s)
+            return grasp
         self._loaded_N.append(seen.load_N)
         if self.since_s(seen.t_s) >= p.hold_s and p.put_back:
             self.go(GraspState.LOWER, "weighed")
         elif self.since_s(seen.t_s) >= p.hold_s:
             self.end(True, GraspOutcome.LIFTED, f"{seen.force_N:.2f} N held {1e2 * p.lift_m:.0f} cm up")
-        return HandCommand(True, top, p.place.angle_rad, p.arm_m_s)
+        return top
+
+    def _at(self, above_m: float) -> HandCommand:
+        """Command to the place of the grasp, or above it."""
+        p, (x, y, z) = self.plan, self.plan.object_m
+        return HandCommand(True, (x, y, z + p.place.height_m + above_m), p.place.angle_rad, p.arm_m_s)
 
     def _close(self, seen: HandObservation) -> HandCommand:
         p = self.plan
@@ -224,8 +223,7 @@ def grasp_and_lift(hand: Hand, plan: LiftPlan, *others: LiftPlan) -> GraspAndLif
     'lifted'
     """
     task = GraspAndLiftTask(plan, *others)
-    run_hand(hand, task)
-    assert task.ending is not None
+    ending = run_hand(hand, task)
     load_N, noise_N = task.load_N()
     sigma_N = math.hypot(noise_N, hand.weigh_sigma_N, hand.weigh_scale * load_N)
-    return GraspAndLift(task.ending, task.trace(), task.force_N, task.deformation_m, load_N, sigma_N)
+    return GraspAndLift(ending, task.trace(), task.force_N, task.deformation_m, load_N, sigma_N)

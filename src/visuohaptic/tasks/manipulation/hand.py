@@ -13,6 +13,7 @@ from jaxtyping import Float
 from ...core import FingerTouch, Frame, FrameSource, Gripper, Pose, ProbeArm, require_members
 from ..framework.machine import Machine, StateT
 from ..framework.run import run_machine
+from ..framework.trace import Ending
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +76,19 @@ class HandTask(Machine[StateT, HandObservation, HandCommand]):
         """Command that holds arm and fingers, so that a grasped object is not dropped."""
         return HandCommand()
 
+    def reached(self, seen: HandObservation, command: HandCommand) -> bool:
+        """Whether the hand is where a command moves it.
+
+        Parameters
+        ----------
+        seen
+            The newest observation.
+        command
+            A command that moves the arm.
+        """
+        turned = abs(math.remainder(seen.angle_rad - command.angle_rad, 2.0 * math.pi))
+        return math.dist(seen.tip_m, command.tip_m) < 5e-4 and turned < 2e-3
+
     def weighs(self, t_s: float) -> bool:
         """Whether to read the load at a time; otherwise the sensor is not evaluated.
 
@@ -97,15 +111,15 @@ def as_vector(values: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
     return float(values[0]), float(values[1]), float(values[2])
 
 
-def run_hand(hand: Hand, task: HandTask[Any]) -> None:
-    """Step a task with every frame until it ends; arm and gripper hold at the end.
+def run_hand(hand: Hand, task: HandTask[Any]) -> Ending:
+    """Step a task with every frame until it ends, and return its ending; arm and gripper hold at the end.
 
     Parameters
     ----------
     hand
         Arm, gripper, camera and sensors.
     task
-        Hand task; its ending is set.
+        Hand task.
 
     Raises
     ------
@@ -115,7 +129,7 @@ def run_hand(hand: Hand, task: HandTask[Any]) -> None:
     require_members(hand.arm, ProbeArm, task.task, "arm")
     require_members(hand.gripper, Gripper, task.task, "gripper")
     require_members(hand.source, FrameSource, task.task, "frame source", members=("__iter__",))
-    run_machine(
+    return run_machine(
         task,
         (_observation(hand, frame, task.weighs(frame.t_s)) for frame in hand.source),
         lambda command: _execute(hand, command),

@@ -128,9 +128,7 @@ class SqueezeTask(HandTask[SqueezeState]):
                 return self._reach()
             return HandCommand(opening_m=s.open_m, finger_m_s=0.1)
         if self.state is SqueezeState.REACH:
-            goal = self._goal()
-            turned = abs(math.remainder(seen.angle_rad - self._place.angle_rad, 2 * math.pi)) < 2e-3
-            if math.dist(seen.tip_m, goal) < 5e-4 and turned:
+            if self.reached(seen, self._reach()):
                 self._level, self._points = 0, []
                 self.go(SqueezeState.CLOSE, "there")
                 return self._close()
@@ -174,11 +172,8 @@ class SqueezeTask(HandTask[SqueezeState]):
         if len(self.curves) == len(self.places):
             empty = [c for c in self.curves if len(c.force_N) == 0]
             if empty:
-                self.end(
-                    False,
-                    SqueezeOutcome.SOME_MISSED,
-                    f"{len(empty)} of {len(self.curves)} places had no contact",
-                )
+                why = f"{len(empty)} of {len(self.curves)} places had no contact"
+                self.end(False, SqueezeOutcome.SOME_MISSED, why)
             else:
                 self.end(True, SqueezeOutcome.SQUEEZED, f"{len(self.curves)} places")
             return self.halt()
@@ -189,12 +184,9 @@ class SqueezeTask(HandTask[SqueezeState]):
     def _place(self) -> Place:
         return self.places[len(self.curves)]
 
-    def _goal(self) -> tuple[float, float, float]:
-        x, y, z = self.settings.object_m
-        return x, y, z + self._place.height_m
-
     def _reach(self) -> HandCommand:
-        return HandCommand(True, self._goal(), self._place.angle_rad, self.settings.arm_m_s)
+        (x, y, z), place = self.settings.object_m, self._place
+        return HandCommand(True, (x, y, z + place.height_m), place.angle_rad, self.settings.arm_m_s)
 
     def _close(self) -> HandCommand:
         return HandCommand(opening_m=0.0, finger_m_s=self.settings.finger_m_s)
@@ -238,6 +230,4 @@ def squeeze(hand: Hand, places: Sequence[Place], settings: SqueezeSettings | Non
     True
     """
     task = SqueezeTask(places, settings)
-    run_hand(hand, task)
-    assert task.ending is not None
-    return Squeezing(task.ending, tuple(task.curves), task.trace())
+    return Squeezing(run_hand(hand, task), tuple(task.curves), task.trace())

@@ -144,14 +144,14 @@ def explore_obstacle(
         if on_step is not None:
             on_step(replace(step, phase=task.state.value))
 
-    run_machine(
+    ending = run_machine(
         task,
         senses.observations(base, source, task),
         lambda command: base.drive(command.speed_m_s, 0.0) if command.speed_m_s else base.stop(),
         base.stop,
         after=after,
     )
-    return senses.result(task)
+    return senses.result(task, ending)
 
 
 class _Senses:
@@ -232,19 +232,18 @@ class _Senses:
             at_border=obstacle is not None and bool(obstacle.at_border),
         )
 
-    def result(self, task: ExploreTask) -> ObstacleExploration:
+    def result(self, task: ExploreTask, ending: Ending) -> ObstacleExploration:
         """Evaluate what was recorded."""
-        assert task.ending is not None
         recording = self.recording
         fit, fit_state = recording.shape()
         # The last readings of a failed robot are not used.
-        failed = task.ending.outcome == ExploreOutcome.DEVICE_FAILED
+        failed = ending.outcome == ExploreOutcome.DEVICE_FAILED
         enough = task.touched and not failed and len(recording.profiles) >= 2
         tag = HapticTag()
         if enough:
             tag = recording.tag(fit, self.events, task.stopped_by, task.settings.max_force_N)
         return ObstacleExploration(
-            task.ending,
+            ending,
             tag,
             fit,
             task.stopped_by,

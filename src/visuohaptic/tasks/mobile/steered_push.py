@@ -175,6 +175,11 @@ class SteeredPush:
         return max(lasting), float(np.median(kept[len(kept) // 3 :]))
 
     @property
+    def is_impact(self) -> bool:
+        """Whether it has lasted no longer than the first contact."""
+        return len(self._forces) <= IMPACT_READINGS
+
+    @property
     def turned_rad(self) -> float:
         """Rotation of the object since the start of the push [rad]."""
         if self._first is None or self._seen is None:
@@ -378,9 +383,7 @@ class SteeredPush:
 
     def _centre_m(self, object_m: Pose) -> Float[np.ndarray, "2"]:
         """Estimated centre of friction for a pose of the object [m]."""
-        cos, sin = math.cos(object_m[2]), math.sin(object_m[2])
-        x, y = self._offset
-        return object_m[:2] + np.array([cos * x - sin * y, sin * x + cos * y])
+        return np.asarray(object_m[:2] + rotation_2d(float(object_m[2])) @ self._offset)
 
     def _explain(self, high_m: float, beside_m: float) -> None:
         """Update the estimate of the centre of friction with the last motion of the object."""

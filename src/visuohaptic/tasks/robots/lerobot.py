@@ -18,13 +18,14 @@ from typing import Any, Protocol
 import numpy as np
 from jaxtyping import UInt8
 
-from ...core import POSITIVE, Closing, DeviceError, InputError, check_numbers, within
+from ...core import POSITIVE, DeviceError, InputError, check_numbers, within
 from ...core.robots import BaseState, Gripper, GripperState
 from ...io.frames.camera_backend import CameraBackend, time_s
-from .repeater import RepeatedBase, Repeater
+from .repeater import Repeated, RepeatedBase, Repeater
 
 #: Number of readings for a speed estimate: enough to average over the steps of an encoder.
 READINGS = 5
+_CAMERA = "LeRobot camera"
 
 
 class _LeRobotDevice(Protocol):
@@ -80,10 +81,7 @@ class LeRobotLink:
             The robot does not answer, or has no such feature.
         """
         with self._turn:
-            try:
-                found = self._robot.get_observation()
-            except Exception as error:
-                raise DeviceError(f"LeRobot: {type(error).__name__}: {error}; is it connected?") from error
+            found = _guarded(self._robot.get_observation)
             if missing := [name for name in names if name not in found]:
                 raise DeviceError(
                     f"LeRobot: has no observation {missing[0]!r}, only {', '.join(map(str, found))}"
@@ -114,10 +112,7 @@ class LeRobotLink:
             if unknown := [name for name in goals if name not in self._goals]:
                 raise DeviceError(f"LeRobot: has no action {unknown[0]!r}, but {', '.join(self._goals)}")
             self._goals |= {name: float(goal) for name, goal in goals.items()}
-            try:
-                self._robot.send_action(dict(self._goals))
-            except Exception as error:
-                raise DeviceError(f"LeRobot: {type(error).__name__}: {error}; is it connected?") from error
+            _guarded(lambda: self._robot.send_action(dict(self._goals)))
 
 
 class LeRobotBase(RepeatedBase):
@@ -176,7 +171,7 @@ class LeRobotBase(RepeatedBase):
             return self._state
 
 
-class LeRobotGripper(Closing, Gripper):
+class LeRobotGripper(Repeated, Gripper):
     """A motor that opens and closes two fingers, by its position.
 
     Parameters
@@ -269,16 +264,11 @@ class LeRobotGripper(Closing, Gripper):
         position = float(np.interp(opening_m, self._by_opening[:, 1], self._by_opening[:, 0]))
         self._link.command({f"{self._motor}.pos": position})
 
-    def _check(self) -> None:
-        if self._repeater is not None:
-            self._repeater.check()
-
     def close(self) -> None:
         """Stop sending commands, and release the gripper; may be called repeatedly."""
         with self._lock:
             self._ramp = None
-        if self._repeater is not None:
-            self._repeater.close()
+        super().close()
 
 
 class LeRobotCamera(CameraBackend):
@@ -300,21 +290,22 @@ class LeRobotCamera(CameraBackend):
     def open(self) -> None:
         """Connect, unless it is connected."""
         if not getattr(self._camera, "is_connected", False):
-            self._guarded(self._camera.connect)
+            _guarded(self._camera.connect, _CAMERA)
 
     def read(self) -> tuple[UInt8[np.ndarray, "rows columns *colour"], float]:
         """The next image that was not read yet, with the time at which it came [s]."""
-        image = self._guarded(lambda: self._camera.async_read(timeout_ms=self._timeout_ms))
+        image = _guarded(lambda: self._camera.async_read(timeout_ms=self._timeout_ms), _CAMERA)
         return (np.ascontiguousarray(image[..., ::-1]) if self._rgb and image.ndim == 3 else image), time_s()
 
     def close(self) -> None:
         """Disconnect; may be called repeatedly."""
         if getattr(self._camera, "is_connected", True):
             with contextlib.suppress(DeviceError):
-                self._guarded(self._camera.disconnect)
+                _guarded(self._camera.disconnect, _CAMERA)
 
-    def _guarded(self, work: Callable[[], Any]) -> Any:
-        try:
-            return work()
-        except Exception as error:
-            raise DeviceError(f"LeRobot camera: {type(error).__name__}: {error}") from error
+
+def _guarded(work: Callable[[], Any], what: str = "LeRobot") -> Any:
+    try:
+        return work()
+    except Exception as error:
+        raise DeviceError(f"{what}: {type(error).__name__}: {error}; is it connected?") from error

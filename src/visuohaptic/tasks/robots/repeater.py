@@ -59,7 +59,22 @@ class Repeater:
             self._thread.join()
 
 
-class RepeatedBase(Closing, MobileBase):
+class Repeated(Closing):
+    """A part of a robot with a thread that may have ended."""
+
+    _repeater: Repeater | None = None
+
+    def _check(self) -> None:
+        if self._repeater is not None:
+            self._repeater.check()
+
+    def close(self) -> None:
+        """Stop sending commands, and release the part; may be called repeatedly."""
+        if self._repeater is not None:
+            self._repeater.close()
+
+
+class RepeatedBase(Repeated, MobileBase):
     """A base whose velocities are sent repeatedly until the next command; zero velocities are sent when it is closed.
 
     Parameters
@@ -67,8 +82,6 @@ class RepeatedBase(Closing, MobileBase):
     max_speed_m_s, max_turn_rad_s
         Limits; larger commands are rejected.
     """
-
-    _repeater: Repeater | None = None
 
     def __init__(self, max_speed_m_s: float, max_turn_rad_s: float) -> None:
         self._limits = {"speed_m_s": max_speed_m_s, "turn_rate_rad_s": max_turn_rad_s}
@@ -78,10 +91,6 @@ class RepeatedBase(Closing, MobileBase):
     @abstractmethod
     def _send(self) -> None:
         """Send the velocities once."""
-
-    def _check(self) -> None:
-        if self._repeater is not None:
-            self._repeater.check()
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
         """Set the velocities; they hold until the next call, :meth:`stop` or :meth:`close`.
@@ -114,6 +123,5 @@ class RepeatedBase(Closing, MobileBase):
         if self._command is not None:
             with contextlib.suppress(DeviceError):  # the link may be gone; the robot's watchdog is left
                 self.stop()
-        if self._repeater is not None:
-            self._repeater.close()
+        super().close()
         self._command = None

@@ -236,11 +236,21 @@ def load_templates(folder: Path | str) -> tuple[Template, ...]:
     if not folder.is_dir():
         raise InputError(folder, "is not a folder", remedy="give a folder with template images")
     described = TemplateFolderFile.read(folder / "tags.yaml")
-    templates = [
-        Template.from_file(path, width_m=described.widths_m.get(path.name))
+    images = [
+        path
         for path in sorted(folder.iterdir())
-        if path.suffix.lower() in _SUFFIXES
+        if path.suffix.lower() in _SUFFIXES and not path.name.startswith(".")
     ]
+    # Otherwise a misspelt name would leave an image with the dpi that its file states, of a screen for example.
+    missing = sorted(set(described.widths_m) - {path.name for path in images})
+    if missing:
+        raise InputError(
+            folder / "tags.yaml",
+            f"names {missing[0]!r}, which is no image of the folder",
+            field="widths_m",
+            remedy="write the file's name with its suffix, upper and lower case as it is",
+        )
+    templates = [Template.from_file(path, width_m=described.widths_m.get(path.name)) for path in images]
     templates += [
         Template.from_tag(tag.id, size_m=tag.size_m, name=name) for name, tag in described.tags.items()
     ]

@@ -95,6 +95,11 @@ def _imported(args: Any, poses: str | None) -> io.ImportedSequence:
             depth_scale_m=args.depth_scale_m,
             bit_rotation=args.bit_rotation,
         )
+    for name, unused in (("layout", "auto"), ("kind", "transparent"), ("bit_rotation", 0)):
+        if getattr(args, name) != unused:
+            raise core.InputError(
+                f"--{name.replace('_', '-')}", f"does not apply to {args.source}, a recording"
+            )
     images = depth.BagImages(
         args.source,
         args.depth_topic,

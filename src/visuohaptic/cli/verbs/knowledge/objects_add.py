@@ -54,6 +54,7 @@ def run(args: Any) -> dict[str, Any]:
     import time
 
     from ....database.merge import add_evidence
+    from ....database.rows import row_of
 
     origin = core.Provenance(args.origin, time.time())
     evidence = [_evidence(text, origin) for text in args.estimate]
@@ -73,6 +74,7 @@ def run(args: Any) -> dict[str, Any]:
     for item in evidence:
         _plausible(item, obj)
     updated = add_evidence(obj, *evidence)
+    row_of(updated, None, None)  # checked before the database is created
     with opened(args, create=True) as database:
         if args.id in database:
             for item in evidence:

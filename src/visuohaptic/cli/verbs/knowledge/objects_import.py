@@ -1,7 +1,7 @@
 """``visuohaptic objects import``: import objects from folders.
 
 reads   folders with card.yaml, arrays.parquet and mesh.glb, whose hashes are checked
-writes  into the database, 128 objects per transaction
+writes  into the database, 512 objects per transaction
 
 example: visuohaptic objects import kitchen_export
 """

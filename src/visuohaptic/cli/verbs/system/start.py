@@ -25,6 +25,7 @@ import sys
 from collections import deque
 from collections.abc import Iterator
 from itertools import islice
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,8 @@ TAG_ID = 7
 TAG_FRAMES, ZERO_FRAMES, HOLD_FRAMES = 5, 20, 8
 #: A load is held still when the force within its frames stays within this fraction: half of what creep may do.
 _STILL = 0.03
+#: No hand presses harder [g].
+_HEAVIEST_g = 1e5
 #: Minimum relative difference of a new load from the previous ones: nearer loads are uninformative.
 _NEW_LOAD = 0.2
 
@@ -89,8 +92,12 @@ def run(args: Any) -> dict[str, Any]:
         sensor, zero = _zeroed(config, _take(frames, ZERO_FRAMES, args.source))
         measured_mm = 1e3 * float(zero.width_m.mean())
         args.report(f"     measured width of the strip: {measured_mm:.1f} mm, given: {args.width:g} mm")
-        loads = [] if args.foam else _known_loads(args, sensor, frames)
-        if loads:
+        loads = []
+        if not args.foam:
+            (
+                folder / "foam.yaml"
+            ).unlink()  # it is known from now on by its loads alone: an end before leaves no sensor
+            loads = _known_loads(args, sensor, frames)
             _fit(args, loads, size_m).save(folder / "foam.yaml")
             sensor = foam.FoamSensor.load(config)
         args.report(
@@ -277,13 +284,18 @@ def _known_loads(args: Any, sensor: foam.FoamSensor, frames: Iterator[core.Frame
             if not loads:
                 raise InputError(args.source, "no load was held still", remedy="hold each load for a second")
             return loads
-        answer = _ask(args, f"load {len(loads) + 1}: the scale shows [g] (Enter: enough loads)", "")
-        if not answer:
+        enough = " (Enter: enough loads)" if loads else ""
+        answer = _ask(args, f"load {len(loads) + 1}: the scale shows [g]{enough}", "")
+        if not answer and loads:
             return loads
         try:
             grams = float(answer.replace(",", "."))
         except ValueError:
-            raise InputError("known load", f"found {answer!r}, expected a number of grams") from None
+            grams = nan
+        if not 0 < grams <= _HEAVIEST_g:
+            raise InputError(
+                "known load", f"found {answer!r}, expected a number of grams up to {_HEAVIEST_g:g}"
+            )
         held_N.append(profile.force_N)
         delta_m = np.where(profile.point_valid, profile.delta_m, 0.0)
         loads.append(foam.PlateRecord(float(delta_m.max()), 9.81e-3 * grams, profile.s_m, delta_m))

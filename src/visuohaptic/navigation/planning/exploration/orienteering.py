@@ -15,8 +15,8 @@ from jaxtyping import Int64
 
 #: Up to this number of objects the search covers every order: its 2**n n states take up to three seconds.
 EXACT_OBJECTS = 12
-#: Number of successive visits that the heuristic replaces at once.
-REMOVED = 3
+#: Limit of the work with more objects: visits that are tried, about as many as for ``EXACT_OBJECTS``.
+TRIED = 1_000_000
 
 Value = tuple[int, int]  #: openings [1e-9], time saved [us]
 
@@ -65,18 +65,58 @@ class Orienteering:
         return ((opens, saved), time + home) if home >= 0 and time + home <= self.budget_us else None
 
 
+class _Label(NamedTuple):
+    """A way to visit a set."""
+
+    time: int
+    opens: int
+    saved: int
+    order: tuple[int, ...]
+
+
 def best_order(problem: Orienteering) -> tuple[int, ...]:
     """The order of visits with the greatest benefit, exact up to ``EXACT_OBJECTS`` objects.
 
-    Beyond, visits are inserted greedily by their benefit per time; the order is improved by reversals (2-opt), and by
-    other visits in place of one to three successive ones.
+    Ways are extended by one visit at a time. Of those that visit the same set and end at the same object, only those are kept
+    that no other one precedes in time and exceeds in benefit; beyond ``EXACT_OBJECTS`` objects, only sets with the greatest
+    benefit per time.
 
     Parameters
     ----------
     problem
         Times, benefits and budget. More than ``EXACT_OBJECTS`` objects need benefits that are independent of the set.
     """
-    return _all_orders(problem) if problem.visit_us.shape[1] <= EXACT_OBJECTS else _heuristic(problem)
+    ways, homes = problem.visit_us.tolist(), problem.finish_us.tolist()
+    count = problem.visit_us.shape[1]
+    best: tuple[int, ...] = ()
+    best_key = (0, 0, -homes[0])
+    states: dict[tuple[int, int], list[_Label]] = {(0, -1): [_Label(0, 0, 0, ())]}
+    while states:
+        following: dict[tuple[int, int], list[_Label]] = {}
+        for (visited, last), labels in states.items():
+            for index in range(count):
+                leg = ways[last + 1][index]
+                if visited >> index & 1 or leg < 0:
+                    continue
+                opens, saved = problem.value(visited, index)
+                longer = [
+                    _Label(one.time + leg, one.opens + opens, one.saved + saved, (*one.order, index))
+                    for one in labels
+                    if one.time + leg <= problem.budget_us
+                ]
+                if longer:
+                    following.setdefault((visited | 1 << index, index), []).extend(longer)
+        states = {state: _undominated(labels) for state, labels in following.items()}
+        if count > EXACT_OBJECTS:
+            kept = sorted(states, key=lambda state: _rate(states[state]), reverse=True)[: TRIED // count**2]
+            states = {state: states[state] for state in kept}
+        for (_, last), labels in states.items():
+            home = homes[last + 1]
+            for one in labels:
+                key = (one.opens, one.saved, -one.time - home)
+                if home >= 0 and one.time + home <= problem.budget_us and key > best_key:
+                    best, best_key = one.order, key
+    return best
 
 
 def upper_bound(problem: Orienteering) -> Value:
@@ -105,47 +145,6 @@ def _knapsack(weights: list[int], values: list[int], room: int) -> int:
     return total
 
 
-class _Label(NamedTuple):
-    """A way to visit a set."""
-
-    time: int
-    opens: int
-    saved: int
-    order: tuple[int, ...]
-
-
-def _all_orders(problem: Orienteering) -> tuple[int, ...]:
-    """Dynamic programming over (set, last object) with all ways that are not both longer and worse than another."""
-    ways, homes = problem.visit_us.tolist(), problem.finish_us.tolist()
-    count = problem.visit_us.shape[1]
-    best: tuple[int, ...] = ()
-    best_key = (0, 0, -homes[0])
-    states: dict[tuple[int, int], list[_Label]] = {(0, -1): [_Label(0, 0, 0, ())]}
-    while states:
-        following: dict[tuple[int, int], list[_Label]] = {}
-        for (visited, last), labels in states.items():
-            for index in range(count):
-                leg = ways[last + 1][index]
-                if visited >> index & 1 or leg < 0:
-                    continue
-                opens, saved = problem.value(visited, index)
-                longer = [
-                    _Label(one.time + leg, one.opens + opens, one.saved + saved, (*one.order, index))
-                    for one in labels
-                    if one.time + leg <= problem.budget_us
-                ]
-                if longer:
-                    following.setdefault((visited | 1 << index, index), []).extend(longer)
-        states = {state: _undominated(labels) for state, labels in following.items()}
-        for (_, last), labels in states.items():
-            home = homes[last + 1]
-            for one in labels:
-                key = (one.opens, one.saved, -one.time - home)
-                if home >= 0 and one.time + home <= problem.budget_us and key > best_key:
-                    best, best_key = one.order, key
-    return best
-
-
 def _undominated(labels: list[_Label]) -> list[_Label]:
     kept: list[_Label] = []
     for one in sorted(labels, key=lambda one: (one.time, -one.opens, -one.saved)):
@@ -154,56 +153,6 @@ def _undominated(labels: list[_Label]) -> list[_Label]:
     return kept
 
 
-def _heuristic(problem: Orienteering) -> tuple[int, ...]:
-    """Greedy insertion, then parts of the order are removed and filled again as long as that improves it."""
-    order = _filled(problem, ())
-    best, improved = _key(problem, order), True
-    while improved:
-        improved = False
-        for first in range(len(order)):
-            for last in range(first + 1, min(first + REMOVED, len(order)) + 1):
-                other = _filled(problem, (*order[:first], *order[last:]), order[first:last])
-                key = _key(problem, other)
-                if key > best:
-                    order, best, improved = other, key, True
-    return order
-
-
-def _key(problem: Orienteering, order: tuple[int, ...]) -> tuple[int, int, int]:
-    tour = problem.tour(order)
-    return (-1, 0, 0) if tour is None else (*tour[0], -tour[1])
-
-
-def _filled(problem: Orienteering, order: tuple[int, ...], without: tuple[int, ...] = ()) -> tuple[int, ...]:
-    """Insert the visit with the greatest benefit per additional time and shorten the order, as long as one fits."""
-    now = problem.tour(order)
-    free = set(range(problem.visit_us.shape[1])) - {*order, *without}
-    while now is not None:
-        inserted = []
-        for index in free:
-            value = problem.value(0, index)
-            for at in range(len(order) + 1) if any(value) else ():
-                longer = (*order[:at], index, *order[at:])
-                if (tour := problem.tour(longer)) is not None:
-                    more = max(tour[1] - now[1], 1)
-                    inserted.append(((value[0] / more, value[1] / more), longer))
-        if not inserted:
-            break
-        order = _reversed(problem, max(inserted)[1])
-        now, free = problem.tour(order), free - set(order)
-    return order
-
-
-def _reversed(problem: Orienteering, order: tuple[int, ...]) -> tuple[int, ...]:
-    """2-opt: reverse parts of the order as long as that shortens it."""
-    shortest = problem.tour(order)
-    improved = True
-    while improved and shortest is not None:
-        improved = False
-        for first in range(len(order) - 1):
-            for last in range(first + 2, len(order) + 1):
-                other = (*order[:first], *order[first:last][::-1], *order[last:])
-                tour = problem.tour(other)
-                if tour is not None and tour[1] < shortest[1]:
-                    order, shortest, improved = other, tour, True
-    return order
+def _rate(labels: list[_Label]) -> tuple[float, float]:
+    """Greatest benefit per time of some ways."""
+    return max((one.opens / max(one.time, 1), one.saved / max(one.time, 1)) for one in labels)

@@ -109,8 +109,8 @@ def exploration_tour(
     Openings come first. Each object is touched at the contact nearest to the start. The tour is planned as if no object
     moved: after an exploration, add the tag, and plan again with the remaining budget.
 
-    Up to 12 objects all orders are covered. Beyond, benefits are those of each object alone and the order is a
-    heuristic; ``bound`` limits what it misses.
+    Up to 12 objects all orders are covered. Beyond, benefits are those of each object alone, and not every order is tried;
+    ``bound`` limits what is missed.
 
     Parameters
     ----------

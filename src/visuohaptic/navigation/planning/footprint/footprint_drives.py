@@ -11,10 +11,10 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Int32
+from jaxtyping import Bool, Float, Int32
 
 from ..arrays import Path, Point, Shifts
-from ..object_cells import fill_cells
+from ..object_cells import fill_cells, window_around
 from ..search._travel_kernels import UNITS, clearances_at, travel_field
 from ..search.cell_paths import resampled
 from ..search.drives import pull_string
@@ -47,7 +47,11 @@ class FootprintDrives:
     deadline: Deadline | None = None  #: no other drive is searched after it
     outline: Path = field(init=False)  #: corners of the robot [fine cells]
     factor: int = field(init=False)  #: fine cells per cell
-    free: tuple[bytes, Int32[np.ndarray, "rows columns"]] | None = field(default=None, init=False)
+    key: bytes = field(default=b"", init=False)  #: positions of the bodies that are counted
+    #: fine cells that are occupied without the bodies, counts with them, and rows that contain one
+    layers: tuple[Bool[np.ndarray, "r c"], Int32[np.ndarray, "r c1"], Bool[np.ndarray, "r"]] | None = field(
+        default=None, init=False
+    )
 
     def __post_init__(self) -> None:
         map = self.domain.map
@@ -165,20 +169,28 @@ class FootprintDrives:
 
     def _counts(self, shifts: Shifts, without: int = -1) -> Int32[np.ndarray, "rows columns"]:
         """Number of occupied fine cells before each column of a row, the last one included."""
-        key = shifts.tobytes() + str(without).encode()
-        if self.free is None or self.free[0] != key:
+        if self.layers is None:
             occupied = self.domain.occupied.repeat(self.factor, axis=0).repeat(self.factor, axis=1)
-            moved = [
-                b.outline + s
-                for k, (b, s) in enumerate(zip(self.domain.bodies, shifts, strict=True))
-                if k != without
-            ]
-            for outline in (*moved, *self.domain.immovable_outlines):
+            for outline in self.domain.immovable_outlines:
                 fill_cells(occupied, outline * self.factor)
-            counts = np.zeros((occupied.shape[0], occupied.shape[1] + 1), np.int32)
-            np.cumsum(occupied, axis=1, out=counts[:, 1:])
-            self.free = key, counts
-        return self.free[1]
+            counts = np.pad(np.cumsum(occupied, axis=1, dtype=np.int32), ((0, 0), (1, 0)))
+            self.layers = occupied, counts, np.zeros(len(counts), dtype=bool)
+        occupied, counts, before = self.layers
+        key = shifts.tobytes() + str(without).encode()
+        if self.key != key:  # only rows with a body, now or before, are counted again
+            bodies = [b.outline + s for b, s in zip(self.domain.bodies, shifts, strict=True)]
+            outlines = [outline * self.factor for k, outline in enumerate(bodies) if k != without]
+            rows = np.zeros(len(counts), dtype=bool)
+            for outline in outlines:
+                rows[window_around(occupied.shape, outline, 0.0)[0]] = True
+            changed = rows | before
+            still = occupied[changed]
+            for outline in outlines:
+                fill_cells(occupied, outline)
+            counts[changed, 1:] = np.cumsum(occupied[changed], axis=1)
+            occupied[changed] = still
+            self.key, self.layers = key, (occupied, counts, rows)
+        return counts
 
     def _searched(
         self,

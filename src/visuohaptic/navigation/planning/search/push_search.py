@@ -316,7 +316,8 @@ class _Search:
         if not self.cells.size:
             return "the robot does not fit at its start"
         if heuristic.free_field[self.cells].min() >= heuristic.far:
-            return "walls separate start and goal" + (", with or without pushes" if self.active else "")
+            what = "walls and what cannot be pushed" if domain.immovable else "walls"
+            return f"{what} separate start and goal" + (", with or without pushes" if self.active else "")
         return ""
 
 

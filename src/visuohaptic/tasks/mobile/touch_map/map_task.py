@@ -362,12 +362,9 @@ def map_by_touch(
         moving = requested.speed_m_s or requested.turn_rate_rad_s
         base.drive(*limit.limited(requested.speed_m_s, requested.turn_rate_rad_s)) if moving else base.stop()
 
-    run_machine(task, observations(), execute, base.stop)
-    assert task.ending is not None
+    ending = run_machine(task, observations(), execute, base.stop)
     found.redraw()
-    return TouchMapping(
-        task.ending, haptic_map, tuple(found.contacts), tuple(found.explorations), task.trace()
-    )
+    return TouchMapping(ending, haptic_map, tuple(found.contacts), tuple(found.explorations), task.trace())
 
 
 def _observation(t_s: float, state: BaseState) -> MapObservation:

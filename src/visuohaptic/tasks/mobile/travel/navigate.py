@@ -150,10 +150,9 @@ def drive_task(
         else:
             base.stop()
 
-    run_machine(task, observations(), execute, base.stop)
-    assert task.ending is not None
+    ending = run_machine(task, observations(), execute, base.stop)
     return Travel(
-        TravelOutcome(task.ending.outcome),
+        TravelOutcome(ending.outcome),
         tuple(task.records),
         task.trace(),
         task.memory.problem(task.motion.pose_m()),
@@ -161,7 +160,7 @@ def drive_task(
         task.length_m,
         task.pushes.count,
         task.plans.calls,
-        task.ending.why,
+        ending.why,
     )
 
 

@@ -80,7 +80,7 @@ class TravelPlans:
             self.note("planned turns", margin_m=margin_m, found=len(found))
             if found:
                 self.turns += 1
-                return margin_m, problem, found[0].tasks
+                return margin_m, problem, found[0]
         return None
 
     def bumped(self, margin_m: float) -> None:

@@ -293,26 +293,18 @@ class TravelPushes:
             aside_m=aside_m,
             curvature_per_m=curvature,
         )
-        push = SteeredPush(
-            stand, direction, length_m, turn_rad=turn_rad, object_m=place, offset_m=offset, lever_m=lever,
-            settings=limits,
-        )  # fmt: skip
-        start, looked_s, seen = motion.pose_m(), -math.inf, place
-        while True:
-            now_s = motion.now_s()
-            force_N, point_m = motion.seen.force_N, motion.seen.point_m
-            speed_m_s, turn = push.command(now_s, motion.pose_m(), force_N, point_m, seen)
-            if push.end is not None:
+        start = motion.pose_m()
+        # At the first contact, the platform's own momentum may reach the limit: from there it is pressed once more, from rest.
+        for _ in range(2):
+            push = SteeredPush(
+                stand, direction, length_m, turn_rad=turn_rad, object_m=place, offset_m=offset, lever_m=lever,
+                settings=limits,
+            )  # fmt: skip
+            yield from self._steered(push, id, place)
+            point = motion.point_m()
+            yield from motion.halt()
+            if not (push.end is PushEnd.TOO_HEAVY and push.is_impact):
                 break
-            # A look requested with this command is observed after it.
-            due = place is not None and now_s + PERIOD_S - looked_s >= settings.look_s
-            yield TravelCommand(speed_m_s, turn, (id,) if due else ())
-            if due:
-                seen, looked_s = motion.place_m(id), motion.now_s()
-        if push.end is PushEnd.UNREAD:
-            raise force_unread()
-        point = motion.point_m()
-        yield from motion.halt()
         gone_m = float(np.hypot(*(motion.pose_m()[:2] - start[:2])))
         self.driven_m += gone_m
         self._gone_m = gone_m
@@ -324,6 +316,23 @@ class TravelPushes:
         room_m = settings.back_off_m + robot.reach_m - robot.front_m
         self.behind_m = 0.0 if turns_there else min(room_m, gone_m + 0.02)
         return push
+
+    def _steered(self, push: SteeredPush, id: str, place: Float[np.ndarray, "3"] | None) -> Motion[None]:
+        """Drive until the push has ended, looking at the object if its pose is given."""
+        motion, looked_s, seen = self._motion, -math.inf, place
+        while True:
+            now_s = motion.now_s()
+            force_N, point_m = motion.seen.force_N, motion.seen.point_m
+            speed_m_s, turn = push.command(now_s, motion.pose_m(), force_N, point_m, seen)
+            if push.end is PushEnd.UNREAD:
+                raise force_unread()
+            if push.end is not None:
+                return
+            # A look requested with this command is observed after it.
+            due = place is not None and now_s + PERIOD_S - looked_s >= self._settings.look_s
+            yield TravelCommand(speed_m_s, turn, (id,) if due else ())
+            if due:
+                seen, looked_s = motion.place_m(id), motion.now_s()
 
 
 def _direction(task: Task) -> float:

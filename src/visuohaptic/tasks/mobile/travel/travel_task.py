@@ -125,19 +125,9 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         return self.halt()
 
     def _from_state_to_state(self) -> Motion[None]:
-        steps = {
-            TravelState.PLAN: self._plan,
-            TravelState.DRIVE: self._drive,
-            TravelState.PUSH: self._push,
-            TravelState.SIDEWARD: self._sideward,
-            TravelState.EXPLORE: self._explore,
-            TravelState.TURN: self._turn,
-            TravelState.WAIT: self._wait,
-            TravelState.DOOR: self._door,
-            TravelState.BACK_OFF: self._back_off,
-        }
         while True:
-            following = yield from steps[self.state]()
+            step: Callable[[], Motion[TravelState | None]] = getattr(self, f"_{self.state.name.lower()}")
+            following = yield from step()
             if following is None:
                 return
             self.go(following, self.records[-1].event if self.records else "")
@@ -175,15 +165,9 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         if not self._tasks:
             self._finish(TravelOutcome.ARRIVED, "")
             return None
-        return {
-            "navigate": TravelState.DRIVE,
-            "push": TravelState.PUSH,
-            "sideward": TravelState.SIDEWARD,
-            "turn": TravelState.TURN,
-            "explore": TravelState.EXPLORE,
-            "wait": TravelState.WAIT,
-            "door": TravelState.DOOR,
-        }.get(self._tasks[0].kind, TravelState.PLAN)
+        kind = self._tasks[0].kind
+        state = TravelState.DRIVE if kind == "navigate" else TravelState(kind)
+        return state if state in _WORKING else TravelState.PLAN
 
     def _drive(self) -> Motion[TravelState | None]:
         """Follow the path of the plan until its end, or until a contact."""
