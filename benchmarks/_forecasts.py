@@ -13,7 +13,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["calibration_error", "calibration_figure", "expected_calibration_error"]
+__all__ = [
+    "calibration_by_chance",
+    "calibration_error",
+    "calibration_figure",
+    "chance_note",
+    "expected_calibration_error",
+]
 
 #: Edges between which forecasts are compared with how often they come true.
 BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.995, 1.0)
@@ -63,6 +69,33 @@ def calibration_error(confidence: np.ndarray, right: np.ndarray, bins: int = 10)
         some = which == k
         total += abs(confidence[some].mean() - right[some].mean()) * np.count_nonzero(some)
     return float(total / len(confidence))
+
+
+def calibration_by_chance(confidence: np.ndarray, draws: int = 1000) -> tuple[float, float]:
+    """Mean and 95 % quantile of the calibration error that a calibrated forecaster has with these forecasts, if they are independent.
+
+    Parameters
+    ----------
+    confidence
+        As of :func:`calibration_error`.
+    draws
+        Number of simulated outcomes of all forecasts.
+    """
+    confidence, rng = np.asarray(confidence, dtype=float), np.random.default_rng(0)
+    errors = [calibration_error(confidence, rng.random(len(confidence)) < confidence) for _ in range(draws)]
+    return float(np.mean(errors)), float(np.quantile(errors, 0.95))
+
+
+def chance_note(confidence: np.ndarray) -> str:
+    """Text of :func:`calibration_by_chance` for a row of a benchmark.
+
+    Parameters
+    ----------
+    confidence
+        As of :func:`calibration_error`.
+    """
+    mean, high = calibration_by_chance(confidence)
+    return f"a calibrated classifier has {mean:.3f} with these {len(confidence)} forecasts, in 95 % less than {high:.3f}"
 
 
 def calibration_figure(forecasts: Sequence[tuple[float, bool]]) -> Figure:

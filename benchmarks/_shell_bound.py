@@ -3,7 +3,9 @@
 ``bound``: how often could stiffness alone detect that a container belongs to no trained class? Classifiers are trained with the
 unknown kinds. They learn many members of each class and of each unknown kind of container, under all conditions, from readings
 at fixed places; each member is classified by classifiers that were trained on others. A recogniser without examples of
-the unknown kinds cannot be expected to do better. Solids are left out, because they are detected without exception.
+the unknown kinds cannot be expected to do better. How much of this needs the examples, tells a second kind of classifier, which
+learns the members of the classes alone: a Gaussian of each class, and the fraction of its members that fit worse. Solids are
+left out, because they are detected without exception.
 
 ``orders``: how few touches could be sufficient? The shortest sequence of touches that reaches the required confidence in the
 right class is searched in hindsight, with all readings and the true class known. A planner knows neither and needs more;
@@ -32,6 +34,8 @@ TOUCHES = (10, 32)
 #: Fraction of the members of classes that may be called unknown: the mean of the floors of the three conditions.
 FALSE_UNKNOWN = (0.02 + 0.04 + 0.07) / 3
 FOLDS = 6
+#: Name of the classifier that was not shown the unknown kinds.
+ALONE = "classes alone"
 
 
 #: Beam width: explorations kept at each length.
@@ -89,13 +93,16 @@ def order_figures(rows: Sequence[dict[str, Any]], label: str) -> list[dict[str, 
 
 
 @one_blas_thread()
-def bound_rows(chosen: Sequence[int], cache: Path) -> list[dict[str, Any]]:
-    """Fraction of unknown containers detected, for each number of touches, condition and classifier."""
+def bound_rows(count: int, cache: Path) -> list[dict[str, Any]]:
+    """Fraction of unknown containers detected, for each number of touches, condition and classifier.
+
+    Of each unknown kind there are so many members in each condition, of each class three times as many.
+    """
     members = [
         (name, condition, seed, _profile(member(name, seed, condition, cache), seed))
-        for seed in chosen
-        for condition in CONDITIONS
         for name in (CLASSES | OTHERS)
+        for seed in range(0, 2 * count * (3 if name in CLASSES else 1), 2)
+        for condition in CONDITIONS
     ]
     names, conditions, groups, tables = (np.array(part) for part in zip(*members, strict=True))
     known = np.isin(names, list(CLASSES))
@@ -104,7 +111,10 @@ def bound_rows(chosen: Sequence[int], cache: Path) -> list[dict[str, Any]]:
         touches = np.linspace(0, 31, count).round().astype(int)
         # Of a height and an axis, two sides; every second touch is along the other axis.
         columns = np.concatenate([[2 * k, 2 * k + 1] for k in touches])
-        for peer, score in _unknown_scores(tables[:, columns], names, groups).items():
+        scores = _unknown_scores(tables[:, columns], names, groups)
+        if len(columns) < known.sum() / len(CLASSES):  # the covariance of fewer members is that of chance
+            scores[ALONE] = _alone_scores(tables[:, columns], names, groups)
+        for peer, score in scores.items():
             limit = np.quantile(score[known], 1 - FALSE_UNKNOWN)
             for condition in CONDITIONS:
                 here = conditions == condition
@@ -120,18 +130,19 @@ def bound_rows(chosen: Sequence[int], cache: Path) -> list[dict[str, Any]]:
 
 
 def bound_figures(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The best classifier of each number of touches and condition."""
-    best: dict[tuple[int, str], dict[str, Any]] = {}
+    """The best classifier of each number of touches and condition, and the one that knows the classes alone."""
+    best: dict[tuple[int, str, str], dict[str, Any]] = {}
     for row in rows:
-        key = (row["touches"], row["condition"])
+        shown = "not shown" if row["peer"] == ALONE else "shown"
+        key = (row["touches"], row["condition"], shown)
         if key not in best or row["called"] > best[key]["called"]:
             best[key] = row
     return [
-        {"name": f"shown the unknown kinds, {condition}, {count} touches: called", "ours": row["called"], "unit": "1",
+        {"name": f"{shown} the unknown kinds, {condition}, {count} touches: called", "ours": row["called"], "unit": "1",
          "floor": None, "aim": None,
          "note": f"{row['peer']}, {row['objects']} containers of {len(OTHERS)} kinds, false unknown {row['false']:.2f}; "
          f"hardest: {', '.join(f'{name} {value:.2f}' for name, value in row['kinds'].items()) or 'none'}"}
-        for (count, condition), row in best.items()
+        for (count, condition, shown), row in best.items()
     ]  # fmt: skip
 
 
@@ -167,3 +178,27 @@ def _unknown_scores(table: np.ndarray, names: np.ndarray, groups: np.ndarray) ->
         found = cross_val_predict(pipe, table, names, groups=groups, cv=folds, method="predict_proba")
         out[name] = found[:, ~known].sum(axis=1)
     return out
+
+
+def _alone_scores(table: np.ndarray, names: np.ndarray, groups: np.ndarray) -> np.ndarray:
+    """How badly each row fits its best class: the negative fraction of the members of the class that fit it as badly.
+
+    The covariance of each class is shrunk (Ledoit and Wolf 2004). Members are compared with the Gaussian of the other folds.
+    """
+    from sklearn.covariance import LedoitWolf
+
+    fold = np.unique(groups, return_inverse=True)[1] % FOLDS
+    known, fits = np.isin(names, list(CLASSES)), []
+    for name in CLASSES:
+        own, square = names == name, np.empty(len(table))
+        for left in (*range(FOLDS), None):
+            learned = table[own] if left is None else table[own & (fold != left)]
+            asked = ~known if left is None else known & (fold == left)
+            mean, sigma = learned.mean(axis=0), learned.std(axis=0) + 1e-9
+            found = LedoitWolf().fit((learned - mean) / sigma)
+            if asked.any():
+                square[asked] = found.mahalanobis((table[asked] - mean) / sigma)
+        # Several members are as bad as the worst one in a sample: beyond it, the distance itself decides.
+        worse = 1 - np.searchsorted(np.sort(square[own]), square) / own.sum()
+        fits.append(worse - 1e-9 * square)
+    return -np.max(fits, axis=0)

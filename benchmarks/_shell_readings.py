@@ -29,7 +29,7 @@ from visuohaptic.recognition import (
 )
 from visuohaptic.recognition.touch import update_belief
 
-from ._forecasts import calibration_error
+from ._forecasts import calibration_error, chance_note
 
 #: Touches at most, and objects of a class that the classifier is trained on.
 MAX_TOUCHES, VARIANTS = 10, 30
@@ -312,7 +312,7 @@ def reading_figures(
         {"name": f"{label}: false unknown", "ours": float(unknown), "unit": "1", "floor": unknown_floor, "aim": unknown_aim,
          "higher_is_better": False, "note": ""},
         {"name": f"{label}: expected calibration error", "ours": calibration_error(confidence, right), "unit": "1",
-         "floor": error_floor, "aim": error_aim, "higher_is_better": False, "note": f"mean confidence {confidence.mean():.3f}"},
+         "floor": error_floor, "aim": error_aim, "higher_is_better": False, "note": f"mean confidence {confidence.mean():.3f}; {chance_note(confidence)}"},
         {"name": f"{label}: touches by random order", "ours": float(touches["touches"] / touches["random_touches"]),
          "unit": "1", "floor": 0.75, "aim": 0.5, "higher_is_better": False,
          "note": f"{touches['touches']:.2f} by {touches['random_touches']:.2f}, right {equal['random']:.2f}"},

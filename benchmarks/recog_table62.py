@@ -31,7 +31,7 @@ from visuohaptic.recognition.touch import (
 from visuohaptic.recognition.trees import train_tree, walk
 from visuohaptic.reproduce.worlds import virtual_containers as world
 
-from ._forecasts import calibration_error
+from ._forecasts import calibration_error, chance_note
 from ._journal import Journal
 from .recog_trees import training_set
 
@@ -175,8 +175,8 @@ def _rows(found: dict[str, Any], draws: int, about: str) -> list[dict[str, Any]]
              f"{touches['touches_95']:.2f} by {touches['tree_touches']:.2f}; plain CART "
              f"{touches['cart_touches']:.2f}; planner until it stops {touches['touches']:.2f}", higher=False),
         _row("expected calibration error", _calibration(doubt), 0.05, 0.02,
-             f"{other}, answers drawn like the prior; after each touch", higher=False),
-        _row("expected calibration error on the nine alone", _calibration(fixed), None, None, note),
+             f"{other}, answers drawn like the prior; after each touch; {_chance(doubt)}", higher=False),
+        _row("expected calibration error on the nine alone", _calibration(fixed), None, None, f"{note}; {_chance(fixed)}"),
     ]  # fmt: skip
     counts = {
         name: {a: said.count(a) for a in sorted(set(said))}
@@ -195,6 +195,10 @@ def _member(answer: str, draw: int) -> str:
 def _calibration(doubt: list[Any]) -> float:
     confidence, hit = (np.array(part, dtype=float) for part in zip(*doubt, strict=True))
     return calibration_error(confidence, hit)
+
+
+def _chance(doubt: list[Any]) -> str:
+    return chance_note(np.array([confidence for confidence, _ in doubt]))
 
 
 def _touches_until(model: HapticModel, readings: Any, confidence: float) -> int:

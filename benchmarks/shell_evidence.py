@@ -182,7 +182,7 @@ def main() -> None:
             elif name == "meshes":
                 rows = meshes(chosen, arguments.kinds, journal, chosen_workers(arguments))
             elif name == "bound":
-                rows = bound_rows(range(0, 2 * arguments.count, 2), cache / "members")
+                rows = bound_rows(arguments.count, cache / "members")
             else:
                 rows = recognition(
                     name, chosen, cache, journal=journal, conditions=arguments.conditions,

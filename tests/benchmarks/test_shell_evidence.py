@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from benchmarks._shell_bound import _alone_scores
 from scipy.spatial.transform import Rotation
 from tests.worlds.shell_bodies import CLASSES, OTHERS, draw, wall_of
 from tests.worlds.shell_touches import (
@@ -208,3 +209,16 @@ def test_the_room_of_orders_is_of_all_objects_together():
     chance, tree = shell_evidence.order_figures(rows, "in range")
     assert (chance["ours"], tree["ours"]) == (pytest.approx(0.5), pytest.approx(0.5))
     assert "right 0.50" in tree["note"]
+
+
+def test_classes_alone_reject_what_is_far_from_all_of_them() -> None:
+    """Members of all classes of the library's world as unit Gaussians far apart: an object 8 sigma off fits worse than all members."""
+    rng, names = np.random.default_rng(0), list(CLASSES)
+    members = np.concatenate([20 * k + rng.standard_normal((60, 4)) for k in range(len(names))])
+    inside, outside = rng.standard_normal((50, 4)) * 0.5, np.array([[8.0, 0, 0, 0], [10.0, 10, 10, 10]])
+    table = np.concatenate([members, inside, outside])
+    label = np.concatenate([np.repeat(names, 60), ["can"] * 52])
+    score = _alone_scores(table, label, np.tile(np.arange(60), 8)[: len(table)])
+    limit = np.quantile(score[:360], 0.95)
+    assert (score[360:410] < limit).all()
+    assert (score[410:] > score[:360].max()).all()

@@ -183,6 +183,23 @@ def test_a_coarse_cylinder_is_as_stiff_as_a_round_one(sections: int, tmp_path: P
     assert found == pytest.approx(expected, rel=0.03)
 
 
+def test_the_foot_of_a_coarse_tray_is_as_round_as_its_wall(tmp_path: Path) -> None:
+    """48 facets on a flat foot: chords of the foot below arcs of the wall would be waves of half its thickness."""
+    height = np.linspace(0, 0.025, 8)
+    points, faces = revolved(0.12 + 0.4 * height, height, 48)
+    ring = np.arange(48)
+    faces = np.concatenate([faces, np.stack([np.roll(ring, -1), ring, np.full(48, len(points))], axis=1)])
+    tray = trimesh.Trimesh(np.concatenate([points, [[0.0, 0.0, 0.0]]]), faces, process=False)
+    tray.export(tmp_path / "tray.stl")
+    container = import_container(tmp_path / "tray.stl", wall=WallProperties(thickness_m=WALL_m))
+    found = container.mesh.vertices_m
+    reach = np.hypot(found[:, 0], found[:, 1])
+    away = (reach - 0.12 - 0.4 * found[:, 2])[reach > 0.06]
+    # A chord of a 48th is 0.26 mm inside; waves of 12.5 um make the wall 0.4 % stiffer.
+    assert np.abs(away).max() < 0.025 * WALL_m
+    assert len(away) > 2 * 48
+
+
 def test_sampling_anew_is_asked_for_and_priced(tmp_path: Path) -> None:
     pot(groove_m=0.0015, foot=True, top=False).export(tmp_path / "pot.ply")
     wall = WallProperties(thickness_m=WALL_m)
@@ -275,6 +292,31 @@ def two_sided(
         points[:, :2] *= 1 + rng.normal(0, noise_m, (len(points), 1)) / np.hypot(*points[:, :2].T)[:, None]
         sides.append(trimesh.Trimesh(points, faces[:, ::sign], process=False))
     return trimesh.util.concatenate(sides)
+
+
+def test_an_uneven_floor_is_no_part_of_the_wall(tmp_path: Path) -> None:
+    """A cup of 40 mm on a floor that is tilted by 1.5 mm: rays through it meet the floor on one side and the wall on the other."""
+    height, ring = np.linspace(0, 0.08, 60), np.arange(96)
+    outer, outside = revolved(np.full(60, 0.04), height)
+    inner, inside = revolved(np.full(60, 0.038), height)
+    low = 0.003 + 0.0015 * inner[:96, 0] / 0.038
+    inner[:, 2] = np.tile(low, 60) + (0.08 - np.tile(low, 60)) * np.repeat(height, 96) / 0.08
+    after, top, bottom = np.roll(ring, -1), 59 * 96 + ring, len(outer) + ring
+    beside = np.roll(top, -1)
+    count = 2 * len(outer)
+    faces = [
+        outside, inside[:, ::-1] + len(outer), np.stack([after, ring, np.full(96, count)], axis=1),
+        np.stack([bottom, np.roll(bottom, -1), np.full(96, count + 1)], axis=1),
+        np.stack([top, beside, beside + len(outer)], axis=1), np.stack([top, beside + len(outer), top + len(outer)], axis=1),
+    ]  # fmt: skip
+    points = np.concatenate([outer, inner, [[0, 0, 0], [0, 0, 0.003]]])
+    trimesh.Trimesh(points, np.concatenate(faces), process=False).export(tmp_path / "cup.stl")
+    cup = import_container(tmp_path / "cup.stl", wall=WallProperties(material="PP"))
+    foot = cup.mesh.vertices_m[cup.mesh.vertices_m[:, 2] < cup.mesh.vertices_m[:, 2].min() + 1e-6]
+    # The middle of the wall is at 39 mm; facets of a 96th are 0.02 mm inside.
+    np.testing.assert_allclose(np.hypot(foot[:, 0], foot[:, 1]), 0.039, atol=5e-5)
+    np.testing.assert_allclose(cup.axis_point_m, 0.0, atol=1e-4)
+    assert any(note.startswith("the solid foot, 4.") for note in cup.notes)
 
 
 def test_a_measured_wall_is_used(tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ from visuohaptic.grasping import (
     spill_of,
     success_probability,
 )
+from visuohaptic.grasping.confirm import mouth_edges
 
 from .objects import box_map, container, tube_map
 
@@ -204,6 +205,21 @@ def test_symmetric_places_press_out_the_same():
     ring = np.flatnonzero(np.isclose(z, z[np.argmin(np.abs(z - 0.05))]))
     found = [confirm_grasp(shell, int(ring[k]), 4.0).pressed_out_m3 for k in (0, 3)]
     assert found[0] == pytest.approx(found[1], rel=1e-3)
+
+
+def test_a_lid_under_the_foot_is_no_mouth():
+    """The open foot of an imported mesh has a lid. It is clamped, so that what a pinch presses out is the same without it."""
+    cup = load_object("cup", around=32)
+    points = cup.mesh.vertices_m
+    height, reach = points[:, 2], np.hypot(points[:, 0], points[:, 1])
+    foot = np.flatnonzero((height < 1e-9) & (reach > reach[height < 1e-9].max() - 1e-9))
+    ring = foot[np.argsort(np.arctan2(points[foot, 1], points[foot, 0]))]
+    fan = np.stack([np.full(len(ring) - 2, ring[0]), ring[2:], ring[1:-1]], axis=1)
+    both = replace(cup, lid=np.concatenate([cup.lid, fan]))
+    vertex = int(np.argmin(np.linalg.norm(points - [reach.max(), 0, 0.09], axis=1)))
+    pressed = [confirm_grasp(one, vertex, 2.0).pressed_out_m3 for one in (cup, both)]
+    assert pressed[1] == pytest.approx(pressed[0], rel=1e-6)
+    assert len(mouth_edges(both)) == len(mouth_edges(cup)) == 128
 
 
 def test_a_grasp_that_holds_is_refused_where_it_spills_or_slips():

@@ -56,6 +56,15 @@ def test_height_and_deformation_follow_their_formulas():
     )
 
 
+def test_a_point_without_faces_is_no_part_of_the_height():
+    plain = tube_map(0.03, 0.1, 4000.0, around=32)
+    points = np.concatenate([plain.vertices_m, [[0.0, 0.0, 0.3]]])
+    count = len(points)
+    more = StiffnessMap(points, plain.faces, np.full(count, 4000.0), np.full(count, np.nan))
+    found = grasp_scores(more, 16.0).height[: count - 1]
+    np.testing.assert_allclose(found, grasp_scores(plain, 16.0).height, rtol=1e-12)
+
+
 def test_what_is_held_does_not_deform_and_what_has_nothing_opposite_scores_nothing():
     parameters = ScoreParameters()
     score = deformation_score(np.array([0.0, np.nan, np.inf, 0.005]), parameters)

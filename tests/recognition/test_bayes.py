@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks._forecasts import calibration_error
+from benchmarks._forecasts import calibration_by_chance, calibration_error
 
 from visuohaptic.core import InputError
 from visuohaptic.deformation.shapes import class_names, load_container
@@ -451,6 +451,15 @@ def test_the_calibration_error_of_answers_by_hand() -> None:
     """Of ten bins: the first two answers lie in the last one, the third in the first."""
     found = calibration_error(np.array([0.905, 0.95, 0.04]), np.array([1.0, 0.0, 0.0]))
     assert found == pytest.approx((2 * abs((0.905 + 0.95) / 2 - 0.5) + 0.04) / 3)
+
+
+def test_the_calibration_error_by_chance_is_that_of_a_binomial() -> None:
+    """Of 900 forecasts of .9, one bin: |N(0, .09 / 900)| has the mean .01 sqrt(2 / pi) and the 95 % quantile .0196."""
+    mean, high = calibration_by_chance(np.full(900, 0.9), draws=4000)
+    assert mean == pytest.approx(
+        0.01 * np.sqrt(2 / np.pi), rel=0.05
+    )  # three standard errors of 4000 draws: 4 %
+    assert high == pytest.approx(0.0196, rel=0.06)  # steps of 1 / 900
 
 
 def test_a_touch_lasts_as_long_as_the_gripper_needs() -> None:

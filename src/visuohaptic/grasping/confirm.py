@@ -159,11 +159,14 @@ def _walk(
 
 
 def _volume_m3(container: ShellObject, points: Float[np.ndarray, "v 3"]) -> float:
-    """Enclosed volume with the mouth closed by a triangle fan: a deformed mouth is not plane, and a fan has no preferred chord."""
+    """Enclosed volume with the mouth closed by a triangle fan: a deformed mouth is not plane, and a fan has no preferred chord.
+
+    Without the part under a foot that a lid closes, which is constant: it is clamped.
+    """
     wall = enclosed_volume(points, container.mesh.faces, container.mesh.fraction)
-    if not len(container.lid):
-        return wall
     rim = mouth_edges(container)
+    if not len(rim):
+        return wall
     centre = points[rim[:, 0]].mean(axis=0)
     a, b = points[rim[:, 0]], points[rim[:, 1]]
     return wall + float(np.einsum("i,fi->", centre, np.cross(a, b))) / 6
@@ -172,12 +175,16 @@ def _volume_m3(container: ShellObject, points: Float[np.ndarray, "v 3"]) -> floa
 def mouth_edges(container: ShellObject) -> Int[np.ndarray, "e 2"]:
     """Edges around the mouth of an open container, as vertex pairs; none for a closed one.
 
+    The lids of an imported mesh may also close its foot.
+
     Parameters
     ----------
     container
         Parametric or imported container.
     """
-    return boundary_edges(container.lid)
+    edges, height = boundary_edges(container.lid), container.mesh.vertices_m[:, 2]
+    upper = height[edges].mean(axis=1) > 0.5 * (height.min() + height.max())
+    return np.asarray(edges[upper])
 
 
 def _slant_rad(container: ShellObject, tips: DualTips, points: Float[np.ndarray, "v 3"]) -> float:

@@ -55,8 +55,6 @@ def rim_grasps(
     normal, used = vertex_normals(points, faces), np.unique(faces)
     wet_m = points[:, 2].min() + (liquid_level_m(container, task.fill) if task.fill else 0.0)
     mouth = np.unique(mouth_edges(container))
-    # A foot that is closed by its own triangles also has an edge.
-    mouth = mouth[points[mouth, 2] > points[:, 2].mean()]
     angle = np.arctan2(
         points[mouth, 1] - container.axis_point_m[1], points[mouth, 0] - container.axis_point_m[0]
     )

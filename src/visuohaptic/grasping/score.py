@@ -121,13 +121,14 @@ def grasp_scores(
     normal = vertex_normals(mesh.vertices_m, mesh.faces)
     perpendicular, overlap = _contact(mesh, normal, tips.direction, p.neighbourhood_m)
     bend = _smallest_quadratic(mesh, normal, p.neighbourhood_m)
-    height = mesh.vertices_m[:, 2] - mesh.vertices_m[faces, 2].min()
+    used = mesh.vertices_m[faces, 2]
+    height = (mesh.vertices_m[:, 2] - used.min()) / np.ptp(used)
     with np.errstate(divide="ignore", invalid="ignore"):
         deformation_m = force / surface.stiffness_N_per_m
     return GraspScores(
         contact=_clamped(p.contact_weight * perpendicular * overlap),
         curvature=_clamped(1 + p.curvature_weight * p.curvature_unit_m * bend),
-        height=_clamped(1 - p.height_weight + p.height_weight * height / height.max()),
+        height=_clamped(1 - p.height_weight + p.height_weight * height),
         deformation=deformation_score(deformation_m, p),
         overlap=overlap,
         perpendicular=perpendicular,

@@ -143,7 +143,7 @@ def find_wall(
     if double:
         bottom, low_m = _floor(rays, near, faces, heights, bottom)
         if low_m > heights[0]:
-            notes.append(f"the solid foot up to a height of {1e3 * low_m:.3g} mm is ignored")
+            notes.append(f"the solid foot, {1e3 * (low_m - low[2]):.3g} mm high, is ignored")
     first, (bottom, top) = bottom, _without_folds(rays, bottom, top)
     low_m = low_m if bottom == first else heights[bottom]
     used = slice(bottom, top + 1)
@@ -244,17 +244,32 @@ def _floor(
 ) -> tuple[int, float]:
     """First row above a solid foot, and the height where the two-sided wall starts."""
     # A foot may be hollow below the floor: the highest row without two sides decides.
-    solid = near[bottom : bottom + int(0.3 * LEVELS)].mean(axis=1) < 0.5
-    if not solid.any() or solid[-1]:
+    share = near.mean(axis=1)
+    above = bottom + int(0.3 * LEVELS)
+    solid = np.flatnonzero(share[bottom:above] < 0.5)
+    first = bottom + int(solid[-1]) + 1 if len(solid) else bottom
+    # Where the floor is uneven, some of the directions still meet it, inside of the wall: less far inside higher up, by more
+    # than the height if its slope is less than 45 degrees.
+    depth = _depth(rays.first)
+    while first < above and depth[first] - depth[first + 1] > heights[first + 1] - heights[first]:
+        first += 1
+    if first in (bottom, above):
         return bottom, float(heights[0])
-    bottom += int(np.flatnonzero(solid)[-1]) + 1
     # The stiffness near the foot depends on its height: refine the search between the two rows.
-    between = np.linspace(heights[bottom - 1], heights[bottom], 33)
+    between = np.linspace(heights[first - 1], heights[first], 33)
     inner, outer, _ = _nearest(rays.points_m, faces, between, ANGLES)
-    hollow = _thin(inner, outer).mean(axis=1) >= 0.5
-    return bottom, float(between[int(np.flatnonzero(~hollow)[-1]) + 1]) if not hollow.all() else float(
+    hollow = (_thin(inner, outer).mean(axis=1) >= 0.5) & ~(
+        _depth(inner) - depth[first] > heights[first] - between
+    )
+    return first, float(between[int(np.flatnonzero(~hollow)[-1]) + 1]) if not hollow.all() else float(
         between[0]
     )
+
+
+def _depth(radius: Float[np.ndarray, "h a"]) -> Float[np.ndarray, "h"]:
+    """How much smaller the smallest radius of each row is than the usual one; infinite where half of the rays meet nothing."""
+    out: np.ndarray = np.median(radius, axis=1) - np.minimum(radius.min(axis=1), 1e9)
+    return out
 
 
 def _without_folds(rays: _Rays, bottom: int, top: int) -> tuple[int, int]:

@@ -127,13 +127,15 @@ def split_edges(
     length
         Edges longer than this are split, in the unit of the vertices.
     still
-        Vertices between which no edge is split; none by default.
+        Vertices; edges of triangles that have only these are not split, unless another triangle shares the edge. None by default.
     """
     still = np.zeros(len(vertices), dtype=bool) if still is None else still
     for _ in range(16):
         edges, opposite, _times = mesh_edges(faces)
         size = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
-        size[still[edges].all(axis=1)] = 0.0
+        rest = np.ones(len(edges), dtype=bool)
+        rest[opposite[~still[faces].all(axis=1)]] = False
+        size[rest] = 0.0
         # Split the longest side of each triangle, so that the halves are better shaped than the whole.
         chosen = np.zeros(len(edges), dtype=bool)
         longest = opposite[np.arange(len(faces)), size[opposite].argmax(axis=1)]
@@ -142,28 +144,70 @@ def split_edges(
             break
         number = np.full(len(edges), -1)
         number[chosen] = len(vertices) + np.arange(int(chosen.sum()))
-        vertices = np.concatenate([vertices, _middles(vertices, faces, edges[chosen])])
-        still = np.concatenate([still, np.zeros(len(vertices) - len(still), dtype=bool)])
+        vertices = np.concatenate([vertices, _middles(vertices, faces, edges[chosen], still)])
+        still = np.concatenate([still, still[edges[chosen]].all(axis=1)])
         faces = _divided(vertices, faces, number[opposite])
     return vertices, faces
 
 
-def _middles(vertices: np.ndarray, faces: np.ndarray, edges: np.ndarray) -> Float[np.ndarray, "e 3"]:
-    """Midpoints of edges; on an arc if the surface is smooth at both ends."""
-    normal = vertex_normals(vertices, faces)
+def _middles(
+    vertices: np.ndarray, faces: np.ndarray, edges: np.ndarray, still: Bool[np.ndarray, "v"]
+) -> Float[np.ndarray, "e 3"]:
+    """Midpoints of edges; on an arc if the surface is smooth at both ends.
+
+    Triangles that are still have no say in the normals, and an edge of their border bends within their plane.
+    """
+    free = ~still[faces].all(axis=1)
+    normal, smooth = _smooth_normals(vertices, faces[free])
+    bow, curved = _bow(vertices, edges, normal, smooth)
+    if not free.all():
+        flat = area_vectors(vertices, faces[~free]).sum(axis=0)
+        flat /= np.linalg.norm(flat)
+        level = normal - (normal @ flat)[:, None] * flat
+        level /= np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-300)
+        border = still[edges].all(axis=1)
+        bow[border] = _bow(vertices, edges[border], level, smooth)[0]
+    # At an open border, the normals determine how far the edge bends, but not in which plane.
+    return vertices[edges].mean(axis=1) - np.where(curved[:, None], bow, 0.0)
+
+
+def _smooth_normals(
+    vertices: np.ndarray, faces: np.ndarray
+) -> tuple[Float[np.ndarray, "v 3"], Bool[np.ndarray, "v"]]:
+    """Normal of each vertex, and whether those of its triangles differ from it by less than a crease.
+
+    Triangles are weighted by their areas, at a border by their angles: there the areas would turn the normal towards that end
+    of an edge of the border where two triangles of a quadrilateral meet.
+    """
     area = area_vectors(vertices, faces)
     unit = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-300)
+    normal = vertex_normals(vertices, faces)
+    edges, _opposite, times = mesh_edges(faces)
+    side = vertices[np.roll(faces, -1, axis=1)] - vertices[faces]
+    side /= np.maximum(np.linalg.norm(side, axis=2, keepdims=True), 1e-300)
+    angle = np.arccos(np.clip(-np.einsum("fki,fki->fk", side, np.roll(side, 1, axis=1)), -1, 1))
+    turned = np.zeros((len(vertices), 3))
+    np.add.at(turned, faces, angle[..., None] * unit[:, None])
+    turned /= np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-300)
+    border = edges[times == 1]
+    normal[border] = turned[border]
     apart = np.zeros(len(vertices))
-    np.maximum.at(
-        apart, faces.ravel(), np.arccos(np.clip(np.einsum("fki,fi->fk", normal[faces], unit), -1, 1)).ravel()
-    )
+    np.maximum.at(apart, faces, np.arccos(np.clip(np.einsum("fki,fi->fk", normal[faces], unit), -1, 1)))
+    return normal, apart < CREASE_rad
+
+
+def _bow(
+    vertices: np.ndarray,
+    edges: Int[np.ndarray, "e 2"],
+    normal: Float[np.ndarray, "v 3"],
+    smooth: Bool[np.ndarray, "v"],
+) -> tuple[Float[np.ndarray, "e 3"], Bool[np.ndarray, "e"]]:
+    """Midpoints of edges, as seen from the arc that the normals of their ends describe; and whether the surface is smooth there."""
     a, b = edges.T
     across = vertices[b] - vertices[a]
     bow = np.einsum("ei,ei->e", across, normal[a])[:, None] * normal[a]
     bow -= np.einsum("ei,ei->e", across, normal[b])[:, None] * normal[b]
-    # At a border, the normals determine how far the edge bends, but not in which plane.
-    smooth = np.maximum(apart[a], apart[b]) < CREASE_rad
-    return 0.5 * (vertices[a] + vertices[b]) - np.where(smooth[:, None], bow / 8, 0.0)
+    return bow / 8, smooth[edges].all(axis=1)
 
 
 def _divided(vertices: np.ndarray, faces: np.ndarray, middle: Int[np.ndarray, "f 3"]) -> np.ndarray:
@@ -208,9 +252,11 @@ def flip_edges(
     faces
         Consistently oriented triangles.
     tolerance
-        Maximum distance between the two diagonals, in the unit of the vertices: how far the surface may move.
+        Maximum distance between the two diagonals, in the unit of the vertices: how far the surface may move. Where it is
+        smooth, the new diagonal may instead be closer than the old one to the curved surface given by the normals.
     """
     faces = faces.copy()
+    surface = _smooth_normals(vertices, faces)
     for _ in range(MAX_PASSES):
         edges, opposite, times = mesh_edges(faces)
         flat = opposite.ravel()
@@ -231,11 +277,10 @@ def flip_edges(
         some = np.flatnonzero(good)
         # Of both together: the normal of a triangle without height is noise.
         normal = sum(area_vectors(vertices, faces[side[some]]) for side in (one, two))
-        cross = np.cross(vertices[b[some]] - vertices[a[some]], vertices[d[some]] - vertices[c[some]])
-        away = np.abs(np.einsum("ei,ei->e", cross, vertices[c[some]] - vertices[a[some]]))
-        good[some] = away <= tolerance * np.linalg.norm(cross, axis=1)
-        for new in (first[some], second[some]):
-            good[some] &= np.einsum("ei,ei->e", normal, area_vectors(vertices, new)) > 0
+        old, new = (np.stack(ends, axis=1)[some] for ends in ((a, b), (c, d)))
+        good[some] = _is_close(vertices, old, new, tolerance, surface)
+        for side in (first[some], second[some]):
+            good[some] &= np.einsum("ei,ei->e", normal, area_vectors(vertices, side)) > 0
         count = len(vertices)
         known = edges[:, 0] * count + edges[:, 1]
         good[some] &= ~np.isin(np.minimum(c, d)[some] * count + np.maximum(c, d)[some], known)
@@ -253,6 +298,23 @@ def flip_edges(
             break
         faces[one[chosen]], faces[two[chosen]] = first[chosen], second[chosen]
     return faces
+
+
+def _is_close(
+    vertices: np.ndarray,
+    old: Int[np.ndarray, "n 2"],
+    new: Int[np.ndarray, "n 2"],
+    tolerance: float,
+    surface: tuple[Float[np.ndarray, "v 3"], Bool[np.ndarray, "v"]],
+) -> Bool[np.ndarray, "n"]:
+    """Whether new edges are within the tolerance of old ones, or on a smooth surface closer to its curve than those."""
+    first, second = (vertices[edge[:, 1]] - vertices[edge[:, 0]] for edge in (old, new))
+    cross = np.cross(first, second)
+    away = np.abs(np.einsum("ei,ei->e", cross, vertices[new[:, 0]] - vertices[old[:, 0]]))
+    before, smooth = _bow(vertices, old, *surface)
+    after, also = _bow(vertices, new, *surface)
+    closer = smooth & also & (np.linalg.norm(after, axis=1) < np.linalg.norm(before, axis=1))
+    return closer | (away <= tolerance * np.linalg.norm(cross, axis=1))
 
 
 def _alone(members: Int[np.ndarray, "n k"], count: int) -> Bool[np.ndarray, "n"]:
