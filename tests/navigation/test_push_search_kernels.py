@@ -49,7 +49,7 @@ def plain_field(clearance, source):
 
 
 def field_from(clearance, source, radius=RADIUS):
-    empty, none = np.zeros((0, 0), np.int32), np.zeros(0, np.int32)
+    empty, none = np.zeros((0, 0), np.int16), np.zeros(0, np.int32)
     seeds = np.array([source], np.int32)
     return travel_field(clearance, radius, SLOW, seeds, np.zeros(1, np.int32), empty, none, none, 0, none)
 
@@ -142,7 +142,7 @@ def test_a_push_ends_at_a_wall_at_another_object_and_where_the_robot_does_not_fi
     none, start = np.zeros((0, 2)), np.zeros(1, np.int32)
     samples = box(10, 10, 2.8)
 
-    def steps(others=none, starts=start, clearance=clear, limit=40):
+    def steps(others=none, starts=start, clearance=clear, limit=40.0):
         return free_push_length(
             occupied,
             clearance,
@@ -160,7 +160,7 @@ def test_a_push_ends_at_a_wall_at_another_object_and_where_the_robot_does_not_fi
         )
 
     assert steps() == pytest.approx(18.5)  # from 11.4 to the wall at 30
-    assert steps(limit=5) == 5
+    assert steps(limit=5.0) == 5
     other = box(20, 10, 3.0)
     assert steps(other, np.array([0, 4], np.int32)) == 7.0  # from 11.4 to 18.5
     narrow = np.full((20, 40), np.float32(9.0))
@@ -180,7 +180,7 @@ def test_an_object_that_leans_on_a_wall_slides_along_it():
     )
     assert (
         free_push_length(
-            occupied, clear, samples, none, outline, none, start, 6.0, 10.0, 1.0, 0.0, RADIUS, 10
+            occupied, clear, samples, none, outline, none, start, 6.0, 10.0, 1.0, 0.0, RADIUS, 10.0
         )
         == 10
     )

@@ -82,8 +82,7 @@ def felt(fill, closed, rng, *, heights=(0.07, 0.1), wall_m=WALL_M, **prior):
     return model, samples, (mass, MASS_KG)
 
 
-@pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize("wall_m", [3e-4, 4e-4])
+@pytest.mark.parametrize(("wall_m", "seed"), [(3e-4, 0), (4e-4, 1)])
 @pytest.mark.parametrize("closed", [True, False])
 @pytest.mark.parametrize("fill", [0.0, 0.2, 0.45, 0.65, 0.9])
 def test_lid_and_fill_are_told(fill, closed, wall_m, seed):

@@ -29,9 +29,8 @@ def dense(vertices, faces):
     return np.linalg.norm(embedding[:, None] - embedding[None], axis=2)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_columns_equal_the_sum_over_all_eigenpairs(seed):
-    vertices, faces, rng = bottle_mesh(seed)
+def test_columns_equal_the_sum_over_all_eigenpairs():
+    vertices, faces, rng = bottle_mesh(0)
     expected = dense(vertices, faces)
     mesh = BiharmonicMesh(vertices, faces)
     x, y = rng.choice(len(vertices), 20), rng.choice(len(vertices), 30)

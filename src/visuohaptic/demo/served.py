@@ -143,10 +143,15 @@ def _hand(mission: Mission) -> dict[str, Any]:
             yield hand.wrist_frame()
 
     def watched() -> Iterator[Frame]:
-        for frame in hand:
-            truth = {name: getattr(hand, name) for name in ("force_N", "deformation_m", "lifted_m", "fallen")}
-            _truth_path(mission).write_text(json.dumps(truth), encoding="utf-8")
-            yield frame
+        with _truth_path(mission).open("w", encoding="utf-8") as stream:
+            for frame in hand:
+                names = ("force_N", "deformation_m", "lifted_m", "fallen")
+                truth = json.dumps({name: getattr(hand, name) for name in names})
+                # In place, as long as any: file systems flush a file that is truncated and closed, 10 ms for each frame.
+                stream.seek(0)
+                stream.write(truth.ljust(_TRUTH_CHARACTERS))
+                stream.flush()
+                yield frame
 
     return {
         "arm": hand.arm,
@@ -219,6 +224,10 @@ def hand_truth(mission: Mission) -> dict[str, Any]:
     """
     found: dict[str, Any] = json.loads(_truth_path(mission).read_text(encoding="utf-8"))
     return found
+
+
+#: Four names of 45 characters in all, and three numbers of at most 24.
+_TRUTH_CHARACTERS = 160
 
 
 def _truth_path(mission: Mission) -> Path:

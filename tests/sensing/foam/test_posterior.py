@@ -73,7 +73,7 @@ def test_chain_equals_the_sum_over_all_sequences(seed) -> None:
     rules = DECAY_PER_WIDTH * 0.02, 0.03, 5e-5
     found, runs = np.empty((n, 4)), np.empty((n, n))
     given = unary, shared, crossing, delta, sigma, rest_sigma, s
-    join(*given, ENTER, *rules, found, runs, np.empty(n))
+    join(*given, ENTER, *rules, found, runs, np.empty((n, 4))[:, 3])
     posterior, plain_runs = plain_join(*given, *rules)
     np.testing.assert_allclose(found, posterior, atol=1e-9)
     np.testing.assert_allclose(runs, plain_runs, atol=1e-9)
@@ -305,7 +305,7 @@ def test_a_wide_occluder_within_reach_is_one_coincidence_however_many_points_it_
         given = np.zeros((count, 2)), 0.002 * np.ones(count), 1e-5 * np.ones(count), 1e-4 * np.ones(count), s
         found, runs = np.empty((count, 4)), np.empty((count, count))
         rules = DECAY_PER_WIDTH * 0.02, 0.03, 5e-5
-        join(unary, shared, *given, ENTER, *rules, found, runs, np.empty(count))
+        join(unary, shared, *given, ENTER, *rules, found, runs, np.empty((count, 4))[:, 3])
         odds.append(runs[0, -1])
     assert odds[1] == pytest.approx(odds[0], rel=0.5)
     assert 1e-3 < odds[1] < 1e-2, (

@@ -66,7 +66,7 @@ def opposing_points(
     vertex on the axis, or without an opposite wall, is marked invalid.
     """
     points, faces = mesh.vertices_m, mesh.faces
-    first = np.arange(len(points)) if vertices is None else np.asarray(vertices, dtype=np.int64)
+    first = np.arange(len(points)) if vertices is None else np.ascontiguousarray(vertices, dtype=np.int64)
     if axis_point_m is None:
         used = points[np.unique(faces)]
         axis = 0.5 * (used[:, :2].min(axis=0) + used[:, :2].max(axis=0))

@@ -218,7 +218,9 @@ def cell_distance(
         vertical = np.zeros(band.shape, np.uint16)
         vertical_cells(band.view(np.int8), 1, outside_blocks, vertical)
         if swept:
-            swept_distance(vertical[first - low : last - low], reach, outside_blocks, distance[first:last])
+            swept_distance(
+                vertical[first - low : last - low], float(reach), outside_blocks, distance[first:last]
+            )
         else:
             exact_distance(vertical, outside_blocks, distance)
             np.minimum(distance, np.float32(reach), out=distance)

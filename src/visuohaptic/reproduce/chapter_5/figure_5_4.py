@@ -29,7 +29,9 @@ def run(out: Output) -> None:
     out
         Receives the tables ``bottles`` and ``regions``, picture ``reconstruction``, and the comparisons; its seed and size are used.
     """
-    scene = glass_scene(out.seed, kind="labelled", arc_deg=105 if out.quick else 180, step_m=0.05)
+    scene = glass_scene(
+        out.seed, kind="labelled", arc_deg=105 if out.quick else 180, step_m=0.09 if out.quick else 0.05
+    )
     frames = rendered(scene, out.seed, 160 if out.quick else 320)
     volume = TsdfVolume.around(
         np.array(LOW_M), np.array(HIGH_M), 2 * VOXEL_m if out.quick else VOXEL_m, color=False

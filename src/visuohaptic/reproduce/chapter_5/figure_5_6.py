@@ -40,7 +40,10 @@ def run(out: Output) -> None:
     rows = Columns("kind method objects found false f1")
     for number, (kind, axis) in enumerate(zip(kinds, axes, strict=True)):
         scene = glass_scene(
-            out.seed + 16 + number, kind=kind, arc_deg=105 if out.quick else 180, step_m=0.045
+            out.seed + 16 + number,
+            kind=kind,
+            arc_deg=105 if out.quick else 180,
+            step_m=0.09 if out.quick else 0.045,
         )
         frames = rendered(scene, out.seed + 16 + number, 160 if out.quick else 320)
         for method in ("published", "consistency"):

@@ -183,8 +183,9 @@ class BodyFitter:
         free = np.zeros(6, dtype=bool)
         free[active] = True
         scale = fit_motion(
-            body, np.ascontiguousarray(pixels), sigma, face.translation_m, view.rotation, view.translation_m,
-            self._lens, self.gate_sigmas, max(4, self.min_points // 2), free, rotation, shift, distance, kept,
+            body, np.ascontiguousarray(pixels), sigma, face.translation_m,
+            np.ascontiguousarray(view.rotation), view.translation_m, self._lens,
+            self.gate_sigmas, max(4, self.min_points // 2), free, rotation, shift, distance, kept,
         )  # fmt: skip
         if not np.isfinite(scale):
             return None

@@ -87,10 +87,14 @@ class Outline:
             return vertices + self.radius_m * np.column_stack([np.cos(angle), np.sin(angle)])
         edges = np.roll(vertices, -1, axis=0) - vertices
         outward = np.arctan2(edges[:, 1], edges[:, 0]) - math.pi / 2
-        pieces = []
-        for i, vertex in enumerate(vertices):
-            begin = outward[i - 1]
-            turn = wrap_angle(outward[i] - begin)
-            angle = begin + turn * np.linspace(0.0, 1.0, 2 + int(abs(turn) / spacing_rad))
-            pieces.append(vertex + self.radius_m * np.column_stack([np.cos(angle), np.sin(angle)]))
-        return np.concatenate(pieces)
+        begin = np.roll(outward, 1)
+        turn = wrap_angle(outward - begin)
+        count = 2 + (np.abs(turn) / spacing_rad).astype(np.int64)
+        last = np.cumsum(count) - 1
+        fraction = np.arange(last[-1] + 1) - np.repeat(last - count + 1, count)
+        fraction = fraction * np.repeat(1.0 / (count - 1), count)
+        fraction[last] = 1.0
+        angle = np.repeat(begin, count) + np.repeat(turn, count) * fraction
+        return np.repeat(vertices, count, axis=0) + self.radius_m * np.column_stack(
+            [np.cos(angle), np.sin(angle)]
+        )

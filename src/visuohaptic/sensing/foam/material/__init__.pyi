@@ -33,5 +33,4 @@ from .section import sensitivity as sensitivity
 from .stress_curve import CurveKind as CurveKind
 from .stress_curve import StressCurve as StressCurve
 from .tension import Tension as Tension
-from .tension import shear_modulus as shear_modulus
 from .tension import softening as softening

@@ -54,26 +54,6 @@ class Tension:
         check_ranges(self)
 
 
-def shear_modulus(
-    strain: Float[np.ndarray, "..."], stress_Pa: Float[np.ndarray, "..."]
-) -> Float[np.ndarray, "..."]:
-    """Shear modulus G of a compressed column, from its stress.
-
-    Parameters
-    ----------
-    strain
-        Compressive strain eps of the column, more than 0.
-    stress_Pa
-        Stress m at that strain [Pa].
-
-    Returns
-    -------
-    ndarray
-        G(eps) [Pa].
-    """
-    return stress_Pa * (1 - strain) / (strain * (2 - strain))
-
-
 def softening(curve: StressCurve, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     """Loss of stress per sin(theta)^2 and unit kappa, ``- dG/deps / 6 (1 + 2.5 exp(-eps / 0.027))``.
 
