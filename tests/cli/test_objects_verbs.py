@@ -36,6 +36,11 @@ def test_a_life_of_a_cup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
             features = {"stiffness": FeatureVector(np.full(4, float(i)))}
             database.add(VisuoHapticObject(f"x{i}", features=features))
     assert [one["id"] for one in run("search", "--like", "x2", "--count", "2")["found"]] == ["x2", "x1"]
+    np.save(tmp_path / "query.npy", np.zeros(3))
+    assert (
+        main(["objects", "search", "--features", str(tmp_path / "query.npy"), "--kind", "stifness", *db]) == 2
+    )
+    assert "--kind: has no object with features 'stifness'" in capsys.readouterr().err
     assert run("export", "--out", str(tmp_path / "out"), "--licence", "CC0-1.0")["exported"] == 4
     assert run("sync", str(tmp_path / "shared"))["sent"] == 4
     db[1] = str(tmp_path / "other")

@@ -145,3 +145,10 @@ def test_a_bar_has_a_block_per_quarter_newton_up_to_ten_newtons(force_N, blocks)
     budget = ErrorBudget(0.01, 0.0, 0.0, 0.0)
     profile = ForceProfile(0.0, True, Reason.OK, force_N, budget, k, k, k, k, k, np.ones(3, bool))
     assert force_text(profile).count("\u2588") == blocks
+
+
+@pytest.mark.parametrize("verb", ["foam", "beam"])
+def test_what_zero_would_not_write_is_refused(verb, tmp_path, capsys):
+    words = ["--config", str(tmp_path / "sensor.yaml"), "--source", str(tmp_path / "rest.mp4"), "--zero"]
+    assert main(["sense", verb, *words, "--csv", str(tmp_path / "run.csv")]) == 2
+    assert "--zero: ends after the zero reference, without --csv" in capsys.readouterr().err

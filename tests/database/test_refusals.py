@@ -66,6 +66,15 @@ def test_a_refused_object_leaves_no_database(tmp_path: Path, capsys: pytest.Capt
         assert not (tmp_path / "db").exists()
 
 
+def test_text_that_a_server_cannot_store_is_refused_here_already(tmp_path: Path) -> None:
+    with open_database(tmp_path / "db") as db:
+        for name in ("name", "visual_class"):
+            with pytest.raises(
+                InputError, match=r"object a: found .cu.x00p., expected text without zero bytes"
+            ):
+                db.add(VisuoHapticObject("a", **{name: "cu\0p"}))
+
+
 def test_a_folder_among_the_shards_is_left_alone(tmp_path: Path) -> None:
     with open_database(tmp_path / "db") as db:
         db.add(VisuoHapticObject("a"))

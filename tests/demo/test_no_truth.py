@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import visuohaptic.demo
-from visuohaptic.demo import Mission
+from visuohaptic.demo import Mission, place_bottle
 from visuohaptic.demo.floor_chapters import default_door, default_map
 from visuohaptic.demo.touch_chapters import choose_objects
 
@@ -91,3 +91,19 @@ def test_objects_are_touched_in_the_order_of_their_benefit(tmp_path: Path) -> No
     assert [step.opens for step in tour.steps] == pytest.approx(
         [0.5**k for k in range(1, len(tour.steps) + 1)]
     )
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_what_stands_on_the_table_belongs_to_the_world_and_the_day(tmp_path: Path, place: int) -> None:
+    """With contents by the robot's seed, every world of the demo had the same lid and filling, and a second attempt another one."""
+
+    def contents(seed: int, world: int, visit: int = 0, attempt: int = 0) -> tuple[bool, float, float]:
+        mission = Mission(seed, tmp_path, world=world, visit=visit).at(place)
+        mission.attempt = attempt
+        bottle = place_bottle(mission)
+        return bottle.closed, bottle.fill, bottle.container.mass_kg
+
+    assert contents(1, 612) == contents(2, 612) == contents(2, 612, attempt=1)
+    assert len({contents(2, world) for world in (612, 618, 624)}) == 3
+    assert len({contents(1, 612, visit) for visit in range(4)}) > 1
+    assert contents(1, 612, visit=1) == contents(3, 612, visit=1)

@@ -186,3 +186,15 @@ def test_what_a_layout_states_itself_is_not_taken_from_the_caller(
     with pytest.raises(InputError, match=f"{next(iter(option))}.*the layout arm states its own"):
         import_sequence(_arm(tmp_path / "arm"), tmp_path / "scan", **option)
     assert not (tmp_path / "scan").exists()
+
+
+def test_colour_of_other_times_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """As in the TUM data sets: both cameras have their own times, and one has an image more."""
+    for name in ("1.00", "1.10"):
+        _image(tmp_path / "plain" / "depth" / f"{name}.png", 0.001)
+    for name in ("1.01", "1.11", "1.21"):
+        _colour(tmp_path / "plain" / "color" / f"{name}.png")
+    Camera.simple(*SIZE, 20.0).save(tmp_path / "camera.yaml")
+    options = {"camera": tmp_path / "camera.yaml", "depth_scale_m": 1e-3, "poses": "none"}
+    import_sequence(tmp_path / "plain", tmp_path / "scan", **options)
+    assert "none of its 3 images has the name of one of 2 depth images; colour is left out" in caplog.text

@@ -164,6 +164,8 @@ def test_a_camera_that_is_not_there_is_a_device_error(maker):
     driver.start = start
     with pytest.raises(DeviceError, match="cannot be started"):
         make()
+    # One that begins and then fails is let go: it would be busy when it is looked for again.
+    assert driver.stopped == 1
 
 
 @pytest.mark.parametrize(("make", "extra"), [(RealSenseSource, "realsense"), (OrbbecSource, "orbbec")])

@@ -12,17 +12,21 @@ import pytest
 from visuohaptic.core import HapticTag, InputError
 from visuohaptic.navigation.graph import assign_regions, build_graph
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
-from visuohaptic.navigation.planning import exploration_tour, extend_graph, via_exploration, without_pushing
+from visuohaptic.navigation.planning import alternatives, exploration_tour, extend_graph, without_pushing
 from visuohaptic.navigation.planning.exploration import (
     Orienteering,
     benefit_by_set,
     best_order,
     expected_benefit,
+    nearest_contact,
     upper_bound,
 )
 from visuohaptic.navigation.planning.exploration import orienteering as search
+from visuohaptic.navigation.planning.search import SearchLimits, build_search_domain
+from visuohaptic.navigation.planning.search.search_domain import world_from_grid
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem, PushCosts, push_node
 
+from .plan_check import faults
 from .plan_scenes import ROBOT, box, rooms, with_objects
 
 P = 0.5  # prior of PushCosts
@@ -51,11 +55,10 @@ def truth(floor):
     """Times between start, approach poses and goal by the planner, and the graph with every object movable."""
     ids = ["first", "second", "wall", "free"]
     places = {"start": floor.start_m, "goal": floor.goal_m}
-    for item in floor.objects[:4]:
-        tasks = via_exploration(floor, item).tasks
-        places[item.id] = np.array(
-            next(b for b, touch in itertools.pairwise(tasks) if touch.kind == "explore").path_m[-1]
-        )
+    domain = build_search_domain(floor)
+    for body in domain.bodies[:4]:
+        path, _, _ = nearest_contact(domain, body)
+        places[body.obj.id] = world_from_grid(floor.map, path[-1])
     times = {
         (a, b): without_pushing(replace(floor, start_m=places[a], goal_m=places[b])).cost_s
         for a, b in itertools.combinations(places, 2)
@@ -136,6 +139,21 @@ def test_no_order_is_better(floor, truth, gains, budget_s, goal):
     assert tour.left_out["free"] == "opens no shorter way"
     paths = [task.path_m for task in tour.tasks if task.path_m]
     assert all(a[-1] == pytest.approx(b[0]) for a, b in itertools.pairwise(paths))
+
+
+def test_the_most_informative_plan_is_the_tour_that_ends_at_the_goal(floor):
+    tour = exploration_tour(floor, 600.0, to_goal=True)
+    plans = alternatives(floor, limits=SearchLimits(0.2))
+    plan = plans["most information"]
+    assert [task.object for task in plan.tasks if task.kind == "explore"] == [
+        step.object for step in tour.steps
+    ]
+    assert np.allclose(plan.tasks[-1].path_m[-1], floor.goal_m)
+    assert faults(floor, plan) == []
+    # Where nothing is worth touching it is the cheapest one.
+    known = replace(floor, objects=tuple(replace(o, tag=HapticTag(fixed=True)) for o in floor.objects))
+    plans = alternatives(known, limits=SearchLimits(0.2))
+    assert plans["most information"].tasks == plans["cheapest"].tasks
 
 
 def test_the_second_door_is_worth_what_the_first_one_leaves(floor, gains):

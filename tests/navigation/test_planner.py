@@ -147,16 +147,6 @@ def test_an_unknown_object_is_explored_first_and_only_when_that_is_expected_to_p
     assert [task.kind for task in make_plan(unknown).tasks] == ["navigate"]
 
 
-def test_the_most_informative_plan_touches_what_is_unknown():
-    problem = office()
-    unknown = replace(
-        problem, objects=tuple(replace(o, tag=None) if o.id == "stool" else o for o in problem.objects)
-    )
-    plan = alternatives(unknown)["most information"]
-    assert "explore" in [task.kind for task in plan.tasks]
-    assert faults(unknown, plan) == []
-
-
 def test_replanning_after_a_push_and_with_a_tag_that_says_fixed():
     problem = office()
     plan = make_plan(problem)

@@ -94,9 +94,9 @@ def test_a_reading_that_is_not_fresh_holds_the_platform_within_200_ms(name):
         assert not base.velocity.any()
 
 
-@pytest.mark.parametrize("force_N", [0.0, 5.0])
+@pytest.mark.parametrize("force_N", [0.0, 1.9, 2.1, 5.0])
 def test_a_platform_that_does_not_move_is_blocked_by_a_contact_or_frozen(force_N):
-    """Its pose is constant and its speed dies away: 4e-20 m/s of a damped wheel moves no pose. 5 N may block it, 0 N do not."""
+    """Its pose is constant and its speed dies away: 4e-20 m/s of a damped wheel moves no pose. 2 N of 20 N may block it, less may be noise."""
     base = Rolling()
     with Supervisor(SafetyLimits(max_force_N=20.0), clock=lambda: base.now) as guard:
         guard.watched = guard.base(base)
@@ -111,7 +111,7 @@ def test_a_platform_that_does_not_move_is_blocked_by_a_contact_or_frozen(force_N
                 moved += driven(base, guard, PERIOD_S, speed)
             return moved
 
-        if force_N:
+        if force_N > 2.0:
             assert pressed(2.0) == pytest.approx(2.0)
             assert not guard.holds
         else:

@@ -44,6 +44,20 @@ def add_run_arguments(add: Any, *, parquet: str = "", zero_frames: str = "") -> 
     add("--rate-Hz", float, "frame rate of an image folder without time stamps")
 
 
+def check_zero_alone(args: Any) -> None:
+    """Refuse files that ``--zero`` would not write, since it stops before the measurement.
+
+    Parameters
+    ----------
+    args
+        With ``zero``.
+    """
+    names = ("out", "csv", "parquet", "plot", "page", "against")
+    if args.zero and (given := [name for name in names if getattr(args, name, None)]):
+        said = f"ends after the zero reference, without --{given[0]}"
+        raise InputError("--zero", said, remedy="zero first, then measure without --zero")
+
+
 def is_live(source: str) -> bool:
     """Whether ``--source`` names a live camera, which has no end and loses frames if reading is delayed.
 

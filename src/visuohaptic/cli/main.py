@@ -136,6 +136,8 @@ VERBS: Mapping[str, tuple[str, str]] = {
     for room, verb, text in entries
 }
 
+#: What to do about an unexpected error, without and with --verbose.
+_ADVICE = ("run again with --verbose for the traceback", "please report it with the traceback below")
 _GLOBAL_FLAGS = {"--json", "--verbose", "-v", "--quiet", "-q"}
 
 _OVERVIEW = """\
@@ -208,20 +210,12 @@ def main(argv: Sequence[str] | None = None, verbs: Mapping[str, tuple[str, str]]
         console.error(f"the memory does not suffice ({str(error) or 'none is left'}); use a smaller input")
         return 2
     except Exception as error:  # noqa: BLE001 - the last line of defence: one line, never a traceback
-        console.error(f"unexpected {type(error).__name__}: {error}; {_advice(console.verbose)}")
+        console.error(f"unexpected {type(error).__name__}: {error}; {_ADVICE[console.verbose]}")
         if console.verbose:
             import traceback
 
             traceback.print_exc()
         return 1
-
-
-def _advice(verbose: bool) -> str:
-    return (
-        "please report it with the traceback below"
-        if verbose
-        else "run again with --verbose for the traceback"
-    )
 
 
 def _run(words: list[str], console: Console, verbs: Mapping[str, tuple[str, str]], *, meanwhile: bool) -> int:

@@ -127,6 +127,9 @@ def row_of(
     if not _ID.fullmatch(obj.id):
         found = f"found the id {obj.id!r}"
         raise InputError("object", f"{found}, expected up to 128 letters a to z, digits, '.', '_', '-'")
+    if zeros := [one for one in (obj.name, obj.visual_class, *obj.features) if "\0" in one]:
+        # PostgreSQL stores none: it could not be synchronised.
+        raise InputError(f"object {obj.id}", f"found {zeros[0]!r}, expected text without zero bytes")
     card, arrays = cards.encode(obj)
     try:
         text, arrays_sha256 = cards.card_text(card), cards.arrays_digest(arrays) if arrays else ""

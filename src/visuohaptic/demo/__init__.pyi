@@ -13,9 +13,9 @@ from .chapters import PARTS as PARTS
 from .chapters import Visit as Visit
 from .chapters import run_mission as run_mission
 from .drive_chapters import drive_to_the_table as drive_to_the_table
-from .drive_chapters import route_problem as route_problem
 from .floor_chapters import find_the_door_blocked as find_the_door_blocked
 from .floor_chapters import map_route as map_route
+from .floor_chapters import route_problem as route_problem
 from .floor_chapters import world_map as world_map
 from .hand_chapters import grasp_the_bottle as grasp_the_bottle
 from .hand_chapters import recognise_the_bottle as recognise_the_bottle

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -11,16 +10,25 @@ from jaxtyping import Float
 from ..core.geometry import compose_2d, relative_2d
 from ..navigation.mapping.mapper import OccupancyMapper
 from ..navigation.planning.policies import make_plan, without_pushing
-from ..navigation.problem import MovableObject, Plan, PlanningProblem
+from ..navigation.problem import Plan, PlanningProblem
 from ..report.floor_chart import MapObject
 from ..rigs.virtual_office import ROBOT
 from ..simulation.faults import FaultKind
 from ..simulation.floor import FloorObject, FloorSenses, FloorWorld
 from ..simulation.mobile import DriftingBase, SimulatedLaser
 from ..tasks.framework.supervised_parts import Supervisor
+from ..tasks.manipulation.hand import as_vector
 from ..tasks.memory import MOVED_M
-from ..tasks.mobile.travel import Travel, TravelSettings, map_with_footprints, travel
-from .floor_chapters import MIN_FIT, SEEN_SIGMA_M, fit_fraction, map_picture, outline_m, world_map
+from ..tasks.mobile.travel import Travel, TravelSettings, travel
+from .floor_chapters import (
+    MIN_FIT,
+    SEEN_SIGMA_M,
+    fit_fraction,
+    map_picture,
+    outline_m,
+    route_problem,
+    world_map,
+)
 from .judge import Claim
 from .push_demo import show_obstacle
 from .results import ChapterResult, Illustration, Measure, counted, done, failed
@@ -43,29 +51,25 @@ class _ScanSenses(FloorSenses):
         self._odometry = DriftingBase(world.base, mission.rng(12), mission.house.odometry)
         self._laser_rng = mission.rng(13)
         # Odometry continues from the position to which it has led the platform.
-        self._counted, self._start = mission.platform.odometry(), self._true()
+        self._counted, self._start = mission.platform.odometry(), as_vector(world.pose_m())
         self._scanned = (world.t_s, self._counted)
         self.jump_at_s, self.jump = math.inf, (0.0, 0.0, 0.0)
         self.pose()
 
-    def _true(self) -> tuple[float, float, float]:
-        x, y, heading = (float(value) for value in self._world.pose_m())
-        return x, y, heading
-
     def pose(self) -> tuple[float, float, float]:
         """Estimated pose of the platform on the map."""
-        state, now = self._odometry.state(), self._world.t_s
+        state, now, true = self._odometry.state(), self._world.t_s, as_vector(self._world.pose_m())
         step = relative_2d(self._start, (state.x_m, state.y_m, state.heading_rad))
         wheels = compose_2d(self._counted, step)
         if now - self._scanned[0] >= SCAN_S:
             self._scanned = (now, wheels)
             place_objects(self._mission, self._world)
             laser = SimulatedLaser(world_map(self._mission), None, self._laser_rng)
-            self._mapper.locate(laser.scan(self._true(), now), wheels)
+            self._mapper.locate(laser.scan(true, now), wheels)
         x, y, heading = compose_2d(self._mapper.pose, relative_2d(self._scanned[1], wheels))
         if now >= self.jump_at_s:
             x, y, heading = x + self.jump[0], y + self.jump[1], heading + self.jump[2]
-        self._bias = np.array([x, y, heading]) - self._true()
+        self._bias = np.array([x, y, heading]) - true
         return x, y, heading
 
     def look(self, id: str) -> tuple[float, float, float] | None:
@@ -73,7 +77,7 @@ class _ScanSenses(FloorSenses):
         seen = super().look(id)
         if seen is None:
             return None
-        x, y, _ = compose_2d(self.pose(), relative_2d(self._true(), seen))
+        x, y, _ = compose_2d(self.pose(), relative_2d(as_vector(self._world.pose_m()), seen))
         return x, y, seen[2]
 
 
@@ -92,21 +96,6 @@ def place_objects(mission: Mission, world: FloorWorld) -> None:
         mission.placed[one.name] = (x, y, mission.yaw_rad[one.name] + turned)
 
 
-def route_problem(mission: Mission, objects: Sequence[MovableObject]) -> PlanningProblem:
-    """The way from the platform to the table among objects, on the map of the tour.
-
-    Parameters
-    ----------
-    mission
-        Mission with map, pose and goal.
-    objects
-        With their footprints.
-    """
-    known = mission.known
-    grid = map_with_footprints(known.map, [item.footprint_m for item in objects])
-    return PlanningProblem(grid, ROBOT, np.array(known.pose[:2]), np.array(known.goal_m), tuple(objects))
-
-
 def drive_to_the_table(mission: Mission) -> ChapterResult:
     """Plan, push, observe, replan; at the end, verify the pose with the laser.
 
@@ -121,14 +110,13 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
         return failed(
             f"only {100 * fraction:.0f} % of the laser scan matches the map: the platform does not start"
         )
-    problem = route_problem(mission, known.objects)
+    problem = route_problem(mission, known.map, known.objects)
     plan, detour = make_plan(problem), without_pushing(problem)
     if not plan.reachable:
         return failed(f"there is no plan: {plan.reason}")
     world, senses = _world(mission)
     found, track = _travelled(mission, problem, world, senses)
-    x, y, heading = (float(value) for value in world.pose_m())
-    true_pose = x, y, heading
+    true_pose = as_vector(world.pose_m())
     error_m = math.dist(true_pose[:2], mission.house.table_m)
     estimated = senses.pose()
     parts = (
@@ -136,9 +124,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
         Measure("planned duration [s]", plan.cost_s),
         Measure("duration of the drive [s]", found.duration_s),
         Measure(
-            "length of a path without a push [m]",
-            detour.length_m if detour.reachable else "none exists",
-            None,
+            "length of a path without a push [m]", detour.length_m if detour.reachable else "none exists"
         ),
         _picture(mission, problem, found, track, world),
     )
@@ -217,13 +203,16 @@ def _travelled(
 
 
 def _why(name: str, mission: Mission) -> str:
+    """Static frictions, or what else is known, of the pushed object and of the others."""
     from ..report.run_tables import tag_text
 
-    tag = mission.tags.get(name)
-    if tag is None or tag.static_friction_N is None:
-        return ""
-    others = [f"{other}: {tag_text(tag)}" for other, tag in mission.tags.items() if other != name]
-    return f" (it takes {tag.static_friction_N.value:.1f} N; {'; '.join(others)})"
+    felt = {
+        one: tag_text(tag) if tag.static_friction_N is None else f"{tag.static_friction_N.value:.2f} N"
+        for one, tag in mission.tags.items()
+    }
+    needed = felt.pop(name, "")
+    others = "".join(f"; {other}: {text}" for other, text in felt.items())
+    return f" (to move it takes {needed}{others})" if needed else ""
 
 
 def _world(mission: Mission) -> tuple[FloorWorld, FloorSenses]:

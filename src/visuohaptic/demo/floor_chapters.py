@@ -23,9 +23,11 @@ from ..rigs.virtual_office import ROBOT
 from ..simulation.faults import FaultKind, wrong_map
 from ..simulation.houses.guided_platform import GuidedPlatform
 from ..simulation.mobile.obstacles import ObstacleKind, SimulatedObstacle
+from ..tasks.manipulation.hand import as_vector
 from ..tasks.memory import RememberedMap
 from ..tasks.mobile.doorway_objects import heading_across, join_sides
 from ..tasks.mobile.floor_outline import SIDE_M, FloorOutline, fit_outlines
+from ..tasks.mobile.travel import map_with_footprints
 from .judge import Claim
 from .results import ChapterResult, Illustration, Measure, done, failed
 from .story import Mission
@@ -122,19 +124,18 @@ def map_route(mission: Mission) -> ChapterResult:
     if recalled is not None and fit_fraction(mission, recalled.grid, house.start, recalled.home) >= MIN_FIT:
         return _recall_the_map(mission, recalled)
     poses = _path(house.grid, house.tour_m[:: -1 if mission.attempt else 1], 0.25)
-    platform = GuidedPlatform(house, _pose(poses[0]), mission.rng(2), mission.rng(3))
+    platform = GuidedPlatform(house, as_vector(poses[0]), mission.rng(2), mission.rng(3))
     mapper = OccupancyMapper()
     served = int(np.hypot(*(poses[:, :2] - house.table_m).T).argmin())
     path_m = []
     for number, pose in enumerate([*poses, house.start]):
-        platform.go(relative_2d(platform.pose, _pose(pose)))
+        platform.go(relative_2d(platform.pose, as_vector(pose)))
         mapper.add(platform.scan(), platform.odometry())
         path_m.append(mapper.pose[:2])
         if number == served:
             mission.known.goal_m = mapper.pose[:2]
     found = mapper.map()
-    off_m = math.dist(mapper.pose[:2], platform.pose[:2])
-    drift_m = math.dist(platform.odometry()[:2], platform.pose[:2])
+    off_m, drift_m = (math.dist(one[:2], platform.pose[:2]) for one in (mapper.pose, platform.odometry()))
     lost = sum(not match.valid for match in mapper.matches)
     right, wrong = map_agreement(found, house.grid)
     if mission.fault is FaultKind.WRONG_MAP:
@@ -148,13 +149,12 @@ def map_route(mission: Mission) -> ChapterResult:
         return failed(f"{lost} of {len(poses)} scans do not fit the map built from them")
     if mission.memory is not None:
         mission.memory.store_map(RememberedMap(found, known.goal_m, mapper.pose, mapper.mean_hits_m()))
-    sigma_m = math.sqrt(float(np.max(np.diag(mapper.matches[-1].covariance)[:2])))
-    table = Claim("place", "table", known.goal_m, house.table_m, sigma=max(sigma_m, SEEN_SIGMA_M))
+    sigma_m = max(math.sqrt(float(np.max(np.diag(mapper.matches[-1].covariance)[:2]))), SEEN_SIGMA_M)
     return done(
         f"{len(poses)} scans along {STEP_M * len(poses):.0f} m make a map of "
         f"{found.size_m[0]:.1f} m x {found.size_m[1]:.1f} m",
-        table,
-        Claim("place", "platform", mapper.pose[:2], platform.pose[:2], sigma=max(sigma_m, SEEN_SIGMA_M)),
+        Claim("place", "table", known.goal_m, house.table_m, sigma=sigma_m),
+        Claim("place", "platform", mapper.pose[:2], platform.pose[:2], sigma=sigma_m),
         Measure("position error after the round, by the map [m]", off_m),
         Measure("position error after the round, by odometry alone [m]", drift_m),
         Measure("free cells that are truly free [%]", 100 * right),
@@ -183,10 +183,6 @@ def _recall_the_map(mission: Mission, recalled: RememberedMap) -> ChapterResult:
     )
 
 
-def _pose(values: Sequence[float]) -> tuple[float, float, float]:
-    return float(values[0]), float(values[1]), float(values[2])
-
-
 def find_the_door_blocked(mission: Mission) -> ChapterResult:
     """Drive towards the table until a new obstacle blocks the path, and observe it from several positions.
 
@@ -197,7 +193,7 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     """
     known, grid = mission.known, mission.known.map
     mission.platform.see(world_map(mission))
-    plan = without_pushing(_problem(mission, grid))
+    plan = without_pushing(route_problem(mission, grid))
     if not plan.reachable:
         return failed(f"on the map of the first round there is no path to the table: {plan.reason}")
     mission.log(f"  on the map the path to the table is free: {plan.length_m:.1f} m, {plan.cost_s:.0f} s")
@@ -211,7 +207,7 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     mission.record_cost(mission.platform.t_s - since_s)
     near = [one for one in groups if _distance(one, path) < BESIDE_M]
     known.map_now = mark_points(grid, groups)
-    blocked = without_pushing(_problem(mission, known.map_now))
+    blocked = without_pushing(route_problem(mission, known.map_now))
     if blocked.reachable:
         return done(f"no new object blocks the path, {len(groups)} near it")
     ahead_rad = heading_across(near, path)
@@ -236,15 +232,13 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
 def _drive_until_blocked(
     mission: Mission, path: Float[np.ndarray, "n 3"]
 ) -> tuple[list[Float[np.ndarray, "k 2"]], Float[np.ndarray, "v 2"]]:
-    """Groups of new points along the path, and the positions from which it was scanned; the platform stops before the
-    first group that blocks it.
-    """
+    """Groups of new points along the path, up to the first one that blocks it, and the positions of the scans."""
     grid = mission.known.map
     seen: list[Float[np.ndarray, "k 2"]] = []
     views: list[tuple[float, float]] = []
     groups: list[Float[np.ndarray, "k 2"]] = []
     for pose in path:
-        seen.append(_look_from(mission, _pose(pose)))
+        seen.append(_look_from(mission, as_vector(pose)))
         views.append(mission.known.pose[:2])
         groups = new_objects(grid, np.concatenate(seen[-10:]))
         ahead = [one for one in groups if _distance(one, path) < BESIDE_M]
@@ -285,12 +279,10 @@ def _distance(group: Float[np.ndarray, "k 2"], path: Float[np.ndarray, "n 3"]) -
 
 def _place_claim(mission: Mission, outline: FloorOutline) -> Claim:
     """Centre of an object, compared with the nearest true one."""
-    true = nearest_obstacle(mission, outline.centre_m)
-    x, y, _ = mission.placed[true.name]
+    true, (x, y) = nearest_obstacle(mission, outline.centre_m), outline.centre_m
     # Half of the error of the depth, along one of two axes.
     sigma = math.hypot(SEEN_SIGMA_M, 0.5 * outline.sigma_m[1] / math.sqrt(2.0))
-    value = outline.centre_m
-    return Claim("place", true.name, (float(value[0]), float(value[1])), (x, y), sigma=sigma)
+    return Claim("place", true.name, (float(x), float(y)), mission.placed[true.name][:2], sigma=sigma)
 
 
 def nearest_obstacle(mission: Mission, point_m: Float[np.ndarray, "2"]) -> SimulatedObstacle:
@@ -322,20 +314,27 @@ def fit_fraction(
         For the noise of the laser.
     grid
         The robot's map.
-    true_pose
-        True pose of the platform: x, y [m], heading [rad].
-    estimated_pose
-        Estimated pose.
+    true_pose, estimated_pose
+        True and estimated pose of the platform: x, y [m], heading [rad].
     """
     scan = GuidedPlatform(mission.house, true_pose, mission.rng(5), mission.rng(6)).scan()
     return scan_fit(grid, scan.points_m @ rotation_2d(estimated_pose[2]).T + estimated_pose[:2])
 
 
-def _problem(
-    mission: Mission, grid: OccupancyMap, objects: tuple[MovableObject, ...] = ()
+def route_problem(
+    mission: Mission, grid: OccupancyMap, objects: Sequence[MovableObject] = ()
 ) -> PlanningProblem:
-    known = mission.known
-    return PlanningProblem(grid, ROBOT, np.array(known.pose[:2]), np.array(known.goal_m), objects)
+    """The way from the platform to the table.
+
+    Parameters
+    ----------
+    mission
+        Mission with pose and goal.
+    grid, objects
+        Map, to which the footprints of the objects are added.
+    """
+    known, occupied = mission.known, map_with_footprints(grid, [item.footprint_m for item in objects])
+    return PlanningProblem(occupied, ROBOT, np.array(known.pose[:2]), np.array(known.goal_m), tuple(objects))
 
 
 def map_picture(

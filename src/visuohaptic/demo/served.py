@@ -46,11 +46,11 @@ def place_bottle(mission: Mission) -> TableBottle:
         Creates and stores the bottle.
     """
     if mission.bottle is None:
-        rng = mission.world_rng(20)
+        rng, today = mission.world_rng(20), mission.day_rng(26)
         if mission.place:
-            mission.bottle = other_table_container(rng, mission.rng(26))
+            mission.bottle = other_table_container(rng, today)
         else:
-            mission.bottle = random_table_bottle(rng, mission.rng(26)) if mission.world else table_bottle(rng)
+            mission.bottle = random_table_bottle(rng, today) if mission.world else table_bottle(rng)
     return mission.bottle
 
 

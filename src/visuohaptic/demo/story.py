@@ -167,6 +167,17 @@ class Mission:
         """
         return np.random.default_rng([self.world or self.seed, part + PLACE_PARTS * self.place])
 
+    def day_rng(self, part: int) -> np.random.Generator:
+        """Generator of one part of the world on one day, the same for every robot and attempt.
+
+        Parameters
+        ----------
+        part
+            Number of the part, added to the seed of the world.
+        """
+        day = [self.visit] if self.visit else []
+        return np.random.default_rng([self.world or self.seed, part + PLACE_PARTS * self.place, *day])
+
     def at(self, place: int) -> Mission:
         """The same robot before another place of the table, of whose container it knows nothing.
 

@@ -26,8 +26,8 @@ from ..tasks.memory import MOVED_M
 from ..tasks.mobile.floor_outline import FloorOutline
 from ..tasks.mobile.footprint_after_push import footprint_after_push
 from ..tasks.mobile.known_objects import recognise
-from .drive_chapters import TIMEOUT_S, route_problem
-from .floor_chapters import default_door, map_picture, nearest_obstacle, outline_m
+from .drive_chapters import TIMEOUT_S
+from .floor_chapters import default_door, map_picture, nearest_obstacle, outline_m, route_problem
 from .judge import Claim
 from .push_demo import (
     SLOW_EXPLORATION,
@@ -136,7 +136,7 @@ def choose_objects(
     """
     names = [f"new {k + 1}" for k in range(len(unknown))]
     untouched = [MovableObject(name, one.corners_m) for name, one in zip(names, unknown, strict=True)]
-    problem = route_problem(mission, (*recalled, *untouched))
+    problem = route_problem(mission, mission.known.map, (*recalled, *untouched))
     tour = exploration_tour(problem, TIMEOUT_S)
     some = len(unknown) > mission.obstacles
     explored = [task.object for task in make_plan(problem).tasks] if some else []

@@ -41,7 +41,14 @@ from ...core.files import (
 )
 from ..image_folder import seconds_in
 from .depth_images import DEPTH_SUFFIXES, DepthEncoding, read_depth
-from .depth_sequence import NO_POSES, DepthFrame, DepthSequence, _image_files, _matched
+from .depth_sequence import (
+    NO_POSES,
+    DepthFrame,
+    DepthSequence,
+    _image_files,
+    _matched,
+    tell_unused_colour,
+)
 from .depth_sequence_out import write_sequence
 from .poses import StampedPose, read_poses, stamped_matrix
 
@@ -305,6 +312,9 @@ def _plain(
     else:
         stamped = _matched(source, paths, read_poses(poses)) if paths else []
     colors = [_beside(source / "color", path.stem) for path in paths]
+    tell_unused_colour(
+        source / "color", len(_image_files(source / "color", {".png", ".jpg", ".jpeg"})), colors
+    )
     images = list(zip(paths, colors, stamped, strict=True))
     return _Layout("unknown", Camera.load(camera), DepthEncoding(depth_scale_m, bit_rotation), images)
 

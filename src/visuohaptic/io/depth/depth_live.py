@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -89,6 +90,8 @@ class LiveDepthSource(Closing):
         try:
             self._camera = self._start(width, height, round(rate_Hz))
         except Exception as error:
+            with suppress(Exception):  # where it had begun: it would be busy for the next attempt
+                self._stop()
             raise DeviceError(
                 f"{type(self).__name__} cannot be started ({error}); check its cable"
             ) from error

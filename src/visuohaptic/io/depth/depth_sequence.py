@@ -16,7 +16,7 @@ from __future__ import annotations
 import logging
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -139,6 +139,7 @@ class DepthSequence:
         self.color_paths = [
             named.get(path.stem, other) for path, other in zip(self.paths, others, strict=True)
         ]
+        tell_unused_colour(colors, len(named), self.color_paths)
         poses = read_poses(self._inside(info.poses, "poses"), info.poses_topic)
         #: Time and pose of each image; missing poses have a reason.
         self.stamped: list[StampedPose] = _matched(self.folder, self.paths, poses)
@@ -284,6 +285,27 @@ class DepthSequence:
             _log.warning("colour skipped: %s has another size than the depth", found)
             return None
         return image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
+
+
+def tell_unused_colour(folder: Path, count: int, used: Sequence[Path | None]) -> None:
+    """Warn of colour images none of which belongs to a depth image, as of another camera with times of its own.
+
+    Parameters
+    ----------
+    folder
+        Folder of the colour images.
+    count
+        Number of images in it.
+    used
+        Colour image of each depth image.
+    """
+    if count and not any(used):
+        _log.warning(
+            "%s: none of its %d images has the name of one of %d depth images; colour is left out",
+            folder,
+            count,
+            len(used),
+        )
 
 
 def _image_files(folder: Path, suffixes: set[str]) -> list[Path]:

@@ -12,7 +12,6 @@ from .path_follower import PathFollower as PathFollower
 from .planner import plan_in_domain as plan_in_domain
 from .policies import alternatives as alternatives
 from .policies import make_plan as make_plan
-from .policies import via_exploration as via_exploration
 from .policies import without_pushing as without_pushing
 from .replanning import after_push as after_push
 from .sideward_plan import SidewardCheck as SidewardCheck

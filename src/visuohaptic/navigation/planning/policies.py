@@ -9,24 +9,23 @@ import numpy as np
 
 from ...core.objects import HapticTag
 from ..problem.path_plan import Plan
-from ..problem.planning_problem import MovableObject, PlanningProblem, PushMode
+from ..problem.planning_problem import PlanningProblem, PushMode
 from ..problem.push_costs import PushCosts
-from .drive_tasks import drive_tasks
-from .exploration.first_touch import explore_task, nearest_contact
+from .exploration.tour_planner import exploration_tour
 from .off_centre_push import via_off_centre
 from .planner import plan_in_domain
 from .search.domain_builder import build_search_domain
 from .search.push_search import load_kernels
 from .search.push_states import Deadline, SearchLimits
-from .search.search_domain import SearchDomain, world_from_grid
+from .search.search_domain import SearchDomain
 from .sideward_plan import via_sideward
 
 #: Weight of reliability in the most reliable plan [s per -log(1 - p)].
 RELIABLE_RISK_S = 600.0
 #: Fraction of the budget for a plan without exploration, if there are unknown objects.
 KNOWN_FRACTION = 0.5
-#: Maximum number of unknown objects, the nearest ones, that are considered for the most informative plan.
-MAX_UNKNOWN = 5
+#: Time limit of the tour for the most information [s]: in effect none on one floor.
+LEARN_S = 3600.0
 
 
 def make_plan(
@@ -128,6 +127,8 @@ def alternatives(
 ) -> dict[str, Plan]:
     """Plans under side conditions: cheapest, most reliable, no pushing, most information.
 
+    The last one is the tour of exploration that ends at the goal, if any object is worth touching and can be.
+
     Parameters
     ----------
     problem
@@ -147,6 +148,7 @@ def alternatives(
     reliable = _planned(domain, limits, unknown=True, weights=cautious)
     cheapest = _cheapest(domain, limits)
     free = plan_in_domain(domain, limits, active=(), name="no pushing")
+    tour = exploration_tour(problem, LEARN_S, costs, to_goal=True)
     found = {
         "cheapest": cheapest,
         "most reliable": min(
@@ -155,7 +157,7 @@ def alternatives(
             default=reliable,
         ),
         "no pushing": free,
-        "most information": _most_information(domain, limits, cheapest),
+        "most information": tour.plan if tour.steps else cheapest,
     }
     return {name: replace(plan, name=name) for name, plan in found.items()}
 
@@ -205,80 +207,3 @@ def _expected(domain: SearchDomain, risky_plan: Plan, first: int, limits: Search
     other = _planned(build_search_domain(refused, domain.costs), limits, unknown=False)
     p = explore.failure_probability
     return before_s + (1.0 - p) * after_s + p * other.cost_s
-
-
-def _most_information(domain: SearchDomain, limits: SearchLimits, cheapest: Plan) -> Plan:
-    """The plan with the highest information rate: entropy of "the object moves" over the touched objects, per second."""
-    problem, costs = domain.problem, domain.costs
-    middle = 0.5 * (problem.start_m + problem.goal_m)
-    uncertain = sorted(
-        (body.obj for body in domain.bodies if _entropy(body.obj, costs) > 0.3),
-        key=lambda obj: float(np.hypot(*(obj.centre_m - middle))),
-    )
-    best, best_rate = cheapest, _rate(problem, cheapest, costs)
-    for obj in uncertain[:MAX_UNKNOWN]:
-        plan = via_exploration(problem, obj, costs, limits)
-        rate = _rate(problem, plan, costs)
-        if rate > best_rate:
-            best, best_rate = plan, rate
-    return best
-
-
-def via_exploration(
-    problem: PlanningProblem,
-    obj: MovableObject,
-    costs: PushCosts | None = None,
-    limits: SearchLimits | None = None,
-) -> Plan:
-    """A plan to the goal that touches one object on the way, independent of the result.
-
-    The contact is the one with the lowest cost that can be reached without pushing.
-
-    Parameters
-    ----------
-    problem
-        Map, objects, robot, start and goal.
-    obj
-        The object to touch.
-    costs
-        Cost model of the pushes.
-    limits
-        Limits of the search.
-    """
-    problem.robot.check_disc("explorations in passing are planned")
-    limits, domain = replace(limits or SearchLimits(), found=None), build_search_domain(problem, costs)
-    index = next((k for k, body in enumerate(domain.bodies) if body.obj.id == obj.id), None)
-    refused = Plan(False, reason=f"{obj.id} cannot be touched from where the robot gets")
-    if index is None:
-        return refused
-    body = domain.bodies[index]
-    reached = nearest_contact(domain, body)
-    if reached is None:
-        return refused
-    path, cost, contact = reached
-    drive = drive_tasks(domain, path, cost)
-    touch = explore_task(domain, body, contact)
-    onward = replace(problem, start_m=world_from_grid(problem.map, path[-1]))
-    known = _pushed(domain, unknown=False)
-    rest = plan_in_domain(replace(domain, problem=onward), limits, active=known)
-    if not rest.reachable:
-        return replace(rest, tasks=())
-    return replace(rest, tasks=(*drive, touch, *rest.tasks))
-
-
-def _entropy(obj: MovableObject, costs: PushCosts) -> float:
-    """Expected information from touching an object once [bits]: entropy of its probability to move."""
-    if obj.tag is None:
-        p = costs.unknown_movable
-    else:
-        tries = max(obj.tag.explored, obj.tag.failed)
-        p = (obj.tag.failed + costs.prior_failures) / (tries + costs.prior_failures + costs.prior_successes)
-    return float(-(p * np.log2(p) + (1 - p) * np.log2(1 - p))) if 0 < p < 1 else 0.0
-
-
-def _rate(problem: PlanningProblem, plan: Plan, costs: PushCosts) -> float:
-    if not plan.reachable:
-        return -1.0
-    touched = {task.object for task in plan.tasks if task.kind in {"push", "sideward", "turn", "explore"}}
-    bits = sum(_entropy(obj, costs) for obj in problem.objects if obj.id in touched)
-    return bits / max(plan.cost_s, 1e-9)

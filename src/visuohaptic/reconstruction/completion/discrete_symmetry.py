@@ -12,16 +12,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from .hole import SupportBand
 from .hole_region import HoleRegion
 from .rbf_centres import Centres
 
-#: Grid points of each symmetry along both of its parameters; the second grid is centred on the maximum of the first.
-_STEPS = (21, 11)
+#: Steps of the grid of each symmetry on both sides of the middle, along both of its parameters.
+_STEPS = 10
+#: Cells of lower probability, relative to the likeliest, are not divided further.
+_UNLIKELY = 1e-3
 #: Deviations from exact symmetry that are compared, in sizes of the region; uniform prior.
 _DEVIATIONS = np.geomspace(0.002, 0.1, 7)
+#: Prior odds of each symmetry: 12 of 15 scanned household objects have both (rule of succession).
+_ODDS = 13 / 4
 #: Probability that a point has no counterpart.
 _ALONE = 0.1
 #: Minimum distance between the points of the likelihood, in sizes of the region: nearer points have correlated errors.
@@ -65,9 +69,7 @@ class DiscreteSymmetry:
         low_m, high_m = region.hull_m[:, 2].min(), region.hull_m[:, 2].max()
         level = np.abs(z_m[walls] - 0.5 * (low_m + high_m)) < 0.5 * _SAME * (high_m - low_m)
         self._tests = even_subset(band.samples_m, walls, _APART * size_m)[: None if level.any() else 0]
-        self._place = cKDTree(band.samples_m)
         self._side = cKDTree(np.hstack([band.samples_m, _APART * size_m * band.sample_normals]))
-        self._known: dict[str, np.ndarray] = {}
 
     @property
     def spread_m(self) -> float:
@@ -89,59 +91,63 @@ class DiscreteSymmetry:
         into
             Centres to append to.
         """
-        touched = np.array([contact for contact, _ in contacts_m]).reshape(-1, 3)
+        touched_m = np.array([[*contact, sigma] for contact, sigma in contacts_m]).reshape(-1, 4)
         # Both symmetries may hold: they are independent hypotheses.
         for kind in ("half turn", "mirror"):
-            evidence, maps, weights, variance = self._posterior(kind, touched)
-            self._put(maps, weights, variance, 1 / (1 + np.exp(-evidence)), into)
+            evidence, maps, modes, variance = self._posterior(kind, touched_m)
+            # All points of a symmetry hold or none: an improbable one has no part in them.
+            held = 1 / (1 + np.exp(-evidence) / _ODDS)
+            for weights in modes if held > 0.5 else ():
+                self._put(maps, weights, variance, held * weights.sum(), into)
 
     def _posterior(
-        self, kind: str, touched_m: Float[np.ndarray, "n 3"]
-    ) -> tuple[float, tuple[np.ndarray, np.ndarray], np.ndarray, float]:
-        """Log Bayes factor against no symmetry, maps with their probabilities, and variance of the symmetry [m2]."""
+        self, kind: str, touched_m: Float[np.ndarray, "n 4"]
+    ) -> tuple[float, tuple[np.ndarray, np.ndarray], list[np.ndarray], float]:
+        """Log Bayes factor against no symmetry, maps with their probabilities by mode, variance of the symmetry [m2].
+
+        Contacts are given with their standard deviations. Likely cells of the grid are divided until they are finer than the
+        smallest deviation: a cell of the first grid holds the axis millimetres from where exact contacts have it. The factor is that
+        of the first grid: to a fraction of a millimetre, some parts of any smooth body agree under some map.
+        """
         box = self.outer.hull_m.min(axis=0)[:2], self.outer.hull_m.max(axis=0)[:2]
-        middle = 0.5 * (box[0] + box[1])
-        spread = self.spread_m
-        centre = np.zeros(2)
-        half = np.array([3.0, 3.0]) if kind == "half turn" else np.array([np.pi / 2 / spread, 3.0])
-        evidence = 0.0
-        for steps in _STEPS:
-            first, second = (
-                part.ravel()
-                for part in np.meshgrid(
-                    *(c + np.linspace(-h, h, steps) for c, h in zip(centre, half, strict=True)), indexing="ij"
-                )
-            )
-            maps = _maps(kind, first, second, middle, spread)
-            # Rounding to the grid moves a point by up to one step either way, uniformly distributed.
-            turn = 0.35 * self.region.size_m if kind == "mirror" else 1.0
-            step_m = float(np.hypot(turn * half[0], half[1])) * spread * 4 / (steps - 1)
-            sigma_m = np.hypot(_DEVIATIONS * self.region.size_m, step_m / np.sqrt(12))
-            seen = self._known.get(kind)
-            if seen is None or steps != _STEPS[0]:
-                seen = self._likelihood(
-                    maps, self.band.samples_m[self._tests], sigma_m, self.band.sample_normals[self._tests]
-                )
-                if steps == _STEPS[0]:
-                    self._known[kind] = seen
-            likelihood = seen + self._likelihood(maps, touched_m, sigma_m)
-            prior = -0.5 * (second**2 + (first**2 if kind == "half turn" else 0.0))
-            joint = likelihood + (prior - np.log(np.exp(prior).sum()))[:, None] - np.log(len(_DEVIATIONS))
+        middle, spread, size_m = 0.5 * (box[0] + box[1]), self.spread_m, self.region.size_m
+        turns = kind == "half turn"
+        # The directions of mirror planes are a circle: half of a step remains on both sides.
+        step = np.array([3.0 / _STEPS if turns else np.pi / (2 * _STEPS + 1) / spread, 3.0 / _STEPS])
+        ways = np.mgrid[-_STEPS : _STEPS + 1, -_STEPS : _STEPS + 1].reshape(2, -1).T
+        cells, total, evidence = ways * step, 0.0, 0.0
+        tests_m, normals = self.band.samples_m[self._tests], self.band.sample_normals[self._tests]
+        while True:
+            maps = _maps(kind, cells[:, 0], cells[:, 1], middle, spread)
+            # Rounding to the cell moves a point by up to one step either way, uniformly distributed.
+            arm = 1.0 if turns else 0.35 * size_m
+            rounded_m = float(np.hypot(arm * step[0], step[1])) * spread * 2 / np.sqrt(12)
+            sigma_m = np.hypot(_DEVIATIONS * size_m, rounded_m)
+            prior = -0.5 * (cells[:, 1] ** 2 + (cells[:, 0] ** 2 if turns else 0.0))
+            total = total or float(np.log(np.exp(prior).sum() * len(_DEVIATIONS)))
+            joint = self._likelihood(maps, tests_m, sigma_m, normals) + (prior - total)[:, None]
+            joint += self._likelihood(maps, touched_m[:, :3], np.hypot(sigma_m, touched_m[:, 3:]))
             best = float(joint.max())
             each = np.exp(joint - best)
             evidence = evidence or best + float(np.log(each.sum()))
             weights = each.sum(axis=1) / each.sum()
-            top = int(weights.argmax())
-            centre = np.array([first[top], second[top]])
-            half = 1.5 * 2 * half / (steps - 1)
+            likely = weights > _UNLIKELY * weights.max()
+            # A posterior of more cells is wider than one of them.
+            if rounded_m < _DEVIATIONS[0] * size_m or likely.sum() > len(ways) / 9:
+                break
+            step = step / 3
+            cells = (cells[likely][:, None] + np.mgrid[-1:2, -1:2].reshape(2, -1).T * step).reshape(-1, 2)
+            total += float(np.log(9))
         variance = float(each.sum(axis=0) @ sigma_m**2 / each.sum())
-        return evidence, maps, weights, variance
+        parts = _modes(cells / step, likely, None if turns else np.pi / spread / step[0])
+        modes = [np.where(part, weights, 0.0) for part in parts]
+        return evidence, maps, modes, variance
 
     def _likelihood(
         self,
         maps: tuple[np.ndarray, np.ndarray],
         points_m: Float[np.ndarray, "n 3"],
-        sigma_m: Float[np.ndarray, "s"],
+        sigma_m: Float[np.ndarray, "#n s"] | Float[np.ndarray, "s"],
         normals: Float[np.ndarray, "n 3"] | None = None,
     ) -> Float[np.ndarray, "h s"]:
         """Log-likelihood ratio of each map and deviation against no symmetry; contacts have no normals."""
@@ -150,7 +156,7 @@ class DiscreteSymmetry:
             [turned, np.broadcast_to(points_m[:, 2:], (*turned.shape[:2], 1))], axis=2
         ).reshape(-1, 3)
         # Match to the nearest point with a similar normal: both faces of an edge are near. Unmatched points are beside.
-        places, tree, turned_normals = moved, self._place, None
+        places, tree, turned_normals = moved, self.band.tree, None
         if normals is not None:
             flat = np.einsum("hij,nj->hni", maps[0], normals[:, :2])
             level = np.broadcast_to(normals[:, 2:], (*flat.shape[:2], 1))
@@ -166,13 +172,15 @@ class DiscreteSymmetry:
         way = moved - self.band.samples_m[near]
         plane = np.abs((way * self.band.sample_normals[near]).sum(axis=1))
         beside = far | (np.sqrt(np.maximum((way**2).sum(axis=1) - plane**2, 0.0)) > self.band.spacing_m)
+        if sigma_m.ndim == 2:
+            sigma_m = np.tile(sigma_m, (len(turned), 1))
         density = np.exp(-0.5 * (plane[:, None] / sigma_m) ** 2 - 0.5 * (angle[:, None] / _ROUGH_RAD) ** 2)
         density /= np.sqrt(2 * np.pi) * sigma_m
         ratio = (1 - _ALONE) * density * self.region.size_m + _ALONE
         # Unobserved space is uninformative inside the hull of the object; outside the hull there is no surface.
         outside_m = np.maximum(self.outer.distance_m(moved[beside]), 0.0)
         ratio[beside] = ((1 - _ALONE) * np.exp(-0.5 * (outside_m / self.spread_m) ** 2) + _ALONE)[:, None]
-        found: np.ndarray = np.log(ratio).reshape(len(turned), -1, len(sigma_m)).sum(axis=1)
+        found: np.ndarray = np.log(ratio).reshape(len(turned), -1, sigma_m.shape[-1]).sum(axis=1)
         return found
 
     def _put(
@@ -184,7 +192,7 @@ class DiscreteSymmetry:
         into: Centres,
     ) -> None:
         """Append the visible points mapped by the likely maps, where nothing is visible."""
-        likely = np.flatnonzero(weights > 1e-3 * weights.max())
+        likely = np.flatnonzero(weights > _UNLIKELY * weights.max())
         fraction = weights[likely] / weights[likely].sum()
         points_m = self.band.samples_m[self._seen]
         turned = np.einsum("hij,nj->hni", maps[0][likely], points_m[:, :2]) + maps[1][likely][:, None]
@@ -227,6 +235,29 @@ def even_subset(
             kept.append(chosen[k])
             left[tree.query_ball_point(points_m[chosen[k]], apart_m)] = False
     return np.array(kept, dtype=np.int64)
+
+
+def _modes(
+    cells: Float[np.ndarray, "h 2"], likely: Bool[np.ndarray, "h"], around: float | None
+) -> list[Bool[np.ndarray, "h"]]:
+    """Likely cells, in steps, that touch each other: several symmetries of one kind may hold.
+
+    ``around`` is the number of steps after which a plane is the same again, with the opposite offset.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    rows = np.flatnonzero(likely)
+    here = cells[rows]
+    tree, same = cKDTree(here), [here] if around is None else [here, [around, 0.0] + here * [1.0, -1.0]]
+    near = [tree.query_ball_point(places, 1.5) for places in same]
+    pairs = np.array([(k, other) for found in near for k in range(len(rows)) for other in found[k]])
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(rows), len(rows)))
+    count, part = connected_components(graph, directed=False)
+    mode = np.full(len(cells), -1)
+    mode[rows] = part
+    return [mode == k for k in range(count)]
 
 
 def _maps(

@@ -9,6 +9,8 @@ points in the grown region (Alt 2016, Sec. 5.3.1).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -54,7 +56,7 @@ def boundary_loops(mesh: SurfaceMesh) -> list[Int[np.ndarray, "k"]]:
     return sorted((np.unique(rim[part == k]) for k in range(part.max() + 1)), key=len, reverse=True)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class SupportBand:
     """Known points near a hole."""
 
@@ -75,6 +77,13 @@ class SupportBand:
         walls_m: Float[np.ndarray, "w 3"] = self.points_m[np.abs(self.normals[:, 2]) < MAX_WALL_NZ]
         return walls_m
 
+    @cached_property
+    def tree(self) -> Any:
+        """``scipy.spatial.cKDTree`` of the samples."""
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.samples_m)
+
     @property
     def spacing_m(self) -> float:
         """Radius r within which all but 1 in 10,000 points have a sample: exp(-pi r^2 samples / area) = 1e-4 [m]."""
@@ -88,10 +97,7 @@ class SupportBand:
         points_m
             Points (n, 3) near the surface [m].
         """
-        from scipy.spatial import cKDTree
-
-        gaps, _ = cKDTree(self.samples_m).query(points_m)
-        return gaps > self.spacing_m
+        return np.isinf(self.tree.query(points_m, distance_upper_bound=self.spacing_m)[0])
 
     def in_front(
         self, targets_m: Float[np.ndarray, "n 3"], starts_m: Float[np.ndarray, "n 3"], near_m: float
@@ -120,9 +126,7 @@ class SupportBand:
         points_m
             Points (n, 3) [m].
         """
-        from scipy.spatial import cKDTree
-
-        _, near = cKDTree(self.samples_m).query(points_m)
+        _, near = self.tree.query(points_m)
         inner: np.ndarray = ((points_m - self.samples_m[near]) * self.sample_normals[near]).sum(axis=1) < 0
         return inner
 

@@ -74,7 +74,7 @@ class OpenShell:
         near = np.flatnonzero(outer.within(middle) & (visual.face_areas_m2 > 0))
         if not len(near):
             return None
-        foot = cKDTree(band.samples_m).query(middle[near])[1]
+        foot = band.tree.query(middle[near])[1]
         way, normals = band.samples_m[foot] - middle[near], band.sample_normals[foot]
         thick_m = (way * normals).sum(axis=1)
         aside = np.linalg.norm(way - thick_m[:, None] * normals, axis=1)

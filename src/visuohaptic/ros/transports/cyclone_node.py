@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import keyword
 import os
+import re
 import threading
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
-from ...core.errors import DeviceError, needs
+from ...core import read_text
+from ...core.errors import DeviceError, InputError, needs
 from ..wire import Attachment, Field, MessageType, Shape, decode, encode, parse_definition
 from ..wire.graph import LATCHED, Entity, EntityKind, Qos, from_dds
 from .session import RosOptions, check_security, shown_error
@@ -21,6 +24,8 @@ from .topic_node import Outlet, RosSubscription, TopicNode
 
 #: Maximum number of nodes and endpoints read from the graph.
 _MAX_TOLD = 10_000
+#: Largest configuration [bytes], and what is not part of it.
+_MAX_CONFIG_BYTES, _COMMENT = 1_000_000, re.compile(r"<!--.*?-->", re.DOTALL)
 
 _DISCOVERY = parse_definition(
     "rmw_dds_common/msg/ParticipantEntitiesInfo",
@@ -74,6 +79,20 @@ def _raw_type(kind: MessageType) -> Any:
     return whole
 
 
+def _is_protected() -> bool:
+    """Whether a configuration of ``CYCLONEDDS_URI``, files or XML after commas, has a section of security.
+
+    Most have none: they name the interfaces of the network.
+    """
+    named = os.environ.get("CYCLONEDDS_URI", "")
+    texts = [named]
+    for part in named.split(","):
+        if not part.lstrip().startswith("<"):
+            with suppress(InputError):
+                texts.append(read_text(part.strip().removeprefix("file://"), _MAX_CONFIG_BYTES))
+    return any(re.search(r"<Security[\s>]", _COMMENT.sub("", text)) for text in texts)
+
+
 class CycloneNode(TopicNode):
     """A node over Cyclone DDS, without ROS; a context manager. Topics only.
 
@@ -89,15 +108,16 @@ class CycloneNode(TopicNode):
     MissingExtraError
         The package cyclonedds is not installed.
     InputError
-        ``ROS_SECURITY_ENABLE`` is set, and ``CYCLONEDDS_URI``, by which Cyclone DDS is protected, is not.
+        ``ROS_SECURITY_ENABLE`` is set, and ``CYCLONEDDS_URI`` names no configuration that protects Cyclone DDS.
     DeviceError
         The domain cannot be joined.
     """
 
     def __init__(self, name: str = "visuohaptic", options: RosOptions | None = None) -> None:
         super().__init__(name, options)
-        protected = bool(os.environ.get("CYCLONEDDS_URI"))
-        check_security("cyclonedds", protected, "name a configuration with <Security> in CYCLONEDDS_URI")
+        check_security(
+            "cyclonedds", _is_protected(), "name a configuration with <Security> in CYCLONEDDS_URI"
+        )
         with needs("cyclonedds", "dds", "DDS without ROS"):
             from cyclonedds.builtin import (
                 BuiltinDataReader,

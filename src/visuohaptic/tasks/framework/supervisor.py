@@ -158,9 +158,10 @@ class SupervisorCore(Closing):
         part
             Part of the robot.
         """
-        presses = self._presses(self._motions[part.name])
-        retreats = presses is not None and part.retreats(presses)
-        return not retreats and self._force[1] >= EXCESS * self.limits.max_force_N
+        with self._lock:
+            presses = self._presses(self._motions[part.name])
+            retreats = presses is not None and part.retreats(presses)
+            return not retreats and self._force[1] >= EXCESS * self.limits.max_force_N
 
     def register(self, part: SupervisedPart) -> None:
         """Register a part.
@@ -221,7 +222,8 @@ class SupervisorCore(Closing):
         part
             Part of the robot.
         """
-        return self._motions[part.name].executed_s(self._clock())
+        with self._lock:
+            return self._motions[part.name].executed_s(self._clock())
 
     def note(self, name: str, t_s: float, *, as_of_s: float = math.inf, jumped: str = "") -> None:
         """Record a reading of a sensor or of the state of a part.

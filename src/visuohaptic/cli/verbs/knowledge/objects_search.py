@@ -40,7 +40,10 @@ def run(args: Any) -> dict[str, Any]:
             query = features[args.kind].values
         else:
             query = files.read_npy(args.features, "a .npy file of numbers")
-        found = index_of(database, args.kind).nearest(query, args.count)
+        index = index_of(database, args.kind)
+        if not len(index):
+            raise InputError(database.where, f"has no object with features {args.kind!r}", field="--kind")
+        found = index.nearest(query, args.count)
     for one in found:
         args.report(f"{one.distance:10.4g}  {one.id}")
     return {"found": [{"id": one.id, "distance": one.distance} for one in found]}

@@ -34,6 +34,7 @@ from ..._sensor_run import (
     Outputs,
     SensorRun,
     add_run_arguments,
+    check_zero_alone,
     is_live,
     opened_frames,
     run_sensor,
@@ -69,6 +70,7 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
+    check_zero_alone(args)
     with ExitStack() as stack:
         if args.source is not None:
             reader, frames = _images(args, stack)

@@ -31,6 +31,7 @@ from ....sensing import foam
 from ..._sensor_run import (
     SensorRun,
     add_run_arguments,
+    check_zero_alone,
     force_outputs,
     opened_frames,
     run_sensor,
@@ -71,6 +72,7 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
+    check_zero_alone(args)
     if args.page and args.against is None:
         raise InputError("--page", "found without --against, expected a reference to compare with")
     reference = None if args.against is None else checked_reference(args, args.against)

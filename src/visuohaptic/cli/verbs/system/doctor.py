@@ -23,6 +23,7 @@ import platform
 import re
 import subprocess
 import sys
+import traceback
 from dataclasses import dataclass
 from typing import Any
 
@@ -135,11 +136,21 @@ def _made(name: str) -> Any:
     sys.path.insert(0, os.getcwd())
     try:
         make = getattr(importlib.import_module(module), function)
-    except (ImportError, AttributeError) as problem:
+    except (ImportError, AttributeError, SyntaxError) as problem:
         raise InputError("--robot", f"{name!r} cannot be imported: {problem}") from problem
     finally:
         sys.path.remove(os.getcwd())
-    return make()
+    try:
+        return make()
+    except VisuohapticError:
+        raise
+    except Exception as problem:
+        # Code of the user: the last place in it says more than the kind of the error.
+        frames = traceback.extract_tb(problem.__traceback__)
+        own = getattr(sys.modules[module], "__file__", None)
+        place = ([one for one in frames if one.filename == own] or frames)[-1]
+        found = f"{name} failed: {type(problem).__name__}: {problem}"
+        raise InputError("--robot", f"{found} ({place.filename}, line {place.lineno})") from problem
 
 
 def examine(library: Library, *, patience_s: float = PATIENCE_S) -> Finding:

@@ -1,7 +1,5 @@
 from .benefit_by_set import ExpectedBenefit as ExpectedBenefit
 from .benefit_by_set import expected_benefit as expected_benefit
-from .first_touch import explore_task as explore_task
-from .first_touch import nearest_contact as nearest_contact
 from .orienteering import EXACT_OBJECTS as EXACT_OBJECTS
 from .orienteering import Orienteering as Orienteering
 from .orienteering import best_order as best_order
@@ -9,3 +7,4 @@ from .orienteering import upper_bound as upper_bound
 from .tour_planner import Tour as Tour
 from .tour_planner import TourStep as TourStep
 from .tour_planner import exploration_tour as exploration_tour
+from .tour_planner import nearest_contact as nearest_contact

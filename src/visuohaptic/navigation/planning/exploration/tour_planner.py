@@ -15,15 +15,17 @@ import numpy as np
 from ....core import POSITIVE, HapticTag, check_numbers
 from ...graph import assign_regions, build_graph
 from ...grid.cost_grid import SpeedLimits, grid_layers
-from ...problem import Plan, PlanningProblem, PushCosts, Task
+from ...problem import Plan, PlanningProblem, PushCosts, Task, failure_probability
 from ...problem.node_types import nodes_of, push_node
+from ...pushing.contact_candidates import PushContact
+from ..arrays import Path
 from ..drive_tasks import drive_tasks
 from ..joint_builder import extend_graph
+from ..search.bodies import Body
 from ..search.domain_builder import build_search_domain
 from ..search.drives import pull_string
-from ..search.search_domain import SearchDomain
+from ..search.search_domain import SearchDomain, world_from_grid
 from .benefit_by_set import ExpectedBenefit, expected_benefit
-from .first_touch import explore_task, nearest_contact
 from .orienteering import EXACT_OBJECTS, Orienteering, best_order, upper_bound
 
 #: Tag with which the cost of a push is computed if an unknown object turns out to be movable.
@@ -184,6 +186,32 @@ def _benefit(domain: SearchDomain, ids: tuple[str, ...], by_set: bool) -> Expect
     return expected_benefit(joint, ids, costs.unknown_movable, by_set=by_set)
 
 
+def nearest_contact(domain: SearchDomain, body: Body) -> tuple[Path, float, PushContact] | None:
+    """The contact of a body with the cheapest drive to its approach pose, without pushing.
+
+    Parameters
+    ----------
+    domain
+        Start, map, robot and bodies at their mapped positions.
+    body
+        The body to touch.
+
+    Returns
+    -------
+    The drive in grid coordinates, its cost [cells at full speed] and the contact; ``None`` if none can be reached.
+    """
+    shifts = np.zeros((len(domain.bodies), 2))
+    stand_off = domain.robot.stand_off_m / domain.map.resolution_m
+    drives = []
+    for contact in body.contacts:
+        path, cost = pull_string(
+            domain, shifts, domain.start, body.centre + contact.robot - stand_off * contact.direction
+        )
+        if len(path):
+            drives.append((path, cost, contact))
+    return min(drives, key=lambda drive: drive[1], default=None)
+
+
 class _Ways:
     """Drives between the start, the approach poses and the goal, with no object moved."""
 
@@ -200,7 +228,12 @@ class _Ways:
                 self.unreachable[body.obj.id] = "cannot be touched from where the robot gets without pushing"
                 continue
             path, _, contact = reached
-            self.touch[body.obj.id] = explore_task(domain, body, contact)
+            x, y = world_from_grid(domain.map, body.centre + contact.contact)
+            risk = failure_probability(body.obj.tag, 0.0, domain.robot, domain.costs)
+            self.touch[body.obj.id] = Task(
+                "explore", domain.costs.explore_time_s, object=body.obj.id, contact_m=(float(x), float(y)),
+                failure_probability=risk,
+            )  # fmt: skip
             self.places.append(path[-1])
         if to_goal:
             self.places.append(domain.goal)
