@@ -127,13 +127,42 @@ def test_sizes_are_asked_for_and_checked(recording, monkeypatch, capsys):
     ],
 )
 def test_what_cannot_be_right_is_refused(recording, monkeypatch, capsys, answers, words, problem):
+    """And an earlier sensor in the folder remains, whole, with its own zero reference."""
     folder, grams, _ = recording
+    earlier = folder / "earlier"
+    earlier.mkdir(exist_ok=True)
+    for name in ("camera.yaml", "sensor.yaml", "foam.yaml", "zero.yaml"):
+        (earlier / name).write_text(f"{name} of last week")
     answers = [answer.format(*(f"{value:.0f}" for value in grams)) for answer in answers]
-    code, _, said = start(monkeypatch, capsys, folder, answers, *words, "--camera", "camera.yaml")
+    code, _, said = start(
+        monkeypatch, capsys, folder, answers, *words, "--camera", "camera.yaml", "--out", "earlier"
+    )
     assert code == 2, said
     assert problem in said.splitlines()[-1]
-    # Without a load, the stiffness of the foam is unknown: what is left must not measure newtons.
-    assert "known load" not in problem or not (folder / "sensor" / "foam.yaml").exists()
+    assert {path.name: path.read_text() for path in earlier.glob("*.yaml")} == {
+        name: f"{name} of last week" for name in ("camera.yaml", "sensor.yaml", "foam.yaml", "zero.yaml")
+    }
+    assert not list(earlier.glob(".*")), "nothing unfinished is left"
+
+
+class Terminal(io.StringIO):
+    """Answers that are typed."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_mistyped_load_is_asked_for_again(monkeypatch):
+    from types import SimpleNamespace
+
+    from visuohaptic.cli.verbs.system.start import _asked_g
+
+    told: list[str] = []
+    args = SimpleNamespace(report=told.append)
+    monkeypatch.setattr(sys, "stdin", Terminal("\n12o\n-3\n120,5\n\n"))
+    assert _asked_g(args, "load 1", may_end=False) == pytest.approx(120.5)
+    assert [line.split("found ")[1].split(",")[0] for line in told] == ["''", "'12o'", "'-3'"]
+    assert _asked_g(args, "load 2", may_end=True) is None
 
 
 def test_cameras_are_listed(monkeypatch, capsys):

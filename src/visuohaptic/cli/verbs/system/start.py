@@ -27,6 +27,7 @@ from collections.abc import Iterator
 from itertools import islice
 from math import nan
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from .... import core, io, sensing, tracking
@@ -79,27 +80,12 @@ def run(args: Any) -> dict[str, Any]:
         frames = iter(source)
         folder.mkdir(parents=True, exist_ok=True)
         _print_tag(args, folder / "tag.pdf")
-        _step(
-            args,
-            "1/4  Lay the tag flat on the middle of the strip, the lower edge of its black border on the back edge.",
-        )
-        seen = _take(frames, TAG_FRAMES, args.source)
-        camera = _camera(args, source, seen[0])
-        pose = _pose_of_foam(seen, camera, 1e-3 * args.tag)
-        config = _write_sensor(folder, camera, size_m["length"], pose)
-        material.save(folder / "foam.yaml")
-        _step(args, "2/4  Remove the tag. Nothing may touch the strip.")
-        sensor, zero = _zeroed(config, _take(frames, ZERO_FRAMES, args.source))
-        measured_mm = 1e3 * float(zero.width_m.mean())
-        args.report(f"     measured width of the strip: {measured_mm:.1f} mm, given: {args.width:g} mm")
-        loads = []
-        if not args.foam:
-            (
-                folder / "foam.yaml"
-            ).unlink()  # it is known from now on by its loads alone: an end before leaves no sensor
-            loads = _known_loads(args, sensor, frames)
-            _fit(args, loads, size_m).save(folder / "foam.yaml")
-            sensor = foam.FoamSensor.load(config)
+        config = folder / "sensor.yaml"
+        # Until all steps are done, an earlier sensor in the folder remains as it is.
+        with TemporaryDirectory(dir=folder, prefix=".unfinished-") as unfinished:
+            measured_mm, loads = _set_up(args, source, frames, Path(unfinished), material, size_m)
+            _keep(Path(unfinished), folder)
+        sensor = foam.FoamSensor.load(config)
         args.report(
             f"4/4  {'Press the strip' if is_live(args.source) else 'The rest of the recording'}; stop with Ctrl-C"
         )
@@ -111,11 +97,47 @@ def run(args: Any) -> dict[str, Any]:
         "config": str(config),
         "width_m": size_m["width"],
         "measured_width_m": 1e-3 * measured_mm,
-        "loads": len(loads),
+        "loads": loads,
         "frames": done.frames,
         "reasons": dict(done.reasons),
         "max_force_N": max_N,
     }
+
+
+def _set_up(
+    args: Any,
+    source: core.FrameSource,
+    frames: Iterator[core.Frame],
+    folder: Path,
+    material: foam.FoamMaterial,
+    size_m: dict[str, float],
+) -> tuple[float, int]:
+    """Steps 1 to 3 into an empty folder: the measured width of the strip [mm], and the number of known loads."""
+    _step(
+        args,
+        "1/4  Lay the tag flat on the middle of the strip, the lower edge of its black border on the back edge.",
+    )
+    seen = _take(frames, TAG_FRAMES, args.source)
+    camera = _camera(args, source, seen[0])
+    pose = _pose_of_foam(seen, camera, 1e-3 * args.tag)
+    config = _write_sensor(folder, camera, size_m["length"], pose)
+    material.save(folder / "foam.yaml")
+    _step(args, "2/4  Remove the tag. Nothing may touch the strip.")
+    sensor, zero = _zeroed(config, _take(frames, ZERO_FRAMES, args.source))
+    measured_mm = 1e3 * float(zero.width_m.mean())
+    args.report(f"     measured width of the strip: {measured_mm:.1f} mm, given: {args.width:g} mm")
+    if args.foam:
+        return measured_mm, 0
+    loads = _known_loads(args, sensor, frames)
+    _fit(args, loads, size_m).save(folder / "foam.yaml")
+    return measured_mm, len(loads)
+
+
+def _keep(made: Path, folder: Path) -> None:
+    """Move a complete sensor into its folder; at no moment does a sensor.yaml stand beside files of another one."""
+    (folder / "sensor.yaml").unlink(missing_ok=True)
+    for path in sorted(made.iterdir(), key=lambda path: path.name == "sensor.yaml"):
+        path.replace(folder / path.name)
 
 
 def _measure(args: Any, reader: Any, frames: Iterator[core.Frame]) -> tuple[Any, float]:
@@ -234,7 +256,6 @@ def _write_sensor(folder: Path, camera: core.Camera, length_m: float, pose: core
             "T_camera_foam": pose.fields,
         },
     )
-    (folder / "zero.yaml").unlink(missing_ok=True)  # of an earlier mounting
     return folder / "sensor.yaml"
 
 
@@ -285,20 +306,32 @@ def _known_loads(args: Any, sensor: foam.FoamSensor, frames: Iterator[core.Frame
                 raise InputError(args.source, "no load was held still", remedy="hold each load for a second")
             return loads
         enough = " (Enter: enough loads)" if loads else ""
-        answer = _ask(args, f"load {len(loads) + 1}: the scale shows [g]{enough}", "")
-        if not answer and loads:
+        grams = _asked_g(args, f"load {len(loads) + 1}: the scale shows [g]{enough}", may_end=bool(loads))
+        if grams is None:
             return loads
+        held_N.append(profile.force_N)
+        delta_m = np.where(profile.point_valid, profile.delta_m, 0.0)
+        loads.append(foam.PlateRecord(float(delta_m.max()), 9.81e-3 * grams, profile.s_m, delta_m))
+
+
+def _asked_g(args: Any, question: str, *, may_end: bool) -> float | None:
+    """A load typed by the user, who may correct a typing error; ``None``: enough loads."""
+    while True:
+        answer = _ask(args, question, "")
+        if not answer and may_end:
+            return None
         try:
             grams = float(answer.replace(",", "."))
         except ValueError:
             grams = nan
-        if not 0 < grams <= _HEAVIEST_g:
-            raise InputError(
-                "known load", f"found {answer!r}, expected a number of grams up to {_HEAVIEST_g:g}"
-            )
-        held_N.append(profile.force_N)
-        delta_m = np.where(profile.point_valid, profile.delta_m, 0.0)
-        loads.append(foam.PlateRecord(float(delta_m.max()), 9.81e-3 * grams, profile.s_m, delta_m))
+        if 0 < grams <= _HEAVIEST_g:
+            return grams
+        problem = InputError(
+            "known load", f"found {answer!r}, expected a number of grams up to {_HEAVIEST_g:g}"
+        )
+        if not sys.stdin.isatty():  # answers of a script belong to one load each
+            raise problem
+        args.report(f"     {problem}")
 
 
 def _held(
