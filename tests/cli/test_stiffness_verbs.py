@@ -116,7 +116,7 @@ def test_a_face_that_names_no_vertex_is_named(tmp_path: Path, capsys: pytest.Cap
         (["cup", "--thickness", "-1"], "expected more than 0"),
         (["cup", "--poisson", "0.6"], "less than 0.5"),
         (["cup", "--fill", "2"], "expected 0 to 1"),
-        (["cup", "--at", "nan", "0", "0"], "finite"),
+        (["cup", "--at", "nan", "0", "0"], "found nan, expected a number"),
         (["cup", "--unit", "mm"], "not a mesh"),
         (["cup", "--around", "7"], "multiple of 4"),
         (["cup", "--variant", "-1"], "expected 0 to"),

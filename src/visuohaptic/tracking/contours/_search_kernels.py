@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.kernels import kernel
+from .._solve_kernels import median
 
 #: Cost of a position outside the search range; large compared with any energy, small enough for float32.
 FORBIDDEN = np.float32(1e4)
@@ -315,7 +316,11 @@ def search(
                 top = max(top, strength[k, j])
             total += top
         cap = total / lines
-    texture = max(TEXTURE * np.median(np.abs(strength)), floor)
+    size, work = np.empty(lines * count, np.float32), np.empty(lines * count, np.float32)
+    for k in range(lines):
+        for j in range(count):
+            size[k * count + j] = abs(strength[k, j])
+    texture = max(TEXTURE * median(size, len(size), work), floor)
     cap = max(cap, 2.0 * floor, 1e-3)
     cost = np.empty((lines, n), np.float32)
     index = np.zeros(lines, np.int64)
