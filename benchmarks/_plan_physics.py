@@ -145,7 +145,7 @@ def rooms_table(rows: Rows) -> list[Row]:
             "floor": 95,
             "aim": 100,
             "note": f"of the solvable; {said} of {len(others)} others proved in 2 s; of {unknown} the solver "
-            f"said nothing in {SOLVER_S:g} s",
+            f"had no answer in {SOLVER_S:g} s",
         },
         {"name": "rooms: first plan, median", "ours": quantile(times, 0.5), "unit": "ms", "aim": 100},
         {

@@ -3,7 +3,7 @@
 ``bound``: how often could stiffness alone detect that a container belongs to no trained class? Classifiers are trained with the
 unknown kinds. They learn many members of each class and of each unknown kind of container, under all conditions, from readings
 at fixed places; each member is classified by classifiers that were trained on others. A recogniser without examples of
-the unknown kinds cannot be expected to do better. How much of this needs the examples, tells a second kind of classifier, which
+the unknown kinds cannot be expected to do better. How much of this needs the examples is shown by a second kind of classifier, which
 learns the members of the classes alone: a Gaussian of each class, and the fraction of its members that fit worse. Solids are
 left out, because they are detected without exception.
 

@@ -187,24 +187,6 @@ def test_no_node_is_unprotected_where_protection_is_asked_for(
     for uri in ("<Security><Authentication/></Security>", f"{lan},file://{tmp_path / 'keys.xml'}"):
         monkeypatch.setenv("CYCLONEDDS_URI", uri)
         assert cyclone_node._is_protected()
-    # Most configurations of Cyclone DDS name the network alone.
-    lan = '<General><Interfaces><NetworkInterface name="lo"/></Interfaces></General>'
-    (tmp_path / "lan.xml").write_text(f"<CycloneDDS><Domain>{lan}<!-- <Security> --></Domain></CycloneDDS>")
-    for uri in (
-        lan,
-        f"file://{tmp_path / 'lan.xml'}",
-        "file:///nowhere.xml",
-        f"{tmp_path / 'lan.xml'},{lan}",
-    ):
-        monkeypatch.setenv("CYCLONEDDS_URI", uri)
-        with pytest.raises(InputError, match="would be unprotected; name a configuration with <Security>"):
-            CycloneNode("bare")
-    (tmp_path / "keys.xml").write_text(
-        f"<CycloneDDS><Domain>{lan}<Security></Security></Domain></CycloneDDS>"
-    )
-    for uri in ("<Security><Authentication/></Security>", f"{lan},file://{tmp_path / 'keys.xml'}"):
-        monkeypatch.setenv("CYCLONEDDS_URI", uri)
-        assert cyclone_node._is_protected()
     path = tmp_path / "session.json5"
     path.write_text('{mode: "peer", scouting: {multicast: {enabled: false}}, listen: {endpoints: []}}')
     with RosNode("filed", RosOptions(zenoh_config=path)) as filed:

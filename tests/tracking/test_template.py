@@ -92,7 +92,7 @@ def test_a_folder_of_templates(tmp_path: Path, photo: np.ndarray) -> None:
     (tmp_path / "tags.yaml").write_text("tags: {b: {id: 7, size_m: 0.1}}\nwidths_m: {c.png: 0.05}\n")
     with pytest.raises(InputError, match="'b' twice"):
         load_templates(tmp_path)
-    # Files of editors and systems are no templates; a width for no file is a mistake.
+    # Hidden files are not templates; a width for a file that does not exist is a mistake.
     (tmp_path / "._b.png").write_bytes(b"not an image")
     (tmp_path / "tags.yaml").write_text("widths_m: {c.png: 0.05}\n")
     assert [template.name for template in load_templates(tmp_path)] == ["b", "c"]

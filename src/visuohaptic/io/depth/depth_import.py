@@ -47,7 +47,7 @@ from .depth_sequence import (
     DepthSequence,
     _image_files,
     _matched,
-    tell_unused_colour,
+    warn_of_unused_colour,
 )
 from .depth_sequence_out import write_sequence
 from .poses import StampedPose, read_poses, stamped_matrix
@@ -312,7 +312,7 @@ def _plain(
     else:
         stamped = _matched(source, paths, read_poses(poses)) if paths else []
     colors = [_beside(source / "color", path.stem) for path in paths]
-    tell_unused_colour(
+    warn_of_unused_colour(
         source / "color", len(_image_files(source / "color", {".png", ".jpg", ".jpeg"})), colors
     )
     images = list(zip(paths, colors, stamped, strict=True))

@@ -139,7 +139,7 @@ class DepthSequence:
         self.color_paths = [
             named.get(path.stem, other) for path, other in zip(self.paths, others, strict=True)
         ]
-        tell_unused_colour(colors, len(named), self.color_paths)
+        warn_of_unused_colour(colors, len(named), self.color_paths)
         poses = read_poses(self._inside(info.poses, "poses"), info.poses_topic)
         #: Time and pose of each image; missing poses have a reason.
         self.stamped: list[StampedPose] = _matched(self.folder, self.paths, poses)
@@ -287,7 +287,7 @@ class DepthSequence:
         return image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
 
 
-def tell_unused_colour(folder: Path, count: int, used: Sequence[Path | None]) -> None:
+def warn_of_unused_colour(folder: Path, count: int, used: Sequence[Path | None]) -> None:
     """Warn of colour images none of which belongs to a depth image, as of another camera with times of its own.
 
     Parameters

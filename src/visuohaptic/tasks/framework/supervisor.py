@@ -151,7 +151,7 @@ class SupervisorCore(Closing):
         return motion.moving and not motion.held
 
     def blocked_by_contact(self, part: SupervisedPart) -> bool:
-        """Whether the newest force shows that a part is pressed against something, and its motion is no retreat from it.
+        """Whether the newest force shows that a part is pressed against something, and does not retreat from it.
 
         Parameters
         ----------

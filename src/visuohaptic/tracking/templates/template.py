@@ -246,7 +246,7 @@ def load_templates(folder: Path | str) -> tuple[Template, ...]:
     if missing:
         raise InputError(
             folder / "tags.yaml",
-            f"names {missing[0]!r}, which is no image of the folder",
+            f"names {missing[0]!r}, which is not an image of the folder",
             field="widths_m",
             remedy="write the file's name with its suffix, upper and lower case as it is",
         )
