@@ -41,6 +41,21 @@ def test_a_map_gives_the_grasps_of_its_object(tmp_path: Path, capsys: pytest.Cap
         assert a["first_m"] == pytest.approx(b["first_m"])
 
 
+def test_a_map_without_sigma_leaves_that_of_the_deformation_unknown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "map.npz"
+    assert main(["stiffness", "cup", "--around", "32", "--no-sigma", "--out", str(out)]) == 0
+    capsys.readouterr()
+    words = [str(out), "--force", "4", "--count", "1", "--mass", "0.1"]
+    (grasp,) = run(capsys, *words)["grasps"]
+    assert grasp["deformation_m"] > 0
+    assert grasp["deformation_sigma_m"] is None
+    assert grasp["success"] is None
+    assert main(["grasp", *words]) == 0
+    assert "± unknown mm" in capsys.readouterr().out
+
+
 def test_contents_ask_for_more_force_and_may_spill(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["cleaner", "--around", "32", "--count", "1"]
     empty, full = run(capsys, *words), run(capsys, *words, "--state", "closed", "--fill", "0.9")

@@ -284,7 +284,7 @@ def _goals(
             taken[tree.query_ball_point(place, APART * reach)] = True
         near = [i for i in tree.query_ball_point(points[vertex], reach) if used[i]]
         k = float(surface.stiffness_N_per_m[vertex])
-        sigma = float(np.nan_to_num(surface.stiffness_sigma_N_per_m[vertex]))
+        sigma = float(surface.stiffness_sigma_N_per_m[vertex])  # NaN: the map has none
         deformation = float(scores.deformation_m[vertex])
         spread = sigma / k if np.isfinite(k) else 0.0
         success = (
@@ -327,7 +327,10 @@ def _success(
     deformation_m: float,
     spread: float,
 ) -> float:
-    """Probability that a grasp holds its load, times that of staying below the bound of the deformation."""
+    """Probability that a grasp holds its load, times that of staying below the bound of the deformation.
+
+    NaN if the spread of the deformation is unknown.
+    """
     from scipy.special import ndtr
 
     holds = success_probability(
@@ -335,7 +338,7 @@ def _success(
         unloaded_sigma_N=found.unloaded_sigma_N[[vertex]],
     )  # fmt: skip
     margin = np.log(task.parameters.max_deformation_m / max(deformation_m, 1e-12))
-    return float(holds[0] * (ndtr(margin / spread) if spread > 0 else margin > 0))
+    return float(holds[0] * (margin > 0 if spread == 0 else ndtr(margin / spread)))
 
 
 def multi_contact(

@@ -204,6 +204,7 @@ def _report(args: Any, result: dict[str, Any]) -> None:
     )
     for rank, grasp in enumerate(result["grasps"], 1):
         x, y, z = (round(1e3 * value) for value in grasp["first_m"])
+        sigma_m = grasp["deformation_sigma_m"]
         line = (
             f"{rank}. score {grasp['score']:.2f} at ({x}, {y}, {z}) mm, "
             + (
@@ -212,7 +213,7 @@ def _report(args: Any, result: dict[str, Any]) -> None:
                 else f"{1e3 * grasp['width_m']:.0f} mm wide: "
             )
             + f"{grasp['force_N']:.1f} N, required {grasp['needed_N']:.1f} N, deformation {1e3 * grasp['deformation_m']:.2g} "
-            f"± {1e3 * grasp['deformation_sigma_m']:.1g} mm"
+            + f"± {'unknown' if sigma_m is None else format(1e3 * sigma_m, '.1g')} mm"
         )
         if grasp["pose"]:
             line += f", approach {np.degrees(grasp['approach_elevation_rad']):.0f} degrees above horizontal"
