@@ -95,7 +95,9 @@ def test_values_of_a_file_are_kept_and_a_wrong_file_is_named(tmp_path, capsys):
     del data["tracking"], data["zero"]
     own = tmp_path / "own.yaml"
     own.write_text(yaml.safe_dump(data))
-    found = load_yaml_model(written(tmp_path, "foam", "--config", str(own)), FoamSensorConfig)
+    (tmp_path / "kept").mkdir()
+    path = written(tmp_path / "kept", "foam", "--config", str(own))
+    found = load_yaml_model(path, FoamSensorConfig)
     assert found == load_yaml_model(own, FoamSensorConfig)
     assert found.max_gap_s == pytest.approx(0.25)
     assert found.finger.tag_id == 5
@@ -111,6 +113,8 @@ def test_the_kinds_are_listed_and_are_all_tested(capsys):
     kinds = json.loads(capsys.readouterr().out)["kinds"]
     assert set(kinds) == {*MODELS, "robot"}
     assert kinds["beam"] == {"file": "sensor.yaml", "verb": "sense beam"}
+    assert main(["defaults", "--out", "sensor.yaml"]) == 2
+    assert "--out: found without a kind" in capsys.readouterr().err
 
 
 def test_commented_entries_of_a_list_are_accepted(tmp_path):
@@ -126,6 +130,14 @@ def test_a_robot_and_a_file_that_is_there(tmp_path, capsys):
     assert load_robot(path) == RobotModel(load_robot(path).radius_m)
     assert main(["defaults", "robot", "--out", str(path)]) == 2
     assert "already exists" in capsys.readouterr().err
+    other = tmp_path / "other.yaml"
+    other.write_text(path.read_text())
+    before = path.read_bytes()
+    assert main(["defaults", "robot", "--config", str(other), "--out", str(path)]) == 2
+    assert "already exists" in capsys.readouterr().err
+    assert path.read_bytes() == before
+    assert main(["defaults", "robot", "--config", str(path), "--out", str(path)]) == 0
+    capsys.readouterr()
     path.write_text("radius_m: 0.31\nv_push_m_s: 0.02\n")
     assert main(["defaults", "robot", "--config", str(path), "--json"]) == 0
     settings = json.loads(capsys.readouterr().out)["settings"]

@@ -111,3 +111,5 @@ def test_the_verb_replays_it_and_takes_no_part(tmp_path, monkeypatch, capsys):
     assert str(tmp_path / "report.html") in out
     assert main(["demo", "foam", "--quick"]) == 2
     assert "--quick: found with foam" in capsys.readouterr().err
+    assert main(["demo", "--map", "office.yaml", "--world", "3"]) == 2
+    assert "--map: found with --world" in capsys.readouterr().err

@@ -27,7 +27,7 @@ def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add_container_arguments(add)
     add("--at", float, "position of the first fingertip [m]", nargs=3, metavar=("X", "Y", "Z"))
-    add("--side", "x+", "instead of --at: side of the container (x+)", choices=("x+", "x-", "y+", "y-"))
+    add("--side", str, "instead of --at: side of the container (x+)", choices=("x+", "x-", "y+", "y-"))
     add("--height", float, "instead of --at: height above the foot [m] (half of the container's)")
     limit = add.one_of()
     limit("--force", float, "maximum force of one fingertip [N]", metavar="N")
@@ -44,15 +44,16 @@ def run(args: Any) -> dict[str, Any]:
         files.check_target(args.plot, files.FIGURE_SUFFIXES)
     if args.out:
         files.check_target(args.out, (".csv",))
-    if args.at and args.height is not None:
-        raise core.InputError("--height", "found with --at, expected one of them")
+    for flag in ("height", "side"):
+        if args.at and getattr(args, flag) is not None:
+            raise core.InputError(f"--{flag}", "found with --at, expected one of them")
     begin = time.perf_counter()
     container = read_container(args)
     contents, inside = read_contents(args)
     found = deformation.squeeze(
         container,
         point_m=args.at,
-        side=args.side,
+        side=args.side or "x+",
         height_m=args.height,
         force_N=args.force,
         deformation_m=args.deformation,

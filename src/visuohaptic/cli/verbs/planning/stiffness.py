@@ -50,6 +50,9 @@ def run(args: Any) -> dict[str, Any]:
         files.check_target(args.out, maps.MAP_SUFFIXES)
     if args.plot:
         files.check_target(args.plot, files.FIGURE_SUFFIXES)
+    for point in args.at or ():
+        if not np.isfinite(point).all():
+            raise core.InputError("--at", f"found {point}, expected finite numbers")
     begin = time.perf_counter()
     container = read_container(args)
     contents, inside = read_contents(args)
@@ -102,8 +105,6 @@ def _at(found: core.StiffnessMap, point_m: list[float]) -> dict[str, Any]:
     """Stiffness and sigma at the surface point nearest to a point."""
     import numpy as np
 
-    if not np.isfinite(point_m).all():
-        raise core.InputError("--at", f"found {point_m}, expected finite numbers")
     target_m = np.array(point_m)
     value, place_m = deformation.nearest_value(
         found.vertices_m, found.faces, found.stiffness_N_per_m, target_m

@@ -162,10 +162,13 @@ def add_arguments(add: Any) -> None:
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
     if args.kind is None:
+        if given := "--out" if args.out else "--config" if args.config else "":
+            raise InputError(given, f"found without a kind, expected one of {', '.join(_KINDS)} before it")
         for name, kind in _KINDS.items():
             args.report(f"{name:<11}{kind.file:<16}read by {kind.verb}")
         return {"kinds": {name: {"file": kind.file, "verb": kind.verb} for name, kind in _KINDS.items()}}
-    if args.out and args.out.exists() and args.config is None:
+    # Only the file whose values are kept may be replaced.
+    if args.out and args.out.exists() and not (args.config and args.config.samefile(args.out)):
         raise InputError(args.out, "already exists", remedy=f"keep its values with --config {args.out}")
     kind = _KINDS[args.kind]
     model, values = getattr(importlib.import_module(f"visuohaptic.{kind.module}"), kind.model), kind.required

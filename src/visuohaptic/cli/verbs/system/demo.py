@@ -103,6 +103,11 @@ def run(args: Any) -> dict[str, Any]:
         )
     if args.map is not None and args.part not in (None, "foam"):
         raise InputError("--map", f"found with {args.part}", remedy="maps are for the foam part")
+    given = next((name for name, value in chosen.items() if value), None)
+    if args.map is not None and given:
+        raise InputError(
+            "--map", f"found with {given}", remedy="a map is a world of its own, without a mission"
+        )
     with ExitStack() as stack:
         page = None
         if args.view:
