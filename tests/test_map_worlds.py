@@ -131,7 +131,7 @@ def test_contacts_of_a_box_are_its_sides_and_of_a_disc_all_around():
     found = contacts(at(box(0.4, 0.2), 3.0, 2.0), ROBOT.radius_m)
     reach = sorted(round(1e3 * float(np.hypot(*robot))) for _, robot in found)
     assert reach == [270, 270, 370, 370]
-    assert len(contacts(disc(0.2), ROBOT.radius_m)) == 24
+    assert len(contacts(disc(0.2), ROBOT.radius_m)) == 48
 
 
 def test_the_oracle_drives_straight_where_nothing_is_near():

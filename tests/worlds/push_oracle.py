@@ -64,7 +64,7 @@ def push_seconds(length_m: float, robot: Robot) -> float:
 def contacts(outline_m: np.ndarray, radius_m: float) -> list[tuple[np.ndarray, np.ndarray]]:
     """Directions of stable straight pushes and the robot's centre at contact, from the body's centroid.
 
-    Candidates are the inward normals of the hull's sides and, of round outlines, every 15 degrees.
+    Candidates are the inward normals of the hull's sides and, of round outlines, every 7.5 degrees.
     """
     shape = shapely.Polygon(outline_m)
     centre = np.array([shape.centroid.x, shape.centroid.y])
@@ -74,7 +74,7 @@ def contacts(outline_m: np.ndarray, radius_m: float) -> list[tuple[np.ndarray, n
     angles = list(np.arctan2(sides[:, 0], -sides[:, 1]))
     round_outline = len(sides) >= 12
     if round_outline:
-        angles = list(np.arange(24) * np.pi / 12)
+        angles = list(np.arange(48) * np.pi / 24)
     found: list[tuple[np.ndarray, np.ndarray]] = []
     for angle in angles:
         direction = np.array([np.cos(angle), np.sin(angle)])
