@@ -130,6 +130,18 @@ def test_what_cannot_be_compared_is_one_line(offset_s, max_offset_s, words) -> N
     assert "\n" not in str(caught.value)
 
 
+def test_a_reference_out_of_order_is_not_interpolated() -> None:
+    run, scale = records()
+    order = np.random.default_rng(0).permutation(len(scale.t_s))
+    shuffled = ForceRecord(
+        "scale", scale.t_s[order], scale.force_N[order], scale.sigma_N[order], scale.valid[order]
+    )
+    with pytest.raises(InputError, match="found times that decrease"):
+        compare_forces(run, shuffled, offset_s=0.0)
+    with pytest.raises(InputError, match=r"columns of \[149, 150\] samples"):
+        ForceRecord("foam", run.t_s, run.force_N[1:], run.sigma_N, run.valid)
+
+
 def test_the_page_stands_alone(tmp_path) -> None:
     page = write_comparison(compare_forces(*records()), tmp_path / "compare.html").read_text()
     assert page.count("<figure") == 2

@@ -23,7 +23,13 @@ MAX_STEPS = 250_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForceRecord:
-    """A force over time, n samples in temporal order."""
+    """A force over time, n samples in temporal order.
+
+    Raises
+    ------
+    InputError
+        There are no samples, or the columns differ in length.
+    """
 
     name: str
     t_s: Float[np.ndarray, "n"]
@@ -31,6 +37,13 @@ class ForceRecord:
     sigma_N: Float[np.ndarray, "n"]  #: declared standard deviation; 0 if none is declared
     valid: Bool[np.ndarray, "n"]
     reasons: tuple[str, ...] = ()  #: reasons of invalid samples, one text per sample
+
+    def __post_init__(self) -> None:
+        counts = {len(self.t_s), len(self.force_N), len(self.sigma_N), len(self.valid)}
+        if len(counts) > 1 or 0 in counts:
+            raise InputError(
+                self.name, f"found columns of {sorted(counts)} samples, expected one or more, alike in all"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +114,8 @@ def compare_forces(
     Raises
     ------
     InputError
-        Fewer than ten samples can be compared, or the force is constant, so that the offset is undetermined.
+        Fewer than ten samples can be compared, the times of the reference decrease, or the force is constant, so that the
+        offset is undetermined.
 
     Examples
     --------
@@ -118,6 +132,10 @@ def compare_forces(
     if np.isfinite(truth_N).sum() < 2:
         raise InputError(
             reference.name, f"found {np.isfinite(truth_N).sum()} valid samples, expected two or more"
+        )
+    if not (np.diff(reference.t_s) >= 0.0).all():
+        raise InputError(
+            reference.name, "found times that decrease or are NaN, expected them in temporal order"
         )
     sigma_s = 0.0
     if offset_s is None:
