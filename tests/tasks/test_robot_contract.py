@@ -398,6 +398,8 @@ def test_the_doctor_tries_a_robot(capsys, tmp_path, monkeypatch):
         "def switched_off():\n"
         "    import socket\n"
         "    socket.create_connection(('127.0.0.1', port))\n"
+        "def leaves():\n"
+        "    raise SystemExit(0)\n"
     )
     (tmp_path / "unfinished_robot.py").write_text("def connect(:\n")
     monkeypatch.chdir(tmp_path)
@@ -405,13 +407,16 @@ def test_the_doctor_tries_a_robot(capsys, tmp_path, monkeypatch):
     assert "kept" in capsys.readouterr().out
     assert main(["doctor", "--robot", "a_robot_of_this_test:run_away"]) == 2
     assert "a command acts in time" in capsys.readouterr().err
-    for name in ("no_such_module", "unfinished_robot"):
+    (tmp_path / "broken_robot.py").write_text("1 / 0\n")
+    for name in ("no_such_module", "unfinished_robot", "broken_robot"):
         assert main(["doctor", "--robot", f"{name}:connect"]) == 2
         assert "cannot be imported" in capsys.readouterr().err
     assert main(["doctor", "--robot", "a_robot_of_this_test:switched_off"]) == 2
     said = capsys.readouterr().err
     assert "switched_off failed: NameError: name 'port' is not defined" in said
     assert "a_robot_of_this_test.py, line 8)" in said
+    assert main(["doctor", "--robot", "a_robot_of_this_test:leaves"]) == 2
+    assert "leaves failed: SystemExit: 0" in capsys.readouterr().err
 
 
 def test_the_doctor_reaches_a_robot_in_a_process_of_its_own(capsys):

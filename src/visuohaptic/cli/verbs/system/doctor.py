@@ -136,15 +136,15 @@ def _made(name: str) -> Any:
     sys.path.insert(0, os.getcwd())
     try:
         make = getattr(importlib.import_module(module), function)
-    except (ImportError, AttributeError, SyntaxError) as problem:
-        raise InputError("--robot", f"{name!r} cannot be imported: {problem}") from problem
+    except (Exception, SystemExit) as problem:
+        raise InputError("--robot", f"{name!r} cannot be imported: {problem!r}") from problem
     finally:
         sys.path.remove(os.getcwd())
     try:
         return make()
     except VisuohapticError:
         raise
-    except Exception as problem:
+    except (Exception, SystemExit) as problem:
         # Code of the user: the last place in it says more than the kind of the error.
         frames = traceback.extract_tb(problem.__traceback__)
         own = getattr(sys.modules[module], "__file__", None)
