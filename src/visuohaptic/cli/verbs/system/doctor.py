@@ -137,7 +137,8 @@ def _made(name: str) -> Any:
     try:
         make = getattr(importlib.import_module(module), function)
     except (Exception, SystemExit) as problem:
-        raise InputError("--robot", f"{name!r} cannot be imported: {problem!r}") from problem
+        why = problem if isinstance(problem, ImportError) else repr(problem)
+        raise InputError("--robot", f"{name!r} cannot be imported: {why}") from problem
     finally:
         sys.path.remove(os.getcwd())
     try:
