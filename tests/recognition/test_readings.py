@@ -213,3 +213,24 @@ def test_a_wall_that_snaps_through_has_no_curvature(linear: float) -> None:
 def test_what_is_no_curve_is_refused_in_one_line(d: list[float], f: list[float]) -> None:
     with pytest.raises(InputError, match="curve"):
         check_curve(np.array(d), np.array(f))
+
+
+@pytest.mark.parametrize(
+    ("d", "f"),
+    [
+        ([1e-4, 1.1e-3, 2.1e-3, 3.1e-3, 4.1e-3], [0.5, -1e308, 2.5, 3.5, 4.5]),  # found by damaging a file
+        ([1e-4, 1.1e-3, 2.1e-3], [0.5, 1e151, 2.5]),
+        ([1e-4, 1e155, 2.1e-3], [0.5, 1.0, 2.5]),
+    ],
+)
+def test_numbers_whose_squares_overflow_are_refused(d: list[float], f: list[float]) -> None:
+    with pytest.raises(InputError, match="more than 1e\\+150"):
+        fit_curve(np.array(d), np.array(f))
+
+
+def test_a_first_step_below_any_resolution_says_nothing_of_the_contact() -> None:
+    """The slope of the first sample alone overflows; the curve is that of the other samples."""
+    d, k = np.array([0.0, 1.0, 2.0, 3.0, 4.0]) * 1e-3, 1000.0
+    first = np.where(d == 0.0, 1e-160, d)
+    found, expected = (fit_curve(one, k * d + 0.2 * (d == 0.0)) for one in (first, d))
+    assert found.i_N_per_m == pytest.approx(expected.i_N_per_m, rel=1e-12)
