@@ -234,3 +234,17 @@ def test_a_first_step_below_any_resolution_says_nothing_of_the_contact() -> None
     first = np.where(d == 0.0, 1e-160, d)
     found, expected = (fit_curve(one, k * d + 0.2 * (d == 0.0)) for one in (first, d))
     assert found.i_N_per_m == pytest.approx(expected.i_N_per_m, rel=1e-12)
+
+
+@pytest.mark.parametrize(("sigmas", "rises"), [(4.5, False), (5.5, True)])
+def test_a_wall_that_does_not_move_under_a_significant_force_is_stiff(sigmas: float, rises: bool) -> None:
+    """Deformations within their noise and without a trend: the mean force tells a wall from no contact."""
+    noise = TouchNoise(0.1, 1e-4)
+    d = np.resize([2e-5, -2e-5], 16)
+    f = np.full(16, sigmas * noise.force_N / 4.0)  # the mean of 16 samples has a fourth of their noise
+    if not rises:
+        with pytest.raises(InputError, match="expected a force that rises"):
+            fit_curve(d, f, noise, from_contact=True)
+        return
+    # Stiffer than this force over twice the noise of the mean deformation.
+    assert fit_curve(d, f, noise, from_contact=True).i_N_per_m > f[0] / (2 * noise.deformation_m / 4.0)
