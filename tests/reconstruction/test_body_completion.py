@@ -123,6 +123,11 @@ def test_one_touch_tells_of_its_ring_as_far_as_the_axis_is_known():
     assert after_m[0] < 0.0005
     # Opposite to it an axis known to 4 mm leaves at most twice that.
     assert 0.004 < after_m[1] < min(0.008, before_m[1])
+    # The same is told of the points of the surface there.
+    ring = np.column_stack(
+        [BODY.axis_m + mean_m[:, None] * np.column_stack([np.cos(theta), np.sin(theta)]), z_m]
+    )
+    np.testing.assert_allclose(completion.sigma_m(ring), after_m, rtol=1e-6)
 
 
 def test_lines_go_past_what_stands_beside():
