@@ -362,10 +362,12 @@ class EvidenceDetector:
                 piece = ndimage.label(part, np.ones((3, 3, 3)))[0][part]
                 own = (2 * np.bincount(piece, weights=own[0])[piece] > np.bincount(piece)[piece])[None]
         for body, inside in zip(bodies, own, strict=True):
-            chosen = cells[inside] if inside.sum() >= self._min_voxels else body_voxels(body, grid)
+            # The voxels may be a fragment of the rim; the body is the whole.
+            chosen = np.unique(np.concatenate([cells[inside], body_voxels(body, grid)]), axis=0)
             if len(chosen):
+                told = cells[inside] if inside.any() else chosen
                 self.inside[tuple(chosen.T)] = True
-                self._found += (region_of(chosen, self.score(chosen), grid, body),)
+                self._found += (region_of(chosen, self.score(told), grid, body),)
         return part
 
     @property
