@@ -9,9 +9,11 @@ from benchmarks._forecasts import calibration_by_chance, calibration_error
 from visuohaptic.core import InputError
 from visuohaptic.deformation.shapes import class_names, load_container
 from visuohaptic.recognition.data import (
+    CurveCoefficients,
     FeatureSet,
     TouchProtocol,
     TouchReading,
+    fit_curve,
     join_feature_sets,
     travel_seconds,
 )
@@ -39,6 +41,7 @@ from visuohaptic.recognition.touch.belief import (
 from visuohaptic.recognition.touch.calibration import EXPLORATIONS, best_or_first, rate_of_each
 from visuohaptic.recognition.touch.haptic_model import PARAMETERS, RANGE_WIDENING
 from visuohaptic.recognition.touch.unknown_class import FIRST_WIDTH
+from visuohaptic.recognition.touch.zeros import with_zeros
 from visuohaptic.recognition.trees import mean_touches, train_tree
 
 from .worlds import as_explored, synthetic, touch_of
@@ -487,3 +490,61 @@ def test_the_slope_of_the_seen_stiffness_is_its_derivative() -> None:
     np.testing.assert_allclose(
         TouchProtocol().seen_stiffness(stiffness)[1], (high - low) / (2 * step), rtol=1e-6
     )
+
+
+def test_zeros_that_the_curves_show_are_those_of_the_joint_gaussian(model: HapticModel) -> None:
+    """By hand: values, contacts and the zeros of both sensors are jointly Gaussian in each class."""
+    stiffness, start, sigma = np.array([2e4, 3e4]), np.array([1.3e-4, 0.4e-4]), np.array([8e-5, 6e-5])
+    sides = [
+        CurveCoefficients(k, k, np.nan, 0.05, np.nan, c, s)
+        for k, c, s in zip(stiffness, start, sigma, strict=True)
+    ]
+    readings = [TouchReading(8, "y", (sides[0], sides[1]))]
+    found = with_zeros(model, readings)
+    reach = 20.0 / stiffness
+    settings = model.settings
+    # d = F / k + c: an error f of the force moves c by -f / k, a relative curvature of 1 (1 cm) by 100 r^2 / 6.
+    along = np.stack([-settings.zero_N / stiffness, [settings.zero_m] * 2, 100.0 * reach**2 / 6])
+    seen = along.T @ along + np.diag(sigma**2)
+    effect = model.nuisance[:, [2, 3]]
+    for k in range(len(model.mean)):
+        across = effect[k].T @ along[:2]
+        gain = across @ np.linalg.inv(seen)
+        np.testing.assert_allclose(found.mean[k], model.mean[k] + gain @ start, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(found.covariance[k], model.covariance[k] - gain @ across.T, atol=1e-12)
+    # The deformation reads too high, and so the wall too soft.
+    assert (found.mean <= model.mean + 1e-12).all()
+    assert (found.mean[:, 28] < model.mean[:, 28]).all()
+
+
+def test_a_wrong_contact_of_stiff_walls_is_no_other_class() -> None:
+    """Two classes differ by a fifth of their stiffness everywhere, and a contact that is 0.1 mm wrong changes it by as much."""
+    rng, right = np.random.default_rng(0), {True: 0, False: 0}
+    level = np.repeat([0, 1], 40)
+    shape = 4e4 * 0.8 ** level[:, None, None]
+    features = np.zeros((80, 16, 4, 3))
+    features[..., 0] = shape * np.exp(0.02 * rng.standard_normal((80, 1, 1)))
+    labels = tuple(("stiff", "soft")[k] for k in level)
+    data = FeatureSet(features, np.full((80, 16, 2), 0.06), labels, tuple(map(str, range(80))))
+    model = fit_model(data, settings=ModelSettings(use_width=False, gain=0.02, unknown_prior=1e-6))
+    for _ in range(60):
+        kind, wrong = int(rng.integers(2)), 1e-4 * (1 if rng.random() < 0.5 else -1)
+        readings = []
+        for height in (4, 6, 8, 10, 12, 14):
+            k = float(features[40 * kind, height - 1, 0, 0])
+            d = np.arange(1, 13) / 12 * min(0.003, 20 / k)
+            sides = [
+                fit_curve(d + wrong + rng.normal(0, 1e-4, 12), k * d + rng.normal(0, 0.1, 12), from_contact=True)
+                for _ in range(2)
+            ]  # fmt: skip
+            readings.append(TouchReading(height, "x", (sides[0], sides[1])))
+        for told in right:
+            kept = [one if told else _without_contacts(one) for one in readings]
+            right[told] += update_belief(model, kept).answer == ("stiff", "soft")[kind]
+    assert right[True] >= 55
+    assert right[False] <= right[True] - 6
+
+
+def _without_contacts(reading: TouchReading) -> TouchReading:
+    first, second = (side and replace(side, contact_m=np.nan) for side in reading.sides)
+    return replace(reading, sides=(first, second))

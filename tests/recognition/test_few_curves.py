@@ -19,7 +19,7 @@ from visuohaptic.recognition import (
 )
 from visuohaptic.recognition.data import fit_curve
 from visuohaptic.recognition.touch import evidence
-from visuohaptic.recognition.touch.belief import curvatures
+from visuohaptic.recognition.touch.zeros import curvatures
 
 from .worlds import synthetic
 

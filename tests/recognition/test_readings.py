@@ -248,3 +248,24 @@ def test_a_wall_that_does_not_move_under_a_significant_force_is_stiff(sigmas: fl
         return
     # Stiffer than this force over twice the noise of the mean deformation.
     assert fit_curve(d, f, noise, from_contact=True).i_N_per_m > f[0] / (2 * noise.deformation_m / 4.0)
+
+
+@pytest.mark.parametrize("stiffness", [1500.0, 6e3, 4e4])
+def test_a_curve_shows_where_its_contact_was(stiffness: float) -> None:
+    """The deformation reads 0.12 mm too high: the line through the curve has no force there, with the stated sigma."""
+    rng, wrong = np.random.default_rng(2), 1.2e-4
+    last = min(0.003, 20 / stiffness)
+    d = np.linspace(last / 12, last, 12)
+    fits = [
+        fit_curve(d + wrong + rng.normal(0, 1e-4, 12), stiffness * d + rng.normal(0, 0.1, 12), from_contact=True)
+        for _ in range(1500)
+    ]  # fmt: skip
+    found, declared = np.array([(fit.contact_m, fit.contact_sigma_m) for fit in fits]).T
+    # Three standard errors of the mean, and a twentieth of the error: noise of the forces is a part of their differences.
+    assert abs(found.mean() - wrong) < 3 * found.std() / np.sqrt(1500) + 0.05 * wrong
+    assert np.sqrt(np.mean(declared**2)) == pytest.approx(found.std(), rel=0.1)
+
+
+def test_a_curve_without_significant_forces_shows_no_contact() -> None:
+    d = np.linspace(2.5e-4, 0.003, 12)
+    assert np.isnan(fit_curve(d, 150 * d).contact_m)

@@ -48,6 +48,9 @@ class CurveCoefficients:
     II: float  #: quadratic, whole curve, times (1 cm)^2 / 50 N
     i_relative_sigma: float  #: of ``i_N_per_m``, relative to it
     II_sigma: float
+    #: Deformation at which a line through the curve up to 3 mm has no force, and its standard deviation [m]; NaN if soft.
+    contact_m: float = math.nan
+    contact_sigma_m: float = math.nan
 
     @property
     def curvature(self) -> tuple[float, float]:
@@ -149,7 +152,7 @@ def fit_curve(
         )
     full, _ = _slope(d, f, noise)
     quadratic, uncertainty = _quadratic(d, f, noise)
-    return CurveCoefficients(i, full, quadratic, relative, uncertainty)
+    return CurveCoefficients(i, full, quadratic, relative, uncertainty, *_contact(d[low], f[low], noise))
 
 
 def check_curve(
@@ -236,6 +239,18 @@ def _slope(d: np.ndarray, f: np.ndarray, noise: TouchNoise) -> tuple[float, floa
     square = (ratio * dd + scale) / (1 + ratio * compliance**2)
     square = max(square - count * var_f / (1 + ratio * compliance**2), 0.25 * square)
     return _positive(compliance, math.sqrt((compliance**2 * var_f + var_d) / square))
+
+
+def _contact(d: np.ndarray, f: np.ndarray, noise: TouchNoise) -> tuple[float, float]:
+    """c of d = F / k + c and its standard deviation; NaN where the noise explains a part of the differences of the forces."""
+    count, away = len(d), f - f.mean()
+    square = float(away @ away) - (count - 1) * noise.force_N**2
+    if square <= 25 * count * noise.force_N**2:
+        return math.nan, math.nan
+    compliance = float(away @ d) / square
+    variance = noise.deformation_m**2 + (compliance * noise.force_N) ** 2
+    sigma = math.sqrt(variance * (1 / count + float(f.mean()) ** 2 / square))
+    return float(d.mean()) - compliance * float(f.mean()), sigma
 
 
 def _positive(compliance: float, sigma: float) -> tuple[float, float]:

@@ -45,9 +45,9 @@ from .steps import planner_follower as planner_follower
 from .steps import planner_steps as planner_steps
 from .steps import tree_follower as tree_follower
 from .steps import tree_steps as tree_steps
+from .unknown_class import FALSE_ALARM as FALSE_ALARM
 from .unknown_class import FEATURES as FEATURES
 from .unknown_class import FIRST_WIDTH as FIRST_WIDTH
+from .unknown_class import posterior_with_unknown as posterior_with_unknown
 from .unknown_class import smooth_profile as smooth_profile
 from .unknown_class import unknown_kinds as unknown_kinds
-from .unknown_state import FALSE_ALARM as FALSE_ALARM
-from .unknown_state import posterior_with_unknown as posterior_with_unknown

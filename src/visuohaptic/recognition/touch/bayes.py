@@ -29,6 +29,7 @@ from .belief import (
 )
 from .haptic_model import HapticModel
 from .unknown_class import FIRST_WIDTH, HEIGHT
+from .zeros import with_zeros
 
 TOUCHES: tuple[Touch, ...] = tuple((height, axis) for height in range(1, HEIGHTS + 1) for axis in "xy")
 
@@ -73,7 +74,7 @@ def touch_gains(
         Expected information [nat] and duration [s] of each remaining touch.
     """
     rng = np.random.default_rng(0) if rng is None else rng
-    read = evidence(model, readings)
+    read, model = evidence(model, readings), with_zeros(model, readings)
     weight = belief_of(model, log_likelihood(model, *read)).weight
     use = np.flatnonzero(weight > 1e-3 * weight.max())
     weight = weight[use] / weight[use].sum()

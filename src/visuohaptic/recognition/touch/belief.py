@@ -4,7 +4,7 @@ Symbols: those of :mod:`.haptic_model`; o measured values; q their chi-square un
 
 The Gaussians of "unknown" describe other common containers. An object that none of them predicts would be assigned to the
 known class that is least improbable. The best known class therefore has an alternative, similar but unknown, whose density is
-everywhere that of the class where a test of the stated false-alarm rate just rejects it (:mod:`.unknown_state`). The Gaussians
+everywhere that of the class where a test of the stated false-alarm rate just rejects it (:func:`.posterior_with_unknown`). The Gaussians
 of a class differ by their scale: the tail probability of the readings is the average of those of its Gaussians.
 """
 
@@ -19,9 +19,10 @@ from jaxtyping import Float, Int
 from scipy.special import chdtrc, chdtri
 
 from ..data.places import HEIGHTS
-from ..data.readings import NOMINAL_m, TouchReading
+from ..data.readings import TouchReading
 from .haptic_model import NUISANCES, HapticModel
-from .unknown_class import CURVATURE, FIRST_WIDTH, HEIGHT, UNKNOWN_CLASS_SIGMAS, USUAL_HEIGHT_m
+from .unknown_class import CURVATURE, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
+from .zeros import curvatures, with_zeros
 
 #: Relative variance of a measured width: 1e-4 m of noise at each tip, at a width of about 6 cm, is 0.24 %; the contact error
 #: is part of the model.
@@ -65,7 +66,7 @@ def update_belief(model: HapticModel, readings: Sequence[TouchReading]) -> Belie
     readings
         Touches in any order; without any, the result is the prior.
     """
-    return belief_of(model, log_likelihood(model, *evidence(model, readings)))
+    return belief_of(model, log_likelihood(with_zeros(model, readings), *evidence(model, readings)))
 
 
 def evidence(
@@ -116,31 +117,6 @@ def evidence(
         value.append(weight @ bent)
         noise.append(weight**2 @ (model.settings.curvature**2 + own) + (weight @ zero) ** 2)
     return np.array(place, dtype=np.int64), np.array(value, dtype=float), np.array(noise, dtype=float)
-
-
-def curvatures(
-    model: HapticModel, readings: Sequence[TouchReading]
-) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "q"], Float[np.ndarray, "q"]]:
-    """Relative quadratic coefficients of the curves, independent variances, and effects of the zeros' standard deviation.
-
-    A constant c, fitted by a d + b d^2 up to the reach r, has b = -10 c / (3 r^2).
-
-    Parameters
-    ----------
-    model
-        Defines the errors of the zeros, and the reach of a touch.
-    readings
-        Touches of one object.
-    """
-    sides = [side for one in readings for side in one.sides if side is not None]
-    rows = np.array([(*side.curvature, side.i_N_per_m) for side in sides]).reshape(-1, 3)
-    # The error of a ratio is Gaussian if it is small; the others are known worse than objects differ.
-    known = np.isfinite(rows).all(axis=1) & (rows[:, 1] < UNKNOWN_CLASS_SIGMAS[5])
-    bent, sigma, stiffness = rows[known].T
-    settings, protocol = model.settings, model.protocol
-    reach = np.minimum(protocol.max_deformation_m, protocol.max_force_N / stiffness)
-    zero = 10 / 3 * NOMINAL_m / reach**2 * np.hypot(settings.zero_m, settings.zero_N / stiffness)
-    return bent, sigma**2, zero
 
 
 def log_likelihood(
@@ -370,7 +346,7 @@ def contradicted_assumption(model: HapticModel, readings: Sequence[TouchReading]
     place, value, noise = evidence(model, readings)
     if not len(place):
         return ""
-    belief = belief_of(model, log_likelihood(model, place, value, noise))
+    belief = update_belief(model, readings)
     best = int(np.argmax(np.where(model.answer_of < len(model.answers) - 1, belief.weight, -1.0)))
     seen = model.covariance[best][np.ix_(place, place)] + np.diag(noise)
     effect = model.nuisance[best][:, place]

@@ -19,7 +19,7 @@ has clearance, or deforms: anything between a free rim and a held one is equally
 the rim, where a held one doubles the stiffness and more, a soft wall is weak evidence, and a stiff one shows a lid. If the
 error of the slope were part of the hypothesis's own stiffness, a stiffer hypothesis would be penalised for noise that is
 not in its data. The mass is Gaussian about that of the hypothesis. The likelihoods of curves and mass multiply; contents that
-fit no hypothesis are unknown, see :mod:`.unknown_state`. Symbols: n levels of a curve, k points of an outline, h hypotheses.
+fit no hypothesis are unknown, see :func:`.posterior_with_unknown`. Symbols: n levels of a curve, k points of an outline, h hypotheses.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from ._round_body import (
     wall_from_stiffness,
 )
 from .haptic_model import UNKNOWN
-from .unknown_state import posterior_with_unknown
+from .unknown_class import posterior_with_unknown
 
 __all__ = [
     "EMPTY",

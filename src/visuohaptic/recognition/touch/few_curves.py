@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 
 from ...core.errors import InputError
 from ..data import HEIGHTS, FeatureSet, SqueezedObject, TouchProtocol
-from .belief import curvatures, evidence
+from .belief import evidence
 from .calibration import with_exemplars
 from .haptic_model import (
     ClassStatistics,
@@ -38,6 +38,7 @@ from .unknown_class import (
     smooth_profile,
     unknown_kinds,
 )
+from .zeros import curvatures
 
 #: Prior standard deviations of the features of containers, including grooves and shoulders, in the order of
 #: :data:`.UNKNOWN_CLASS_SIGMAS`, and the number of places over which a profile is smooth. Root mean squares over classes of

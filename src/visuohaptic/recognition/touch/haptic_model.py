@@ -258,8 +258,8 @@ def nuisance_effects(
 ) -> Float[np.ndarray, "m p"]:
     """Effect of one standard deviation of each nuisance on the features of a class.
 
-    The slope of a line through the origin, fitted to evenly spaced samples up to the reach r, changes by 3 z / (2 r) with an
-    error z of the contact, and by 3 f / (2 k r) with an error f of the force's zero. "height" is the part of the pose errors
+    The slope of a line through the origin, fitted to evenly spaced samples up to the reach r, changes by -3 z / (2 r) if
+    the deformation reads z too high, and by 3 f / (2 k r) with an error f of the force's zero. "height" is the part of the pose errors
     along the slope s of the profile, P s / sqrt(s' P s). "mouth" decays exponentially from the highest place downwards.
 
     Parameters
@@ -280,7 +280,7 @@ def nuisance_effects(
     out[1] = along / np.sqrt(max(float(slope @ along), 1e-12))
     out[2, :FIRST_WIDTH] = 1.5 * settings.zero_N / (stiffness * reach)
     # The linearisation of the logarithm holds up to a relative effect of 1.
-    out[3, :FIRST_WIDTH] = np.minimum(1.5 * settings.zero_m / reach, 1.0)
+    out[3, :FIRST_WIDTH] = -np.minimum(1.5 * settings.zero_m / reach, 1.0)
     below = HEIGHTS - 1 - np.arange(FIRST_WIDTH) // 4
     out[4, :FIRST_WIDTH] = settings.mouth * np.exp(-below / MOUTH_REACH)
     return out

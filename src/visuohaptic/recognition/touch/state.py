@@ -26,7 +26,7 @@ from ...deformation import ContainerDescription, Contents, PinchPlane, mesh_cont
 from ..data import HEIGHTS, SIDES, TouchProtocol
 from ..data.readings import NOMINAL_N, NOMINAL_m, TouchNoise, TouchReading, fit_curve
 from .haptic_model import UNKNOWN
-from .unknown_state import posterior_with_unknown
+from .unknown_class import posterior_with_unknown
 
 _FORMAT = 1
 #: Number of noisy readings of each curve that a model is fitted to.
