@@ -77,6 +77,7 @@ class _Track:
     blur: float | None = (
         None  #: blur of the image relative to the template [template px^2]; None: not measured yet
     )
+    curve: float | None = None  #: curve from light to grey levels; None: not measured yet
     blur_age: int = 0  #: frames since the blur was measured
     blur_scale: float = 0.0  #: size in the image when the blur was measured [px]
 
@@ -224,7 +225,15 @@ class TemplateTracker(Closing):
         )
 
     def _align(self, track: _Track, grey: UInt8[np.ndarray, "height width"], start: np.ndarray) -> Alignment:
-        return align(track.template.esm, grey, start, self.settings.esm, offset=track.offset, blur=track.blur)
+        return align(
+            track.template.esm,
+            grey,
+            start,
+            self.settings.esm,
+            offset=track.offset,
+            blur=track.blur,
+            curve=track.curve,
+        )
 
     def _with_blur(
         self, track: _Track, grey: UInt8[np.ndarray, "height width"], alignment: Alignment
@@ -232,11 +241,16 @@ class TemplateTracker(Closing):
         """Measure the blur of the image periodically, and repeat the alignment if it changed."""
         size = float(np.linalg.norm(alignment.corners[2] - alignment.corners[0]))
         track.blur_age += 1
-        if abs(size / max(track.blur_scale, 1e-9) - 1) < 0.05 and track.blur_age < self.settings.blur_frames:
+        same = (
+            abs(size / max(track.blur_scale, 1e-9) - 1) < 0.05 and track.blur_age < self.settings.blur_frames
+        )
+        # Half the distance between two curves that can be applied.
+        if same and track.curve is not None and abs(alignment.curve - track.curve) < 0.25:
             return alignment
         track.blur_age, track.blur_scale = 0, size
         # A template with the wrong blur is aligned inaccurately, which biases the next measurement.
         for _ in range(3):
+            track.curve = alignment.curve
             blur = matching_blur(
                 track.template.esm, grey, alignment, self.settings.esm, offset=track.offset, start=track.blur
             )
@@ -268,7 +282,8 @@ class TemplateTracker(Closing):
         if track.pose is not None:
             _log.info("%s lost at %.3f s: %s", track.template.name, t_s, detail)
         track.homography, track.before, track.pose = None, None, None
-        track.advantage = track.min_chi2 = 0.0
+        track.advantage = track.min_chi2 = track.blur_scale = 0.0
+        track.blur = track.curve = None  # the view in which it is found again has its own
         return _no_pose(track.template.name, t_s, Reason.LOST, detail, alignment)
 
     # -- pose --------------------------------------------------------------------------
