@@ -52,13 +52,27 @@ class BlockFit:
         within_px
             Distance [px].
         """
-        larger = [
-            float(np.linalg.eigvalsh(self.covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2])[1])
-            for k in range(4)
-        ]
-        # A corner whose larger variance is v has an error beyond r with probability at most exp(-r^2 / 2 v).
-        beyond = sum(np.exp(-0.5 * within_px**2 / max(variance, 1e-12)) for variance in larger)
-        return float(max(0.0, 1.0 - beyond) / (1.0 + np.exp(-np.clip(self.log_odds, -50, 50))))
+        present = 1.0 / (1.0 + np.exp(-np.clip(self.log_odds, -50, 50)))
+        return float(present * corners_within(self.covariance, within_px))
+
+
+def corners_within(covariance: Float[np.ndarray, "8 8"], within_px: float) -> float:
+    """Probability that all corners are accurate to a distance, from below.
+
+    Parameters
+    ----------
+    covariance
+        Of the corners (x0, y0, x1, ...) [px^2].
+    within_px
+        Distance [px].
+    """
+    larger = [
+        float(np.linalg.eigvalsh(covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2])[1]) for k in range(4)
+    ]
+    # A corner whose larger variance is v has an error beyond r with probability at most exp(-r^2 / 2 v).
+    return float(
+        max(0.0, 1.0 - sum(np.exp(-0.5 * within_px**2 / max(variance, 1e-12)) for variance in larger))
+    )
 
 
 def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
