@@ -68,7 +68,7 @@ def test_sums_equal_their_numpy_twin(cubic: bool) -> None:
 def scene(rng: np.random.Generator, theta: np.ndarray) -> tuple[np.ndarray, ...]:
     """Sums of blocks whose image is the template moved by ``theta`` and softened; the last block shows something else."""
     x, y = np.linspace(-0.8, 0.8, ACROSS), np.linspace(-0.6, 0.6, DOWN)
-    softened = rng.normal(0, 0.01, (DOWN, ACROSS, 2, 3))
+    softened = rng.normal(0, 0.01, (DOWN, ACROSS, 2, 4))
     sums = np.zeros((DOWN, ACROSS, 28))
     for j in range(DOWN):
         for i in range(ACROSS):
@@ -122,7 +122,7 @@ def twin(sums, x, y, softened, independent, noise, blur, passes):
     for _ in range(passes):
         common = np.average(variances, weights=probability * size)
         metric = squares / (noise * scatter * np.maximum(variances, common))[:, None, None]
-        prior = np.diag([0.0] * 8 + [blur**-2] * 3)
+        prior = np.diag([0.0] * 8 + [blur**-2] * 3 + [1.0])
         matrix = prior + np.einsum("n,nai,nab,nbj->ij", probability, design, metric, design)
         step = np.linalg.solve(matrix, np.einsum("n,nai,nab,nb->i", probability, design, metric, motions))
         off = motions - design @ step
@@ -130,7 +130,7 @@ def twin(sums, x, y, softened, independent, noise, blur, passes):
         total, count = probability @ chi2, probability.sum()
         ratio = np.clip(chance + np.log(wider) + 0.5 * chi2 * (1 / wider - 1), -30, 30)
         probability = expit(ratio)
-        scatter = max(scatter * total / max(2 * count - 11, 1.0), 1.0)
+        scatter = max(scatter * total / max(2 * count - 12, 1.0), 1.0)
     variance = np.average(variances, weights=probability * size)
     return np.log(0.5 + 0.5 * np.exp(ratio)).sum(), variance, step, matrix, probability, used
 
@@ -138,10 +138,10 @@ def twin(sums, x, y, softened, independent, noise, blur, passes):
 @pytest.mark.parametrize("seed", [0, 2, 4])
 def test_the_step_equals_its_numpy_twin(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    theta = np.concatenate([rng.normal(0, 0.003, 8), rng.normal(0, 0.5, 3)])
+    theta = np.concatenate([rng.normal(0, 0.003, 8), rng.normal(0, 0.5, 4)])
     sums, x, y, softened = scene(rng, theta)
     independent = np.full((DOWN, ACROSS), 30.0)
-    step, matrix, probability = np.zeros(11), np.zeros((11, 11)), np.zeros((DOWN, ACROSS))
+    step, matrix, probability = np.zeros(12), np.zeros((12, 12)), np.zeros((DOWN, ACROSS))
     fits = np.zeros((DOWN, ACROSS, 9))
     odds, variance = block_step(
         sums, x, y, softened, independent, 0.5 * SIDE**2, 1.5, 6.0, 4, step, matrix, probability, fits

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +14,8 @@ from ...tracking import Template, TemplatePose, TemplateTracker, load_templates
 from .calibration import calibrate_beam
 from .config import BeamSensorConfig
 from .records import LoadRecord
-from .sensor import BeamReading, BeamSensor, BeamSetup, chi2_limit
+from .sensor import BeamReading, BeamSensor, BeamSetup
 from .zero import BeamZero
-
-#: Probability that the eight corner coordinates of a valid template deviate further from the six parameters of its pose.
-_DEVIATION = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,21 +172,12 @@ class TrackedBeam(Closing):
     def track(self, frame: Frame) -> tuple[TemplatePose, ...]:
         """Poses of the templates alone.
 
-        If the four corners do not fit a pose, the errors of camera model or print exceed
-        the image noise: the covariance is inflated accordingly.
-
         Parameters
         ----------
         frame
             The next frame in time order.
         """
-        good = chi2_limit(8 - 6, _DEVIATION)
-        return tuple(
-            replace(pose, covariance=pose.covariance * (pose.chi2 / good))
-            if pose.valid and pose.chi2 > good
-            else pose
-            for pose in self.tracker.update(frame)
-        )
+        return self.tracker.update(frame)
 
     def read(self, frame: Frame, *, now_s: float | None = None) -> TrackedReading:
         """Wrench of one frame.

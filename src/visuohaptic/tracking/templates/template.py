@@ -41,6 +41,19 @@ _TAG_COUNT = 587
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
 
 
+def _cell_means(rows: Float[np.ndarray, "R C"], step: float) -> Float[np.ndarray, "r C"]:
+    """Means over as many cells of ``step`` rows as fit, about the same centre.
+
+    Cells remain square: sides rounded to whole pixels would stretch a printed image by up to half a pixel.
+    """
+    count = int(np.floor(len(rows) / step + 1e-9))
+    ends = np.clip(0.5 * (len(rows) - count * step) + step * np.arange(count + 1), 0, len(rows))
+    sums = np.vstack([np.zeros(rows.shape[1]), np.cumsum(rows, axis=0)])
+    below = np.minimum(ends.astype(int), len(rows) - 1)
+    part = (ends - below)[:, None]
+    return np.diff(sums[below] * (1 - part) + sums[below + 1] * part, axis=0) / step
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Template:
     """A planar image of known size, ready for detection and tracking.
@@ -100,8 +113,6 @@ class Template:
         width_m
             Printed width [m].
         """
-        import cv2
-
         image = np.asarray(image)
         if image.dtype != np.uint8 or image.ndim != 2:
             raise InputError(
@@ -111,12 +122,10 @@ class Template:
         pixel_m = width_m / image.shape[1]
         shrink = max(image.shape) / MAX_SIDE_PX
         if shrink > 1:
-            # Integer pixels on both sides; the rounding changes the aspect ratio by less than 1/800.
-            size = (round(image.shape[1] / shrink), round(image.shape[0] / shrink))
-            if min(size) < MIN_SIDE_PX:
+            if min(image.shape) < MIN_SIDE_PX * shrink:
                 raise InputError(f"template {name}", f"found {image.shape}, which is too narrow a strip")
-            image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-            pixel_m = width_m / size[0]
+            means = _cell_means(_cell_means(image.astype(np.float64), shrink).T, shrink).T
+            image, pixel_m = np.rint(np.ascontiguousarray(means)).astype(np.uint8), pixel_m * shrink
         try:
             esm = EsmTemplate.from_image(image)
         except InputError as error:

@@ -1,8 +1,7 @@
 """Detection and tracking of several templates in a stream of frames, including recovery after loss.
 
-Alt 2016, Sec. 2.3.4. Tracking runs on every frame, with the original template, so that
-there is no drift. Detection runs concurrently in a separate thread and only while a template is
-lost: first near the last position, then in the whole image.
+Alt 2016, Sec. 2.3.4. Tracking runs on every frame, with the original template, so that there is no drift. Detection
+runs in a separate thread while a template is lost: first near the last position, then in the whole image.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from jaxtyping import Float, Float32, UInt8
 from ...core import Camera, Closing, Frame, InputError, Pose, Reason
 from ..points.homography import apply_homography, estimate_homography
 from ..pose.plane_pose import PlanePose, estimate_plane_poses, pose_difference, tilted_back
+from .alignment.block_fit import corners_within
 from .alignment.esm import Alignment, align
 from .alignment.esm_blur import matching_blur
 from .alignment.esm_pyramid import EsmSettings
@@ -27,6 +27,9 @@ from .lost_search import LostPlace, LostSearch
 from .template import Template
 
 _log = logging.getLogger(__name__)
+
+#: chi^2 of the eight coordinates of the corners about the six of a pose that one frame in 10,000 exceeds.
+_NO_POSE_CHI2 = -2.0 * float(np.log(1e-4))
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +80,7 @@ class _Track:
     blur: float | None = (
         None  #: blur of the image relative to the template [template px^2]; None: not measured yet
     )
+    curve: float | None = None  #: curve from light to grey levels; None: not measured yet
     blur_age: int = 0  #: frames since the blur was measured
     blur_scale: float = 0.0  #: size in the image when the blur was measured [px]
 
@@ -206,6 +210,12 @@ class TemplateTracker(Closing):
         if not poses:
             return self._loose(track, t_s, "no pose has the template in front of the camera", alignment)
         chosen, ambiguous, covariance = self._choose(track, poses)
+        # Of corners that fit no pose, the scatter about it is the better estimate of their accuracy.
+        scatter = 0.5 * chosen.chi2 if chosen.chi2 > _NO_POSE_CHI2 else 1.0
+        within = corners_within(scatter * alignment.corner_covariance, self.settings.esm.right_px)
+        if within < self.settings.esm.min_probability:
+            return self._loose(track, t_s, f"the corners fit no pose (chi2 {chosen.chi2:.0f})", alignment)
+        covariance = scatter * covariance
         track.before = None if was_lost or track.last_seen is None else _corners(track, track.last_seen)
         track.homography = track.last_seen = alignment.homography
         track.pose = chosen.T_camera_template
@@ -224,7 +234,15 @@ class TemplateTracker(Closing):
         )
 
     def _align(self, track: _Track, grey: UInt8[np.ndarray, "height width"], start: np.ndarray) -> Alignment:
-        return align(track.template.esm, grey, start, self.settings.esm, offset=track.offset, blur=track.blur)
+        return align(
+            track.template.esm,
+            grey,
+            start,
+            self.settings.esm,
+            offset=track.offset,
+            blur=track.blur,
+            curve=track.curve,
+        )
 
     def _with_blur(
         self, track: _Track, grey: UInt8[np.ndarray, "height width"], alignment: Alignment
@@ -232,11 +250,16 @@ class TemplateTracker(Closing):
         """Measure the blur of the image periodically, and repeat the alignment if it changed."""
         size = float(np.linalg.norm(alignment.corners[2] - alignment.corners[0]))
         track.blur_age += 1
-        if abs(size / max(track.blur_scale, 1e-9) - 1) < 0.05 and track.blur_age < self.settings.blur_frames:
+        same = (
+            abs(size / max(track.blur_scale, 1e-9) - 1) < 0.05 and track.blur_age < self.settings.blur_frames
+        )
+        # Half the distance between two curves.
+        if same and track.curve is not None and abs(alignment.curve - track.curve) < 0.25:
             return alignment
         track.blur_age, track.blur_scale = 0, size
-        # A template with the wrong blur is aligned inaccurately, which biases the next measurement.
+        # An alignment with the wrong blur biases the next measurement.
         for _ in range(3):
+            track.curve = alignment.curve
             blur = matching_blur(
                 track.template.esm, grey, alignment, self.settings.esm, offset=track.offset, start=track.blur
             )
@@ -268,7 +291,8 @@ class TemplateTracker(Closing):
         if track.pose is not None:
             _log.info("%s lost at %.3f s: %s", track.template.name, t_s, detail)
         track.homography, track.before, track.pose = None, None, None
-        track.advantage = track.min_chi2 = 0.0
+        track.advantage = track.min_chi2 = track.blur_scale = 0.0
+        track.blur = track.curve = None  # the view in which it is found again has its own
         return _no_pose(track.template.name, t_s, Reason.LOST, detail, alignment)
 
     # -- pose --------------------------------------------------------------------------

@@ -194,12 +194,12 @@ def _block_fit(s, m, fit):
 
 @kernel(**FAST)
 def _fields(x, y, softened, field):
-    """The eight velocity fields at one point, and the apparent motion of three blurs there, (11, 2)."""
+    """The eight velocity fields at one point, and the apparent motion of three blurs and the curve there, (12, 2)."""
     field[0, 0], field[1, 0], field[2, 0] = 1.0, x, y
     field[3, 1], field[4, 1], field[5, 1] = 1.0, x, y
     field[6, 0], field[6, 1] = -x * x, -x * y
     field[7, 0], field[7, 1] = -x * y, -y * y
-    for k in range(3):
+    for k in range(4):
         field[8 + k, 0], field[8 + k, 1] = softened[0, k], softened[1, k]
 
 
@@ -216,7 +216,8 @@ def block_step(sums, x, y, softened, independent, full, noise, blur, passes, ste
     x, y
         Centred coordinates of the blocks' middles, (columns,) and (rows,).
     softened
-        Apparent motion of each block due to a blur of 1 px^2, along x, across, along y, (rows, columns, 2, 3).
+        Apparent motion of each block due to a blur of 1 px^2, along x, across, along y, and due to the curve,
+        (rows, columns, 2, 4).
     independent
         Number of independent values in a block, (rows, columns).
     full
@@ -224,13 +225,13 @@ def block_step(sums, x, y, softened, independent, full, noise, blur, passes, ste
     noise
         Variance of a sum over pixels, relative to that of independent ones.
     blur
-        Standard deviation of the blur relative to the template [px^2].
+        Standard deviation of the blur relative to the template [px^2]; that of the curve is 1.
     passes
         Number of expectation-maximisation passes.
     step
-        Filled with the eight parameters of the small homography and three of the blur [px^2], (11,).
+        Filled with the eight parameters of the small homography, three of the blur [px^2] and the curve, (12,).
     matrix
-        Filled with the information on them, (11, 11).
+        Filled with the information on them, (12, 12).
     probability
         Filled with the probability that a block shows the template, (rows, columns).
     fits
@@ -239,9 +240,9 @@ def block_step(sums, x, y, softened, independent, full, noise, blur, passes, ste
     down, across = sums.shape[0], sums.shape[1]
     scratch = np.zeros((7, 7))
     chance = np.zeros((down, across))
-    vector = np.zeros(11)
-    active = np.ones(11, np.bool_)
-    field = np.zeros((11, 2))
+    vector = np.zeros(12)
+    active = np.ones(12, np.bool_)
+    field = np.zeros((12, 2))
     rest, count = 0.0, 0.0
     for j in range(down):
         for i in range(across):
@@ -261,12 +262,13 @@ def block_step(sums, x, y, softened, independent, full, noise, blur, passes, ste
                 count += probability[j, i] * sums[j, i, 0]
     odds, variance, scatter = 0.0, rest / max(count, 1e-9), 1.0
     for _ in range(passes):
-        for k in range(11):
+        for k in range(12):
             vector[k] = 0.0
-            for m in range(11):
+            for m in range(12):
                 matrix[k, m] = 0.0
         for k in range(8, 11):
             matrix[k, k] = 1.0 / (blur * blur)
+        matrix[11, 11] = 1.0
         for j in range(down):
             for i in range(across):
                 fit = fits[j, i]
@@ -274,10 +276,10 @@ def block_step(sums, x, y, softened, independent, full, noise, blur, passes, ste
                     continue
                 _fields(x[i], y[j], softened[j, i], field)
                 p = probability[j, i] / (noise * scatter * max(fit[6], variance))
-                for k in range(11):
+                for k in range(12):
                     u = p * (fit[0] * field[k, 0] + fit[1] * field[k, 1])
                     w = p * (fit[1] * field[k, 0] + fit[2] * field[k, 1])
-                    for m in range(11):
+                    for m in range(12):
                         matrix[k, m] += u * field[m, 0] + w * field[m, 1]
                     vector[k] -= u * fit[3] + w * fit[4]
         if not solve_step(matrix, vector, active, 0.0, step):
@@ -290,7 +292,7 @@ def block_step(sums, x, y, softened, independent, full, noise, blur, passes, ste
                     continue
                 _fields(x[i], y[j], softened[j, i], field)
                 dx, dy = fit[3], fit[4]
-                for k in range(11):
+                for k in range(12):
                     dx -= field[k, 0] * step[k]
                     dy -= field[k, 1] * step[k]
                 chi2 = fit[0] * dx * dx + 2.0 * fit[1] * dx * dy + fit[2] * dy * dy
@@ -307,5 +309,5 @@ def block_step(sums, x, y, softened, independent, full, noise, blur, passes, ste
                 count += probability[j, i] * sums[j, i, 0]
         variance = rest / max(count, 1e-9)
         # Scatter of the motions beyond noise: compression, aliasing, paper that is not flat.
-        scatter = max(scatter * total / max(2.0 * motions - 11.0, 1.0), 1.0)
+        scatter = max(scatter * total / max(2.0 * motions - 12.0, 1.0), 1.0)
     return odds, variance

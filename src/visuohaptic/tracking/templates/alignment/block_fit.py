@@ -39,6 +39,7 @@ class BlockFit:
     variance: float  #: variance of an image sample after removal of the blocks' illumination [grey levels^2]
     converged: bool  #: whether the last step moved no corner
     softer: float  #: variance of the blur relative to the template [px^2 of the finest level]
+    curve: float  #: curve from light to grey levels relative to that of the template
     shade: Float[
         np.ndarray, "6"
     ]  #: illumination as a polynomial in 1, x, y, x^2, x y, y^2 of the centred coordinates, 1 at the middle
@@ -51,13 +52,27 @@ class BlockFit:
         within_px
             Distance [px].
         """
-        larger = [
-            float(np.linalg.eigvalsh(self.covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2])[1])
-            for k in range(4)
-        ]
-        # A corner whose larger variance is v has an error beyond r with probability at most exp(-r^2 / 2 v).
-        beyond = sum(np.exp(-0.5 * within_px**2 / max(variance, 1e-12)) for variance in larger)
-        return float(max(0.0, 1.0 - beyond) / (1.0 + np.exp(-np.clip(self.log_odds, -50, 50))))
+        present = 1.0 / (1.0 + np.exp(-np.clip(self.log_odds, -50, 50)))
+        return float(present * corners_within(self.covariance, within_px))
+
+
+def corners_within(covariance: Float[np.ndarray, "8 8"], within_px: float) -> float:
+    """Probability that all corners are accurate to a distance, from below.
+
+    Parameters
+    ----------
+    covariance
+        Of the corners (x0, y0, x1, ...) [px^2].
+    within_px
+        Distance [px].
+    """
+    larger = [
+        float(np.linalg.eigvalsh(covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2])[1]) for k in range(4)
+    ]
+    # A corner whose larger variance is v has an error beyond r with probability at most exp(-r^2 / 2 v).
+    return float(
+        max(0.0, 1.0 - sum(np.exp(-0.5 * within_px**2 / max(variance, 1e-12)) for variance in larger))
+    )
 
 
 def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
@@ -90,12 +105,12 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
     sums, fits = (np.zeros((down, across, n)) for n in (28, 9))
     probability = np.zeros((down, across))
     to_centred = np.array([[1 / level.unit, 0, level.x[0]], [0, 1 / level.unit, level.y[0]], [0, 0, 1.0]])
-    matrix, step, growth = np.zeros((11, 11)), np.zeros(11), np.zeros((3, 3))
+    matrix, step, growth = np.zeros((12, 12)), np.zeros(12), np.zeros((3, 3))
     # Template pixels that are finer than the image's share its noise.
     noise = max(1.0, 1.0 / work.relative**2)
     offset = work.bent if work.offset is not None and k == 0 else NO_OFFSET
     x, y = _middles(level.x, level.side), _middles(level.y, level.side)
-    converged, before, factor = False, np.zeros(11), 1.0
+    converged, before, factor = False, np.zeros(12), 1.0
     for _ in range(passes):
         place = h @ to_centred
         block_sums(
@@ -132,8 +147,11 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
     telling = 1.0 / (1.0 + variance / np.maximum(work.light[0] ** 2 * level.contrast, 1e-9))
     seen = float((telling * probability).sum() / telling.sum())
     softer = -0.5 * float(step[8] + step[10]) / factor
+    curve = -float(step[11]) / factor
     shade = _shade(x, y, fits, probability)
-    return BlockFit(work.homography, covariance, seen, log_odds, variance, bool(converged), softer, shade)
+    return BlockFit(
+        work.homography, covariance, seen, log_odds, variance, bool(converged), softer, curve, shade
+    )
 
 
 def recover(work: Work, start: Float[np.ndarray, "3 3"]) -> BlockFit | None:

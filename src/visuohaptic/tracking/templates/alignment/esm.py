@@ -32,7 +32,7 @@ from jaxtyping import Float, Float32, UInt8
 from ...points.homography import apply_homography
 from .block_fit import BlockFit, fit_blocks, recover
 from .esm_pyramid import MARGIN_PX, EsmSettings, GaussNewton, Work
-from .esm_template import EsmTemplate
+from .esm_template import CURVES, EsmTemplate
 from .warp import is_proper, motion_jacobian
 
 
@@ -49,6 +49,7 @@ class Alignment:
     noise: float  #: standard deviation of one image pixel as estimated from the residual [grey levels]
     gain: float  #: image = gain * template + bias
     bias: float
+    curve: float  #: curve from light to grey levels, from 0 (proportional) to 1 (sRGB)
     corners: Float[np.ndarray, "4 2"]  #: the template's corners in the image [px], offset not included
     corner_covariance: Float[np.ndarray, "8 8"] = field(repr=False)  #: of (x0, y0, x1, ...) [px^2]
 
@@ -66,6 +67,7 @@ def align(
     *,
     offset: Float32[np.ndarray, "2 R C"] | None = None,
     blur: float | None = None,
+    curve: float | None = None,
 ) -> Alignment:
     """Align a template with an image, starting from a predicted homography.
 
@@ -86,6 +88,8 @@ def align(
         Blur of the image relative to the template, as the variance of a Gaussian [template px^2]
         (default: a typical camera's for sharp prints, none for images); see
         :func:`visuohaptic.tracking.templates.alignment.esm_blur.matching_blur`.
+    curve
+        Curve from light to grey levels, from 0 (proportional) to 1 (sRGB). By default estimated, with a blur 0.
 
     Returns
     -------
@@ -99,7 +103,7 @@ def align(
     homography = homography / homography[2, 2]
     if not is_proper(homography, template.corners):
         return _lost(homography, "the prediction mirrors the template")
-    work = Work(template, image, homography, settings, offset, blur)
+    work = Work(template, image, homography, settings, offset, blur, curve or 0.0)
     if not work.enough:
         return _lost(homography, "outside the image")
 
@@ -110,12 +114,12 @@ def align(
         even, again = False, recover(work, start)
         if fit is None or (again is not None and again.log_odds > fit.log_odds):
             fit = again
-    # Two neighbouring blurs may each point to the other: at most three evaluations.
-    for _ in range(3 if blur is None else 0):
-        if fit is None or _doubt(fit, settings) or not work.soften(fit.softer):
+    # Blur and curve have similar effects on the edges: a few steps of both, as long as they explain more.
+    for _ in range(6 if blur is None else 0):
+        if fit is None or fit.seen < settings.min_seen or not work.soften(fit.softer, fit.curve):
             break
         even, work.homography, again = False, fit.homography, fit_blocks(work, 0, 12, 4)
-        if _doubt(again, settings):
+        if again is None or again.variance >= fit.variance:
             break
         fit = again
     if fit is not None and not _doubt(fit, settings):
@@ -219,7 +223,18 @@ def _lost(homography: np.ndarray, reason: str) -> Alignment:
     """An invalid alignment with a reason."""
     nothing = np.full((8, 8), np.nan)
     return Alignment(
-        homography, False, reason, 0.0, 0.0, 0.0, np.nan, np.nan, np.nan, np.full((4, 2), np.nan), nothing
+        homography,
+        False,
+        reason,
+        0.0,
+        0.0,
+        0.0,
+        np.nan,
+        np.nan,
+        np.nan,
+        0.0,
+        np.full((4, 2), np.nan),
+        nothing,
     )
 
 
@@ -260,6 +275,7 @@ def _judged(work: Work, fit: BlockFit | None, start: Float[np.ndarray, "3 3"]) -
         noise=float(np.sqrt(_noise_variance(work))),
         gain=float(work.light[0]),
         bias=float(work.light[1]),
+        curve=float(np.clip(CURVES[work.curve] + fit.curve, 0.0, 1.0)),
         corners=apply_homography(homography, work.template.corners),
         corner_covariance=fit.covariance,
     )

@@ -40,7 +40,7 @@ def matching_blur(
         Initial blur; the search descends from there.
     """
     settings = settings or EsmSettings()
-    work = Work(template, image, alignment.homography, settings, offset, start)
+    work = Work(template, image, alignment.homography, settings, offset, start, alignment.curve)
     if not work.enough:
         return 0.0 if start is None else start
     # No outlier rejection: with a wrong blur, the residual is concentrated at edges, which would be rejected as
@@ -53,7 +53,7 @@ def matching_blur(
         """Mean squared residual after the best gain and bias [grey levels^2]."""
         nonlocal spline
         if blur not in misfits:
-            work.finest = template.finest(work.chain, blur)
+            work.finest = template.finest(work.chain, blur, work.curve)
             level, first, h = work.pair(0)
             h = np.ascontiguousarray(h / h[2, 2])
             if spline is None:

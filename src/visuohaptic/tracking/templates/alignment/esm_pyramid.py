@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...points.homography import apply_homography
-from .esm_template import BLUR_VARIANCES, LENS, EsmTemplate, Level
+from .esm_template import BLUR_VARIANCES, CURVES, LENS, EsmTemplate, Level
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +76,8 @@ class Work:
     blur
         Variance of the Gaussian blur of the image relative to the template [template px^2]; None: that of a typical
         camera.
+    curve
+        Curve from light to grey levels, 0 to 1.
     """
 
     def __init__(
@@ -86,9 +88,11 @@ class Work:
         settings: EsmSettings,
         offset: np.ndarray | None,
         blur: float | None = None,
+        curve: float = 0.0,
     ) -> None:
         self.template, self.settings = template, settings
         corners = np.clip(apply_homography(homography, template.corners), -1e6, 1e6)
+        self.curve = _nearest_curve(curve)
         self._choose_chain(corners, blur)
         self.homography = homography
         self.light = np.array([1.0, 0.0, 0.0, 0.0, 1.0])
@@ -116,7 +120,7 @@ class Work:
         self.chain = min(max(chain, 0), len(template.chains) - 1)
         self.block = template.blocks[self.chain]
         self.blur = template.first_blur if blur is None else template.blur_index(self.chain, blur)
-        self.finest = template.finest(self.chain, self.blur)
+        self.finest = template.finest(self.chain, self.blur, self.curve)
         self.levels = template.chains[self.chain]
         self.image_base = min(max(round(halves), 0), 4)
         self.count = min(self.settings.levels, len(self.levels))
@@ -160,21 +164,26 @@ class Work:
         parts = [cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA) for part in scaled]
         return np.ascontiguousarray(np.stack(parts)[:, 1:-1, 1:-1])
 
-    def soften(self, more: float) -> bool:
-        """Recompute the finest level with another blur; returns whether that changes anything.
+    def soften(self, more: float, curve: float) -> bool:
+        """Recompute the finest level with another blur and curve; returns whether that changes anything.
 
         Parameters
         ----------
         more
             Variance relative to the current one [px^2 of the finest level].
+        curve
+            Curve relative to the current one.
         """
         area = self.block[0] * self.block[1]
-        blur = self.template.blur_index(
+        before = self.blur, self.curve
+        self.blur = self.template.blur_index(
             self.chain, self.template.variance(self.chain, self.blur) + more * area
         )
-        changed = blur != self.blur
-        self.blur, self.finest = blur, self.template.finest(self.chain, blur)
-        return changed
+        # Steps have no gradient without a blur.
+        self.blur = max(self.blur, 1) if self.template.sharp else self.blur
+        self.curve = _nearest_curve(CURVES[self.curve] + curve)
+        self.finest = self.template.finest(self.chain, self.blur, self.curve)
+        return before != (self.blur, self.curve)
 
     @property
     def border(self) -> int:
@@ -358,3 +367,8 @@ class Work:
             return 0.0
         variance = max(ii - i * i / n, 0.0) * max(tt - t * t / n, 0.0)
         return float((it - i * t / n) / np.sqrt(variance)) if variance > 0 else 0.0
+
+
+def _nearest_curve(curve: float) -> int:
+    """Index of the member of ``CURVES`` that is closest."""
+    return int(np.argmin([abs(known - curve) for known in CURVES]))

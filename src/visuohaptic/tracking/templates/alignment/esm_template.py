@@ -17,6 +17,11 @@ MIN_SIDE_PX = 16
 BLUR_VARIANCES = (0.0, 0.1, 0.2, 0.32, 0.45, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.6, 3.4, 4.5, 6.0)
 #: Blur of a typical lens [px^2].
 LENS = 0.45
+#: Curves from light to grey levels that can be applied to a template: 0 is proportional, 1 that of sRGB.
+CURVES = (0.0, 0.5, 1.0)
+#: Exponent of the curve 1, and offset of the light relative to white paper: black ink reflects a twentieth, and the
+#: curve of sRGB makes 0.67 of the mean of black and white, as the power of 1 / 2.2 does with this offset.
+_EXPONENT, _BLACK = 1 / 2.2, 0.035
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,8 +43,9 @@ class Level:
     side: int  #: side of the blocks whose motion is compared at the end [px of the level]
     independent: Float[np.ndarray, "down across"]  #: number of independent values in each block
     contrast: Float[np.ndarray, "down across"]  #: variance of each block [grey levels^2]
-    #: apparent motion of each block due to a blur of 1 px^2 along x, across, and along y, in centred coordinates
-    softened: Float[np.ndarray, "down across 2 3"]
+    #: apparent motion of each block due to a blur of 1 px^2 along x, across, and along y, and due to a curve that
+    #: is larger by 1, in centred coordinates
+    softened: Float[np.ndarray, "down across 2 4"]
 
 
 def _gradient(image: Float[np.ndarray, "R C"], axis: int) -> Float[np.ndarray, "R C"]:
@@ -57,10 +63,12 @@ def _level(
     gradients: tuple[Float[np.ndarray, "rows columns"], Float[np.ndarray, "rows columns"]],
     every: int,
     block: tuple[float, float],
+    bloom: Float[np.ndarray, "rows columns"] | None = None,
 ) -> Level:
     """Precompute one level; the outermost pixels are excluded, because their neighbours in print are unknown.
 
     One pixel here is every ``every``-th pixel of the chain's first level, each the mean of ``block`` (x, y).
+    ``bloom`` is the change of the level due to a curve that is larger by 1; None: not modelled.
     """
     rows, columns = image.shape
     unit = 0.5 * max(rows, columns)
@@ -100,7 +108,9 @@ def _level(
         side=side,
         independent=independent,
         contrast=contrast,
-        softened=_softened(shown, gradient_x, gradient_y, unit, side),
+        softened=_softened(
+            shown, gradient_x, gradient_y, unit, side, np.zeros_like(shown) if bloom is None else bloom[inner]
+        ),
     )
 
 
@@ -110,11 +120,12 @@ def _softened(
     gradient_y: Float32[np.ndarray, "R C"],
     unit: float,
     side: int,
-) -> Float[np.ndarray, "down across 2 3"]:
-    """Apparent motion of each block due to a blur of 1 px^2 along x, across, and along y, beyond its illumination.
+    bloom: Float[np.ndarray, "R C"],
+) -> Float[np.ndarray, "down across 2 4"]:
+    """Apparent motion of each block due to a blur of 1 px^2 along x, across, and along y, and due to the curve.
 
-    A blur of variance v adds v / 2 times the second derivative. An edge cut off by the border of a block then
-    appears to have moved.
+    All beyond the block's illumination. A blur of variance v adds v / 2 times the second derivative. An edge cut off by
+    the border of a block then appears to have moved. A curve moves edges towards black.
     """
     from ._block_kernels import block_sums
 
@@ -123,7 +134,7 @@ def _softened(
     bend_x, bend_y = (
         np.gradient(part, axis=axis) / unit for part, axis in ((gradient_x, 1), (gradient_y, 0))
     )
-    for bend in (0.5 * bend_x, np.gradient(gradient_x, axis=0) / unit, 0.5 * bend_y):
+    for bend in (0.5 * bend_x, np.gradient(gradient_x, axis=0) / unit, 0.5 * bend_y, bloom):
         sums, products = np.zeros((down, across, 28)), np.zeros((down, across, 7, 7))
         bend = bend.astype(np.float32)
         block_sums(bend, image, gradient_x, gradient_y, none, np.eye(3), False, side, 0, sums)
@@ -179,7 +190,7 @@ class EsmTemplate:
     starts: tuple[Float32[np.ndarray, "rows columns"], ...]  #: first levels, including their border
     corners: Float[np.ndarray, "4 2"]  #: centres of the corner pixels (column, row), clockwise
     sharp: bool = False  #: consists of steps, like a tag: blurrier in any camera
-    _blurred: dict[tuple[int, int], Level] = field(default_factory=dict, repr=False)
+    _blurred: dict[tuple[int, int, int], Level] = field(default_factory=dict, repr=False)
 
     @classmethod
     def from_image(
@@ -257,20 +268,26 @@ class EsmTemplate:
         """Index of the initial blur: for sharp prints that of a typical lens, half a pixel of variance."""
         return BLUR_VARIANCES.index(LENS) if self.sharp else 0
 
-    def finest(self, chain: int, blur: int) -> Level:
-        """First level of a chain as seen by a camera with a given blur.
+    def finest(self, chain: int, blur: int, curve: int = 0) -> Level:
+        """First level of a chain as seen by a camera with a given blur and curve.
 
         Parameters
         ----------
         chain, blur
             As in :meth:`variance`.
+        curve
+            Index of ``CURVES``.
         """
-        if blur <= 0:
+        if blur <= 0 and curve <= 0:
             return self.chains[chain][0]
-        key = (chain, min(blur, len(BLUR_VARIANCES) - 1))
+        key = (chain, min(blur, len(BLUR_VARIANCES) - 1), curve)
         if key not in self._blurred:
             self._blurred[key] = _sampled(
-                self.starts[0], self.starts[chain].shape, self.blocks[chain], self.variance(*key)
+                self.starts[0],
+                self.starts[chain].shape,
+                self.blocks[chain],
+                self.variance(*key[:2]),
+                CURVES[curve],
             )
         return self._blurred[key]
 
@@ -280,15 +297,19 @@ def _sampled(
     shape: tuple[int, ...],
     block: tuple[float, float],
     variance: float,
+    curve: float,
 ) -> Level:
     """A level whose pixels and gradients are samples of the whole template with a blur [px^2].
 
     Both are sampled at the full resolution: pixels as large as those of a camera do not resolve
     its edges, and gradients computed from them would bias the scale by 100 ppm.
     """
-    from scipy.ndimage import gaussian_filter, map_coordinates
+    from scipy.ndimage import map_coordinates
 
-    soft = gaussian_filter(image.astype(np.float64), np.sqrt(variance), mode="reflect", truncate=5.0)
+    soft = _photographed(image, variance, curve)
+    # By a finite difference, within the range of the curves.
+    other = curve - 0.5 if curve > 0.5 else curve + 0.5
+    bloom = (_photographed(image, variance, other) - soft) / (other - curve)
     bx, by = block
     place = np.meshgrid(
         np.arange(shape[0]) * by + (by - 1) / 2, np.arange(shape[1]) * bx + (bx - 1) / 2, indexing="ij"
@@ -299,7 +320,26 @@ def _sampled(
         return values if whole else map_coordinates(values, place, order=3, mode="nearest")
 
     gradients = taken(_gradient(soft, 1) * bx), taken(_gradient(soft, 0) * by)
-    return _level(taken(soft), gradients, 1, block)
+    return _level(taken(soft), gradients, 1, block, taken(bloom))
+
+
+def _photographed(
+    image: Float32[np.ndarray, "R C"], variance: float, curve: float
+) -> Float[np.ndarray, "R C"]:
+    """The print as a camera shows it: the lens blurs the light [px^2], then the curve makes grey levels of it.
+
+    Between black and white, equal parts of the light of both are brighter than the mean of their grey levels: bright
+    parts grow by up to half a pixel.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    exponent = 1.0 - curve * (1.0 - _EXPONENT)
+    low, high = float(image.min()), float(image.max())
+    grey = (image.astype(np.float64) - low) / (high - low)
+    black = _BLACK**exponent
+    light = (black + (1.0 - black) * grey) ** (1.0 / exponent)
+    light = gaussian_filter(light, np.sqrt(variance), mode="reflect", truncate=5.0)
+    return low + (high - low) * (light**exponent - black) / (1.0 - black)
 
 
 def _chain(image: Float32[np.ndarray, "rows columns"], block: tuple[float, float]) -> tuple[Level, ...]:
