@@ -108,11 +108,13 @@ def seen_outline(
     return np.column_stack([radius, z * (1.0 + TALL_M / height_m * rng.standard_normal())]), sigma_m
 
 
-def squeezed(bottle: TableBottle, place: Place, rng: np.random.Generator) -> SqueezeCurve:
-    """A gentle squeeze."""
+def squeezed(
+    bottle: TableBottle, place: Place, rng: np.random.Generator, levels_N: Sequence[float] = LEVELS_N
+) -> SqueezeCurve:
+    """A squeeze, by default a gentle one."""
     depth, felt = np.linspace(0.0, 0.008, 200), bottle.container.turned(place.angle_rad)
     force = np.array([felt.force_at(place.height_m, float(d)) for d in depth])
-    levels = np.array([level for level in LEVELS_N if level < force[-1]])
+    levels = np.array([level for level in levels_N if level < force[-1]])
     if len(levels) < 2:
         levels = np.linspace(0.3, 0.9, 4) * force[-1]
     noise = rng.standard_normal((2, len(levels)))

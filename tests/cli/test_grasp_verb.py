@@ -53,7 +53,20 @@ def test_a_map_without_sigma_leaves_that_of_the_deformation_unknown(
     assert grasp["deformation_sigma_m"] is None
     assert grasp["success"] is None
     assert main(["grasp", *words]) == 0
-    assert "± unknown mm" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "± unknown mm" in said
+    assert "note: the map has no standard deviation" in said
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("--material", "PP"), ("--around", "48"), ("--state", "closed"), ("--fill", "0.5"), ("--up", "x")],
+)
+def test_a_map_refuses_what_would_change_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, str]
+) -> None:
+    assert main(["grasp", str(tmp_path / "map.npz"), "--force", "4", *words]) != 0
+    assert f"{words[0]}: found {words[1]}, but" in capsys.readouterr().err
 
 
 def test_contents_ask_for_more_force_and_may_spill(capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import InputError, StiffnessMap
-from visuohaptic.recognition.touch import correct_map
+from visuohaptic.recognition.touch import correct_map, map_of_outline, stiffness_samples
+from visuohaptic.recognition.touch._round_body import round_body
 
 
 def test_a_corrected_map_is_right_where_it_was_touched_and_doubtful_elsewhere() -> None:
@@ -24,17 +25,60 @@ def test_a_corrected_map_is_right_where_it_was_touched_and_doubtful_elsewhere() 
 
 
 def test_the_deviation_of_a_corrected_map_is_that_of_its_two_parts() -> None:
-    """A common factor of 20 % and a local one of 10 % over 4 cm, conditioned on one exact measurement, in closed form."""
-    z = np.array([0.0, 0.04, 1.0])
+    """A common factor of 60 % and a local one of 30 % over 5 mm, conditioned on one exact measurement, in closed form."""
+    z = np.array([0.0, 0.005, 1.0])
     points = np.stack([0 * z, 0 * z, z], axis=1)
     found = StiffnessMap(points, np.array([[0, 1, 2]]), np.full(3, 1000.0), np.full(3, 200.0))
     new = correct_map(found, points[:1], np.array([1300.0]), np.array([1e-6]))
-    shared = 0.2**2 + 0.1**2 * np.exp([0.0, -0.5, -np.inf])
-    whole = 0.2**2 + 0.1**2
+    shared = 0.6**2 + 0.3**2 * np.exp([0.0, -0.5, -np.inf])
+    whole = 0.6**2 + 0.3**2
     np.testing.assert_allclose(new.stiffness_N_per_m, 1000 * 1.3 ** (shared / whole), rtol=1e-4)
     sigma = np.sqrt(np.maximum(whole - shared**2 / whole, 0.0))
     relative = new.stiffness_sigma_N_per_m / new.stiffness_N_per_m
     np.testing.assert_allclose(relative, sigma, rtol=1e-3, atol=1e-4)
+
+
+def test_both_ends_of_a_pinch_are_one_measurement() -> None:
+    points = np.array([[0.03, 0.0, 0.1], [-0.03, 0.0, 0.1], [0.0, 0.03, 0.1]])
+    found = StiffnessMap(points, np.array([[0, 1, 2]]), np.full(3, 1000.0), np.full(3, 200.0))
+    one, other = (
+        correct_map(found, points[[k]], np.array([1300.0]), np.array([0.05])).stiffness_sigma_N_per_m
+        for k in (0, 1)
+    )
+    np.testing.assert_allclose(one, other, rtol=1e-9)
+    assert one[2] > 3 * one[0]
+
+
+def test_an_outline_makes_the_errors_of_a_round_body_those_of_its_samples() -> None:
+    """Two squeezes of a tube of known radius: far from them what remains is the wall's own variation, nowhere more than before."""
+    outline = np.column_stack([np.full(25, 0.03), np.linspace(0.0, 0.2, 25)])
+    heights, logs = stiffness_samples(outline, np.zeros((25, 25)), 4e-4, 0.0)
+    vertices = np.array([[0.03, 0.0, z] for z in (0.05, 0.1, 0.15)])
+    before, deviations = map_of_outline(vertices, np.array([[0, 1, 2]]), heights, logs)
+    body = round_body(outline, 4e-4)
+    expected = [body.wall_N_per_m(z, False) for z in (0.05, 0.1)]
+    np.testing.assert_allclose(before.stiffness_N_per_m[:2], expected, rtol=0.05)
+    felt = 1.5 * before.stiffness_N_per_m[[0]]
+    after = correct_map(before, vertices[[0]], felt, np.array([0.01]), deviations)
+    # A common factor of the modulus holds everywhere, but for 10 % of local thickness.
+    assert after.stiffness_N_per_m[1] / before.stiffness_N_per_m[1] == pytest.approx(1.5, rel=0.05)
+    relative = after.stiffness_sigma_N_per_m / after.stiffness_N_per_m
+    assert relative[0] < 0.02
+    assert relative[1] == pytest.approx(np.sqrt(0.17 - 0.16**2 / 0.17), rel=0.2)
+
+
+def test_samples_follow_the_errors_of_the_outline() -> None:
+    """A tube whose radius is uncertain by 5 % as a whole, against tubes 5 % wider and narrower; 32 samples: 13 % of sigma."""
+    outline = np.column_stack([np.full(25, 0.03), np.linspace(0.0, 0.2, 25)])
+    common = np.full((25, 25), 0.05**2)
+    z, logs = stiffness_samples(outline, common, 4e-4, 0.0)
+    loose = float(logs[:, 40].std())
+    wide, narrow = (round_body(outline * (f, 1.0), 4e-4).wall_N_per_m(0.1, False) for f in (1.05, 0.95))
+    assert loose == pytest.approx(0.5 * abs(np.log(wide / narrow)), rel=0.4)
+    # Fingers have measured the radius.
+    _, felt = stiffness_samples(outline, common, 4e-4, 0.0, widths_m=[(0.1, 0.03)])
+    assert float(felt[:, 40].std()) < 0.5 * loose
+    assert z[40] == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(("stiffness", "sigma"), [(0.0, 0.1), (1300.0, 0.0)])

@@ -14,10 +14,12 @@ from jaxtyping import Float
 from ..core import Estimate, Frame
 from ..deformation.maps.features import HEIGHTS
 from ..deformation.shapes.container import load_container
+from ..recognition.touch._round_body import ALONG_M, stiffness_samples
 from ..recognition.touch.belief import with_outline
 from ..recognition.touch.contents import FILLINGS, SCALE, ContentsModel, wall_from_stiffness
 from ..recognition.touch.haptic_model import UNKNOWN, HapticModel, ModelSettings, fit_model
 from ..recognition.touch.outline_match import nearest_variant
+from ..recognition.touch.refinement import map_of_outline
 from ..sensing.beam.tracked import TrackedBeam
 from ..sensing.foam.sensor import FoamSensor
 from ..tasks import Hand, LiftPlan, Place, RememberedContainer, SqueezeSettings, grasp_and_lift
@@ -130,7 +132,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     stiffness = [(curve.place.height_m, curve.stiffness_N_per_m) for curve in known.curves]
     wall = wall_from_stiffness(known.outline_m, stiffness, model_wall_m)
     model = ContentsModel(known.outline_m, wall, outline_sigma_m=known.outline_sigma_m)
-    begin_s = hand.arm.pose()[0]
+    known.wall_m, begin_s = wall, hand.arm.pose()[0]
     contents = identify_contents(hand, model, object_m, _open_m(known))
     mission.record_cost(hand.arm.pose()[0] - begin_s, len(contents.curves))
     parts = [
@@ -144,6 +146,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     if contents.lid == UNKNOWN or contents.mass_kg is None:
         return failed(f"{called}, but its contents are not identified: {contents.why}", *parts)
     known.belief = replace(known.belief, closed=contents.belief["closed"], filled=contents.posterior.filled)
+    known.firm_curves = tuple(contents.curves)
     # An uncertain lid is not claimed: an open wall is softer, and the grasp is planned for it.
     known.closed = contents.confident and contents.lid == "closed"
     known.fill, (known.mass_kg, known.mass_sigma_kg) = contents.fill[0], contents.mass_kg
@@ -285,7 +288,7 @@ def _take_class(known: Known, name: str) -> float:
 
 
 def grasp_the_bottle(mission: Mission) -> ChapterResult:
-    """Plan on the recognised class's stiffness map, corrected by the measurements; grasp and lift.
+    """Plan on the stiffness of the measured outline, corrected by all squeezes; grasp and lift.
 
     Parameters
     ----------
@@ -300,7 +303,7 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
     lift = _lift_plan(best, float(best.first_m[2]) / scale, mission.known)
     mission.log(
         f"  {1e3 * mission.known.mass_kg:.0f} g need {best.needed_N:.1f} N at {1e3 * lift.place.height_m:.0f} mm; {best.force_N:.1f} N "
-        f"are expected to deform the wall by {1e3 * best.deformation_m:.1f} mm there, and to hold with a probability of {best.success:.3f}"
+        f"are expected to deform the wall by {1e3 * best.deformation_m:.1f} ± {1e3 * best.deformation_sigma_m:.1f} mm there, and to hold with a probability of {best.success:.3f}"
     )
     begin_s = hand.arm.pose()[0]
     held = grasp_and_lift(hand, lift)
@@ -312,7 +315,9 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
         Measure("force of each finger, needed at least [N]", best.needed_N),
         Measure("probability that it holds", best.success, held.ending.success),
         Measure("force of each finger, measured [N]", held.force_N, truth["force_N"]),
-        Measure("deformation of one side at the grasp [mm]", deformed_mm, truly_mm),
+        Measure("deformation of one side at the grasp, expected [mm]", 1e3 * best.deformation_m, truly_mm),
+        Measure("its standard deviation [mm]", 1e3 * best.deformation_sigma_m),
+        Measure("deformation of one side at the grasp, measured [mm]", deformed_mm, truly_mm),
         Measure("lifted [m]", lift.lift_m if held.ending.success else 0.0, truth["lifted_m"]),
         Illustration(
             grasp_figure(plan, lift, _between_fingers(mission.known, lift), held.ending.success),
@@ -334,7 +339,7 @@ def _between_fingers(known: Known, lift: LiftPlan) -> Float[np.ndarray, "k 2"]:
 
 
 def _planned(known: Known) -> tuple[GraspPlan, float]:
-    """Grasps on the class's model, with heights scaled to the bottle's."""
+    """Grasps on the class's model, with heights scaled to the bottle's, and of a round one with the stiffness of its outline."""
     from ..deformation import Contents, mesh_container, object_map
     from ..grasping import GraspTask, GripperModel, Load, object_load
     from ..grasping.planner import plan_grasps
@@ -342,8 +347,20 @@ def _planned(known: Known) -> tuple[GraspPlan, float]:
     model = mesh_container(known.class_model, around=32)
     # Heights are relative: the class's variant has not exactly the height of the bottle.
     scale = model.height_m / float(known.outline_m[-1, 1])
-    surface = object_map(model, Contents(fill=known.fill) if known.closed else None, band=False)
-    surface = correct_by_squeezes(surface, known.curves, scale=scale, yaw_rad=known.wide_rad)
+    squeezed, deviations = (*known.curves, *known.firm_curves), None
+    if known.squash < 1.0:
+        surface = object_map(model, Contents(fill=known.fill) if known.closed else None, band=False)
+    else:
+        heights_m, logs = stiffness_samples(
+            known.outline_m, _outline_errors(known), known.wall_m, known.belief.closed,
+            height_sigma_m=HEIGHT_SIGMA_M, widths_m=[(one.place.height_m, one.surface_m) for one in squeezed],
+        )  # fmt: skip
+        surface, deviations = map_of_outline(
+            model.mesh.vertices_m, model.surface_faces, scale * heights_m, logs
+        )
+    surface = correct_by_squeezes(
+        surface, squeezed, scale=scale, yaw_rad=known.wide_rad, deviations=deviations
+    )
     centre_m = object_load(model, known.fill).centre_m
     load = Load(known.mass_kg, centre_m, mass_spread=known.mass_sigma_kg / known.mass_kg)
     plan = plan_grasps(
@@ -362,10 +379,21 @@ def _planned(known: Known) -> tuple[GraspPlan, float]:
     return plan, scale
 
 
+def _outline_errors(known: Known) -> Float[np.ndarray, "k k"]:
+    """Covariance of the errors of the log radii: of the completion, or smooth with the expected error where it was seen or known."""
+    if known.outline_errors is not None and known.belief.transparent > 0.5:
+        return known.outline_errors
+    radius_m, height_m = known.outline_m.T
+    near = np.exp(-0.5 * ((height_m[:, None] - height_m) / ALONG_M) ** 2)
+    return np.asarray(known.outline_sigma_m**2 * near / np.outer(radius_m, radius_m))
+
+
 def _lift_plan(best: Grasp, height_m: float, known: Known) -> LiftPlan:
     """The planned grasp as executed by the gripper."""
     # The two fingers are interchangeable: the smaller rotation is used.
     angle = math.remainder(known.wide_rad + math.atan2(best.direction[1], best.direction[0]), math.pi)
-    bound = 2.0 * (best.deformation_m + 3.0 * best.deformation_sigma_m) + 0.001
+    # Log-normal, as the stiffness.
+    spread = best.deformation_sigma_m / best.deformation_m
+    bound = 2.0 * best.deformation_m * math.exp(3.0 * spread) + 0.001
     place, give = Place(height_m, angle), min(bound, 0.01)
     return LiftPlan(place, best.force_N, give, _foot_m(known), open_m=_open_m(known), arm_m_s=LIFT_M_S)

@@ -82,6 +82,8 @@ class Known:
     wrist: TrackedBeam | None = None  #: load sensor of the hand: zeroed, and calibrated with weights
     wrist_sigma_N: float = 0.0  #: of its zero
     curves: tuple[SqueezeCurve, ...] = ()  #: with low force
+    firm_curves: tuple[SqueezeCurve, ...] = ()  #: with high force, for the contents
+    wall_m: float = math.nan  #: thickness that the gentle squeezes agree with
     readings: list[TouchReading] = field(default_factory=list)  #: of these squeezes
     class_name: str = ""
     class_model: ContainerDescription = field(init=False)  #: of the recognised class, as large as the outline

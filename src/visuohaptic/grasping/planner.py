@@ -248,7 +248,13 @@ def _plan(
             continue
         goal = replace(goal, approach=approach, confirmation=said)
         (kept if said is None or said.holds else rejected).append(goal)
-    notes = (f"{blocked} places have no way free of object, scene and table",) if blocked else ()
+    notes: tuple[str, ...] = (
+        (f"{blocked} places have no way free of object, scene and table",) if blocked else ()
+    )
+    if any(not (goal.rim or np.isfinite(goal.deformation_sigma_m)) for goal in kept):
+        notes += (
+            "the map has no standard deviation: the limit of the deformation has no margin, and is exceeded with a probability of up to one half",
+        )
     return GraspPlan(tuple(kept), tuple(rejected), surface, scores, found, task, load, notes)
 
 

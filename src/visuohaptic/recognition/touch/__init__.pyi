@@ -1,3 +1,4 @@
+from ._round_body import stiffness_samples as stiffness_samples
 from .bayes import TouchExploration as TouchExploration
 from .bayes import explore as explore
 from .bayes import touch_gains as touch_gains
@@ -32,6 +33,7 @@ from .haptic_model import with_prior as with_prior
 from .outline_match import container_outline as container_outline
 from .outline_match import nearest_variant as nearest_variant
 from .refinement import correct_map as correct_map
+from .refinement import map_of_outline as map_of_outline
 from .state import HapticStateModel as HapticStateModel
 from .state import StateCurve as StateCurve
 from .state import fit_state_model as fit_state_model

@@ -20,8 +20,10 @@ NECK_M, NECK = 0.0012, 0.9
 MIN_AIR = 0.01
 #: Number of iterations for the wall thickness; the stiffness is proportional to this power of it.
 WALL_ROUNDS, WALL_POWER = 5, 2.3
-#: Correlation length of the error of an outline, the distance of its contacts [m]; number of sampled outlines.
-ALONG_M, OUTLINES = 0.02, 16
+#: Correlation length of the error of an outline, the distance of its contacts [m]; number of sampled outlines, and of bodies.
+ALONG_M, OUTLINES, SAMPLES = 0.02, 16, 32
+#: Radius between fingers by that of the outline at the same height: 3 mm of height on walls that widen by a sixth of it [m].
+RADIUS_M = 5e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +165,57 @@ def stiffness_scatter(
         stiffness = _stiffness(z, np.maximum(r + one, 0.2 * r), wall_m, closed=False)
         logs.append(np.log(np.where(np.isfinite(stiffness), stiffness, 1.0)))
     return np.asarray(logs - np.mean(logs, axis=0))
+
+
+def stiffness_samples(
+    outline_m: Float[np.ndarray, "k 2"],
+    errors: Float[np.ndarray, "k k"],
+    wall_m: float,
+    closed: float,
+    *,
+    height_sigma_m: float = 0.0,
+    widths_m: Sequence[tuple[float, float]] = (),
+) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "s q"]]:
+    """Heights [m], and logarithms of the stiffness [N/m] there, of bodies that agree with what was measured.
+
+    Parameters
+    ----------
+    outline_m
+        (radius, height) from the bottom up [m].
+    errors
+        Covariance of the errors of its log radii.
+    wall_m
+        Wall thickness [m], exact; of the neck :data:`NECK_M`.
+    closed
+        Probability of a lid, which holds the rim more or less.
+    height_sigma_m
+        Standard deviation of the total height, by which all heights change in proportion [m].
+    widths_m
+        (height, radius) where fingers touched both sides [m].
+    """
+    z, r = _meridian(outline_m)
+    rng, many = np.random.default_rng(0), len(z)
+    at = np.concatenate([z, [height for height, _ in widths_m]])
+    spread = np.array([np.interp(at, outline_m[:, 1], one) for one in np.diag(outline_m[:, 0])])
+    covariance = spread.T @ errors @ spread
+    felt = covariance[many:, many:] + RADIUS_M**2 * np.eye(len(widths_m))
+    gain = np.linalg.solve(felt, covariance[many:, :many]).T
+    off_m = np.array([radius for _, radius in widths_m]) - np.interp(at[many:], z, r)
+    size, modes = np.linalg.eigh(covariance[:many, :many] - gain @ covariance[many:, :many])
+    modes = modes * np.sqrt(np.maximum(size, 0.0))
+    logs = np.empty((SAMPLES, many))
+    for k in range(SAMPLES):
+        radii = np.maximum(r + gain @ off_m + modes @ rng.standard_normal(many), 0.2 * r)
+        heights = z * max(1.0 + height_sigma_m / z[-1] * rng.standard_normal(), 0.5)
+        lid, held = rng.random() < closed, rng.random()
+        log = np.log(_stiffness(heights, radii, wall_m, closed=False))
+        if lid:
+            # A held rim itself does not deform.
+            firm = np.log(_stiffness(heights, radii, wall_m, closed=True))
+            log = np.where(np.isfinite(firm), held * firm + (1.0 - held) * log, log)
+        given = np.isfinite(log)
+        logs[k] = np.interp(z, heights[given], log[given])
+    return z, logs
 
 
 def round_body(outline_m: Float[np.ndarray, "k 2"], wall_m: float) -> RoundBody:

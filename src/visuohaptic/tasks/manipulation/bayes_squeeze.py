@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from jaxtyping import Float
 
 from ...core.objects import StiffnessMap
 from ...recognition import HapticModel, touch_gains, update_belief
@@ -119,27 +120,30 @@ def correct_by_squeezes(
     *,
     scale: float = 1.0,
     yaw_rad: float = 0.0,
+    deviations: Float[np.ndarray, "s v"] | None = None,
 ) -> StiffnessMap:
-    """Correct the stiffness map of a class by squeezes of one object of the class.
+    """Correct the stiffness map of a class or of an outline by squeezes of one object.
 
     Parameters
     ----------
     surface
-        Map of the class.
+        Map before the squeezes.
     curves
         Squeezes; those without a positive stiffness are ignored.
     scale
         Ratio of the height on the map to the height on the object.
     yaw_rad
         Direction of the map's axis x in the base of the arm [rad].
+    deviations
+        As of :func:`~visuohaptic.recognition.touch.correct_map`, for the outline of a round body.
     """
     points, measured, sigma = [], [], []
     for curve in curves:
         z, stiffness, radius = curve.place.height_m, curve.stiffness_N_per_m, curve.surface_m
         if not (np.isfinite(stiffness) and stiffness > 0):
             continue
-        for angle in curve.place.angle_rad - yaw_rad + np.array([0.0, math.pi]):
-            points.append([radius * math.cos(angle), radius * math.sin(angle), scale * z])
-            measured.append(stiffness)
-            sigma.append(max(MIN_STIFFNESS_SIGMA, curve_fit(curve).i_relative_sigma))
-    return correct_map(surface, np.array(points), np.array(measured), np.array(sigma))
+        angle = curve.place.angle_rad - yaw_rad
+        points.append([radius * math.cos(angle), radius * math.sin(angle), scale * z])
+        measured.append(stiffness)
+        sigma.append(max(MIN_STIFFNESS_SIGMA, curve_fit(curve).i_relative_sigma))
+    return correct_map(surface, np.array(points), np.array(measured), np.array(sigma), deviations)

@@ -69,6 +69,7 @@ def run(args: Any) -> dict[str, Any]:
         for flag in ("confirm", "several"):
             if getattr(args, flag):
                 raise core.InputError(args.object, f"is a map: --{flag} needs the object itself")
+        _refuse_options_of_objects(args)
         surface = deformation.load_map(args.object)
         name = Path(args.object).stem
         plan = grasping.plan_map(surface, _task(args, surface.vertices_m.mean(axis=0)), count=args.count)
@@ -103,6 +104,26 @@ def run(args: Any) -> dict[str, Any]:
     result["seconds"] = time.perf_counter() - begin
     _report(args, result)
     return result
+
+
+def _refuse_options_of_objects(args: Any) -> None:
+    """Reject options of wall, shape and contents for a map, which would change nothing."""
+    names = "material thickness thickness-spread youngs-modulus poisson open-top base-stiffness variant seed around unit up remesh state fill"
+    renamed = {
+        "thickness-spread": "wall_spread",
+        "youngs-modulus": "youngs_modulus_Pa",
+        "poisson": "poisson_ratio",
+        "base-stiffness": "base_N_per_m",
+    }
+    standard = {"up": "z", "remesh": "auto", "state": "open"}
+    for flag in names.split():
+        value = getattr(args, renamed.get(flag, flag.replace("-", "_")))
+        if value and value != standard.get(flag):
+            raise core.InputError(
+                f"--{flag}",
+                f"found {value}, but {args.object} is a map of one wall in one state",
+                remedy="give the object itself, or compute its map with this option",
+            )
 
 
 def _task(args: Any, centre_m: Any) -> grasping.GraspTask:

@@ -1,0 +1,142 @@
+"""Expected deformation of the wall in a planned grasp, and its standard deviation, against an independent shell code.
+
+Round containers as they stand on the tables of houses, with walls of degenerated solids (``tests/worlds/shells.py``) that vary
+by 10 % along the height, and a modulus of .75 to 1.3 times that of PET. The outline has an error of up to 2.5 mm and is squeezed gently at
+two heights and firmly at one, all at random; the grasp is planned elsewhere.
+
+    python -m benchmarks.grasp_walls --seeds open --count 30
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from tests.worlds.shells import Revolution
+
+from visuohaptic.core.measurement import AIR_PA
+from visuohaptic.core.resources import one_blas_thread
+from visuohaptic.deformation.shells.shell_material import IsotropicMaterial
+from visuohaptic.demo import hand_chapters
+from visuohaptic.demo.bottle import NECK_M, WALL_M, TableBottle, random_table_bottle
+from visuohaptic.demo.story import Known
+from visuohaptic.recognition.touch.contents import wall_from_stiffness
+from visuohaptic.simulation.tabletop.deformable import DeformableContainer
+from visuohaptic.tasks import Place
+from visuohaptic.tasks.fetch import ContainerBelief
+
+from ._seeds import add_seeds, seeds_of
+from .table_bottles import LEVELS_N, SMOOTH_M, seen_outline, squeezed
+
+#: Spread of the wall's thickness and its length along the wall [m]; levels of a firm squeeze [N]; probability of the true lid.
+THICK, THICK_M, FIRM_N, LID = 0.1, 0.03, (1.0, 3.0, 6.0, 10.0, 15.0, 20.0), 0.98
+
+
+def other_wall(bottle: TableBottle, rng: np.random.Generator) -> DeformableContainer:
+    """Force-deformation curve of the same outline by another shell code, with another wall."""
+    z = np.linspace(0.0, bottle.height_m, 61)
+    r = np.interp(z, bottle.outline_m[:, 1], bottle.outline_m[:, 0])
+    middle = 0.5 * (z[1:] + z[:-1])
+    near = np.exp(-0.5 * ((middle[:, None] - middle) / THICK_M) ** 2) + 1e-9 * np.eye(60)
+    thick = bottle.wall_m * np.exp(THICK * np.linalg.cholesky(near) @ rng.standard_normal(60))
+    thick = np.where(middle > 0.9 * z[-1], np.maximum(NECK_M, thick), thick)
+    material = IsotropicMaterial.of("PET")
+    young = material.youngs_modulus_Pa * float(rng.uniform(0.75, 1.3))
+    top = (0, 1, 2) if bottle.closed else ()
+    shell = Revolution(np.column_stack([r, z]), thick, young, material.poisson_ratio, top=top)
+    levels = np.arange(2, 59)
+    depth = 0.01 * np.linspace(0.0, 1.0, 25) ** 2
+    force = np.asarray(shell.pinch_stiffness(z[levels]))[:, None] * depth
+    if bottle.closed:
+        air_m3 = max(1.0 - bottle.fill, 0.01) * shell.enclosed_m3
+        force = force + AIR_PA * (3.0 * math.pi * r[levels, None]) ** 2 * depth**3 / air_m3
+    return DeformableContainer("other", z[levels], r[levels], depth, force, bottle.container.mass_kg)
+
+
+@one_blas_thread()
+def grasped(seed: int) -> dict[str, Any] | None:
+    """Expected, declared and true deformation of one side at the planned grasp [m]; ``None``: no grasp is offered."""
+    bottle = random_table_bottle(*(np.random.default_rng([seed, part]) for part in (50, 51)))
+    rng = np.random.default_rng([seed, 52])
+    bottle = replace(bottle, container=other_wall(bottle, rng))
+    known = Known()
+    known.bottle_at_m = np.zeros(2)
+    known.outline_m, known.outline_sigma_m = seen_outline(bottle.outline_m, rng)
+    radius_m, height_m = known.outline_m.T
+    near = np.exp(-0.5 * ((height_m[:, None] - height_m) / SMOOTH_M) ** 2)
+    known.outline_errors = known.outline_sigma_m**2 * near / np.outer(radius_m, radius_m)
+    places = [Place(float(h) * bottle.height_m) for h in rng.uniform(0.15, 0.8, 3)]
+    known.curves = tuple(squeezed(bottle, place, rng, LEVELS_N) for place in places[:2])
+    known.firm_curves = (squeezed(bottle, places[2], rng, FIRM_N),)
+    hand_chapters._take_class(known, bottle.name)
+    known.wall_m = wall_from_stiffness(
+        known.outline_m, [(one.place.height_m, one.stiffness_N_per_m) for one in known.curves], WALL_M
+    )
+    known.closed, known.fill = bottle.closed, bottle.fill
+    known.belief = ContainerBelief(transparent=1.0, closed=LID if bottle.closed else 1.0 - LID)
+    known.mass_kg = bottle.container.mass_kg
+    known.mass_sigma_kg = 0.01 * known.mass_kg
+    plan, scale = hand_chapters._planned(known)
+    if not plan.grasps:
+        return None
+    best = plan.grasps[0]
+    depth = np.linspace(0.0, 0.02, 4000)
+    height = float(best.first_m[2]) / scale
+    force = [bottle.container.force_at(height, float(d)) for d in depth]
+    return {
+        "seed": seed, "kind": bottle.name, "height": height / bottle.height_m, "force_N": best.force_N,
+        "expected_m": best.deformation_m, "sigma_m": best.deformation_sigma_m,
+        "true_m": float(np.interp(best.force_N, force, depth)), "limit_m": plan.task.parameters.max_deformation_m,
+    }  # fmt: skip
+
+
+def figures(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Errors over standard deviations of the logarithm, which is Gaussian, and how many 90 % intervals hold the truth."""
+    spread = np.array([row["sigma_m"] / row["expected_m"] for row in rows])
+    off = np.array([math.log(row["expected_m"] / row["true_m"]) for row in rows])
+    z, softer = off / spread, sum(row["true_m"] > row["limit_m"] for row in rows)
+    note = f"{len(rows)} grasps, median declared {np.median(spread):.2f}, {softer} over the limit"
+    values = (
+        ("rms z", float(np.sqrt(np.mean(z**2)))),
+        ("90 % interval holds", float(np.mean(np.abs(z) < 1.645))),
+        ("rms error of the logarithm", float(np.sqrt(np.mean(off**2)))),
+        ("mean error of the logarithm", float(np.mean(off))),
+    )
+    return [{"name": f"wall at the grasp: {name}", "ours": value, "unit": "1", "floor": None, "aim": None, "note": note}
+            for name, value in values]  # fmt: skip
+
+
+def run(seeds: Sequence[int] = range(0, 8, 2)) -> list[dict[str, Any]]:
+    """A slice of four containers."""
+    return figures([row for seed in seeds if (row := grasped(seed)) is not None])
+
+
+def main() -> None:
+    """The campaign."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add_seeds(parser, 30, "containers")
+    args = parser.parse_args()
+    rows = []
+    for seed in seeds_of(args.seeds, args.count, args.first):
+        row = grasped(seed)
+        if row is None:
+            print(f"{seed}: no grasp")
+            continue
+        rows.append(row)
+        print(
+            f"{seed} {row['kind']:8s} at {row['height']:.2f} of the height, {row['force_N']:.1f} N: "
+            f"{1e3 * row['expected_m']:.2f} ± {1e3 * row['sigma_m']:.2f} mm, true {1e3 * row['true_m']:.2f}",
+            flush=True,
+        )
+    for one in figures(rows):
+        print(f"{one['name']:45s} {one['ours']:6.3f}  {one['note']}")
+
+
+if __name__ == "__main__":
+    main()
