@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from tests.worlds.floor_scenes import off_centre, six_boxes, small_room
@@ -183,9 +184,13 @@ def push_ends(planner: Planner, key: str) -> Row:
         "turn_deg": abs(float(np.degrees(turn))),
         "turn_off_deg": abs(float(np.degrees(turn - push.get("turn_rad", 0.0)))),
     }
-    steered_m, steered_rad = _steered(world, push)
-    row |= {"steered_off_m": steered_m, "steered_deg": abs(float(np.degrees(steered_rad)))}
-    row["steered_off_deg"] = abs(float(np.degrees(steered_rad - push.get("turn_rad", 0.0))))
+    executed, executed_rad = _steered(world, push)
+    executed_off = executed - np.array(push["goal_m"])
+    row |= {
+        "steered_off_m": float(np.hypot(*executed_off)),
+        "steered_deg": abs(float(np.degrees(executed_rad))),
+    }
+    row["steered_off_deg"] = abs(float(np.degrees(executed_rad - push.get("turn_rad", 0.0))))
     physics.drive(path[1:], 0.1)
     here = physics.robot_m
     now = replace(world, bodies=physics.bodies, start_m=(float(here[0]), float(here[1])))
@@ -197,13 +202,14 @@ def push_ends(planner: Planner, key: str) -> Row:
     row["again"] = needed > planned - 1 or answer_of(onward) != "plan"
     if (covariance := push.get("end_covariance")) is not None:
         matrix = np.array(covariance, dtype=float)
-        error = np.array([*off, turn - push.get("turn_rad", 0.0)])
-        row["squared"] = float(error @ np.linalg.solve(matrix, error))
+        for name, *error in (("squared", *off, turn), ("steered_squared", *executed_off, executed_rad)):
+            from_declared = np.array(error) - [0.0, 0.0, push.get("turn_rad", 0.0)]
+            row[name] = float(from_declared @ np.linalg.solve(matrix, from_declared))
     return row
 
 
-def _steered(world: World, push: Row) -> tuple[float, float]:
-    """Distance from its goal [m] and turn [rad] of an object pushed as during execution: observed, and with feedback."""
+def _steered(world: World, push: Row) -> tuple[np.ndarray, float]:
+    """Centre [m] and turn [rad] of an object after a push as it is executed: observed, and with feedback."""
     from visuohaptic.navigation.pushing import PushModel
     from visuohaptic.tasks.mobile import PushSettings, SteeredPush, contact_curvature
     from visuohaptic.tasks.mobile.travel.travel_pushes import ASIDE_SIGMAS
@@ -237,7 +243,7 @@ def _steered(world: World, push: Row) -> tuple[float, float]:
         contact = None if place is None else (float(place[0]), float(place[1]))
         speed, rate = run.command(period * PERIOD_S, pose, force_N, contact, np.array([*centre, turn]))
         if run.end is not None:
-            return float(np.hypot(*(centre - push["goal_m"]))), turn
+            return centre, turn
         heading += rate * PERIOD_S
         velocity = speed * np.array([np.cos(heading), np.sin(heading)])
         physics.follow(at, velocity, PERIOD_S, rate)
@@ -252,68 +258,36 @@ def push_ends_table(rows: Rows) -> list[Row]:
     squares = np.array([row["squared"] for row in done if "squared" in row])
     tenths = np.bincount(np.searchsorted(CHI2_TENTHS, squares), minlength=10)
     note = f"{len(done)} of {len(rows)} scenes with a push, median length {quantile((r['length_m'] for r in done), 0.5) or 0:.2f} m"
+    inside = sum(row["steered_squared"] < CHI2_TENTHS[-1] for row in done if "steered_squared" in row)
+
+    def median(name: str, of: str, rows: list[Row], **more: Any) -> Row:
+        scale, unit = (100.0, "cm") if of.endswith("_m") else (1.0, "deg")
+        found = quantile((row[of] for row in rows), 0.5)
+        return {"name": name, "ours": None if found is None else scale * found, "unit": unit, **more}
+
+    def p90_cm(of: str) -> str:
+        return f"p90 {100 * (quantile((row[of] for row in done), 0.9) or np.nan):.1f}"
+
+    blind = f"{p90_cm('off_m')}; of {len(long)} of 0.4 m or more " + (
+        f"{100 * (quantile((row['off_m'] for row in long), 0.5) or np.nan):.1f}"
+    )
     return [
-        {
-            "name": "end of a push, mass off centre: median",
-            "ours": 100 * (quantile((r["off_m"] for r in done), 0.5) or np.nan),
-            "unit": "cm",
-            "floor": 2,
-            "aim": 1,
-            "note": note,
-        },
-        {
-            "name": "end of a push, mass off centre: p90",
-            "ours": 100 * (quantile((r["off_m"] for r in done), 0.9) or np.nan),
-            "unit": "cm",
-        },
-        {
-            "name": "end of a push of 0.4 m or more: median",
-            "ours": 100 * (quantile((r["off_m"] for r in long), 0.5) or np.nan),
-            "unit": "cm",
-            "note": f"{len(long)} pushes, turn {quantile((r['turn_deg'] for r in long), 0.5) or np.nan:.1f} deg",
-        },
-        {
-            "name": "end of a push, turn: median",
-            "ours": quantile((r["turn_deg"] for r in done), 0.5),
-            "unit": "deg",
-            "floor": 3,
-            "aim": 1.5,
-            "note": _turns(done, "turn_deg", "turn_off_deg"),
-        },
-        {
-            "name": "end of a push that is steered by sight, as travel does: median",
-            "ours": 100 * (quantile((r["steered_off_m"] for r in done), 0.5) or np.nan),
-            "unit": "cm",
-            "floor": 2,
-            "aim": 1,
-            "note": f"p90 {100 * (quantile((r['steered_off_m'] for r in done), 0.9) or np.nan):.1f}",
-        },
-        {
-            "name": "end of a push that is steered by sight, turn: median",
-            "ours": quantile((r["steered_deg"] for r in done), 0.5),
-            "unit": "deg",
-            "floor": 3,
-            "aim": 1.5,
-            "note": _turns(done, "steered_deg", "steered_off_deg"),
-        },
-        {
-            "name": "end of a push inside the declared 90 % ellipse",
-            "ours": 100.0 * float(np.mean(squares < CHI2_TENTHS[-1])) if len(squares) else None,
-            "unit": "%",
-            "note": f"85 to 95 %; in each tenth {' '.join(map(str, tenths))}",
-        },
-        {
-            "name": "end of a push after which more pushes are needed than planned",
-            "ours": 100.0 * sum(row["again"] for row in done) / max(len(done), 1),
-            "unit": "%",
-        },
-        {
-            "name": "end of a push: the robot was stopped",
-            "ours": sum(not row["arrived"] for row in done),
-            "unit": "",
-            "floor": 0,
-        },
-    ]
+        median("executed push, steered by sight as travel does: end, median", "steered_off_m", done, floor=2, aim=1,
+               note=f"{p90_cm('steered_off_m')}; {note}"),
+        median("executed push: turn, median", "steered_deg", done, floor=3, aim=1.5,
+               note=_turns(done, "steered_deg", "steered_off_deg")),
+        {"name": "executed push inside the ellipse declared for a blind one", "unit": "%",
+         "ours": 100.0 * inside / max(len(squares), 1)},
+        median("blind push, which is what a plan declares: end, median", "off_m", done, note=blind),
+        median("blind push: turn, median", "turn_deg", done, note=_turns(done, "turn_deg", "turn_off_deg")),
+        {"name": "blind push inside the declared 90 % ellipse", "unit": "%",
+         "ours": 100.0 * float(np.mean(squares < CHI2_TENTHS[-1])) if len(squares) else None,
+         "note": f"85 to 95 %; in each tenth {' '.join(map(str, tenths))}"},
+        {"name": "blind push after which more pushes are needed than planned", "unit": "%",
+         "ours": 100.0 * sum(row["again"] for row in done) / max(len(done), 1)},
+        {"name": "blind push: the robot was stopped", "unit": "", "floor": 0,
+         "ours": sum(not row["arrived"] for row in done)},
+    ]  # fmt: skip
 
 
 def _turns(rows: list[Row], turn: str, off: str) -> str:

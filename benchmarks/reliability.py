@@ -2,6 +2,7 @@
 
     python -m benchmarks.reliability                            a slice of every row, in minutes
     python -m benchmarks.reliability --items 1 5 --scale 10 --report rows.jsonl    ten times as many cases of two rows
+    python -m benchmarks.reliability --items 1 16 --first 40 --report rows.jsonl   other random cases than before
     python -m benchmarks.reliability --report rows.jsonl --also fuzz.jsonl bare.jsonl --page docs/reliability.md
 
 Campaigns with their own report (:data:`TAKEN`, ``mutants``, ``branch_coverage``) are included by ``--also``.
@@ -60,15 +61,15 @@ class Row:
     number: int
     title: str
     target: str  #: how many are owed, and what may come of them
-    cases: Callable[[int], Iterator[Case]] | None = None  #: by scale; None: run elsewhere
+    cases: Callable[[range], Iterator[Case]] | None = None  #: by numbers of slices; None: run elsewhere
     elsewhere: str = ""  #: the command, or why it is not run
     note: Callable[[dict[str, dict[str, Any]]], str] = lambda _: ""  #: remark on the cases, by key
 
 
-def _files(scale: int) -> Iterator[Case]:
+def _files(slices: range) -> Iterator[Case]:
     # The first case is a slice of seconds; the others keep one process busy for many files.
-    for number in range(scale):
-        per_case = (20 if number else 4) * len(hostile_files.READERS)
+    for number in slices:
+        per_case = (4 if number == slices[0] else 20) * len(hostile_files.READERS)
 
         def run(number: int = number, per_case: int = per_case) -> dict[str, int]:
             journal = Journal(None, {})
@@ -84,21 +85,21 @@ def _files(scale: int) -> Iterator[Case]:
         yield f"mutations, seed {2 * number}", run
 
 
-def _arrays(scale: int) -> Iterator[Case]:
+def _arrays(slices: range) -> Iterator[Case]:
     names = list(hostile_arrays.public_functions())
-    for start in range(0, min(len(names), 40 * scale), 20):
+    for start in range(0, min(len(names), 40 * len(slices)), 20):
 
         def run(part: list[str] = names[start : start + 20]) -> dict[str, int]:
             journal = Journal(None, {})
-            hostile_arrays.campaign(part, 0, journal)
+            hostile_arrays.campaign(part, slices[0], journal)
             found = hostile_arrays.summary(journal)
             return {name: found[name] for name in ("tried", "crashed", "wrong")}
 
-        yield f"functions from {names[start]}", run
+        yield f"functions from {names[start]}, seed {slices[0]}", run
 
 
-def _kills(scale: int) -> Iterator[Case]:
-    for number in range(4 * scale):
+def _kills(slices: range) -> Iterator[Case]:
+    for number in range(4 * slices.start, 4 * slices.stop):
         for row in (kill_faults.killed_row, kill_faults.full_disk_row):
 
             def run(number: int = number, row: Any = row) -> dict[str, int]:
@@ -109,12 +110,14 @@ def _kills(scale: int) -> Iterator[Case]:
             yield f"{row.__name__} {number}", run
 
 
-def _cuts(scale: int) -> Iterator[Case]:
+def _cuts(slices: range) -> Iterator[Case]:
+    count = 30 * len(slices)
+
     def run() -> dict[str, int]:
-        rows = kill_faults.cut_rows(30 * scale)
+        rows = kill_faults.cut_rows(count)
         return {"tried": len(rows), "lost": sum(row["lost"] for row in rows)}
 
-    yield f"cut at {30 * scale} places", run
+    yield f"cut at {count} places", run
 
 
 def _tested(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -132,7 +135,7 @@ def _counted(*words: str, **environment: str) -> dict[str, int]:
     return {"tried": (int(passed[1]) if passed else 0) + wrong, "wrong": wrong}
 
 
-def _golden(_scale: int) -> Iterator[Case]:
+def _golden(_slices: range) -> Iterator[Case]:
     def run() -> dict[str, int]:
         done = _tested("tests/test_golden.py")
         versions = len(list((ROOT / "tests/golden").iterdir()))
@@ -141,10 +144,10 @@ def _golden(_scale: int) -> Iterator[Case]:
     yield "files of every format", run
 
 
-def _passing(*places: str) -> Callable[[int], Iterator[Case]]:
+def _passing(*places: str) -> Callable[[range], Iterator[Case]]:
     """Cases of tests, by file: each one that passes was tried."""
 
-    def cases(_scale: int) -> Iterator[Case]:
+    def cases(_slices: range) -> Iterator[Case]:
         for place in places:
             for path in (
                 sorted((ROOT / place).rglob("test_*.py")) if (ROOT / place).is_dir() else [ROOT / place]
@@ -167,21 +170,21 @@ _KERNELS = (
 _SHUFFLED = ("io", "database", "viewer", "report")
 
 
-def _bounds(_scale: int) -> Iterator[Case]:
+def _bounds(_slices: range) -> Iterator[Case]:
     for file in _KERNELS:
         words = f"tests/{file}", "-m", "not slow and not data"
         yield file, partial(_counted, *words, NUMBA_BOUNDSCHECK="1")
 
 
-def _orders(scale: int) -> Iterator[Case]:
+def _orders(slices: range) -> Iterator[Case]:
     folders = [f"tests/{name}" for name in _SHUFFLED]
-    for seed in range(1, scale + 1):
+    for seed in range(slices.start + 1, slices.stop + 1):
         words = *folders, "-m", "not slow and not data", "--shuffle", str(seed)
         yield f"{', '.join(_SHUFFLED)}, seed {seed}", partial(_counted, *words)
 
 
-def _server(scale: int) -> Iterator[Case]:
-    for number in range(scale):
+def _server(slices: range) -> Iterator[Case]:
+    for number in slices:
 
         def run(number: int = number) -> dict[str, int]:
             return serve_and_attack(1000, np.random.default_rng([16, 2 * number]))
@@ -211,7 +214,7 @@ def _pythons(cases: dict[str, dict[str, Any]]) -> str:
     return ", ".join(dict.fromkeys(key.partition(" ")[0] for key in cases))
 
 
-def _messages(scale: int) -> Iterator[Case]:
+def _messages(slices: range) -> Iterator[Case]:
     """Addresses with a password in every place that a driver reads it from: none comes back."""
     from visuohaptic.core import VisuohapticError
     from visuohaptic.database import ObjectDatabase
@@ -226,7 +229,7 @@ def _messages(scale: int) -> Iterator[Case]:
             "://b:{}@[::1/n",
             "://:{}@/",
         )
-        words = [f"s3cr3t{n}{end}" for n in range(scale) for end in ("", "@x", "/y", "?z", ":q")]
+        words = [f"s3cr3t{n}{end}" for n in slices for end in ("", "@x", "/y", "?z", ":q")]
         cases = [scheme + text.format(word) for scheme in schemes for text in texts for word in words]
         for address in cases:
             try:
@@ -270,7 +273,12 @@ ROWS = (
     Row(8, "cut recordings", "300: all whole messages", _cuts),
     Row(9, "laws (property tests)", "10^4 examples each", elsewhere="`python -m benchmarks.laws`"),
     Row(10, "golden files of every format", "all read", _golden),
-    Row(11, "determinism of 11 verbs: hash seeds, threads, cores", "50: same bytes", determinism.cases),
+    Row(
+        11,
+        "determinism of 11 verbs: hash seeds, threads, cores",
+        "50: same bytes",
+        lambda slices: determinism.cases(len(slices)),
+    ),
     Row(
         12,
         "soak: chain, bridge, page, tasks, node over DDS (tried: frames, images, redraws, tasks)",
@@ -525,6 +533,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--items", type=int, nargs="*", default=[row.number for row in ROWS])
     parser.add_argument("--scale", type=int, default=1, help="how many times the slice")
+    parser.add_argument("--first", type=int, default=0, help="number of the first slice: other random cases")
     parser.add_argument("--report", type=Path)
     parser.add_argument("--page", type=Path, help="update the table in a page")
     parser.add_argument("--also", type=Path, nargs="*", default=[], help="reports of other campaigns")
@@ -533,7 +542,7 @@ def main() -> None:
     for row in ROWS:
         if row.number not in args.items or row.cases is None:
             continue
-        for name, run in row.cases(args.scale):
+        for name, run in row.cases(range(args.first, args.first + args.scale)):
             if (key := f"{row.number}: {name}") not in journal:
                 journal.put(key, run())
                 print(key, journal.rows[key], flush=True)

@@ -15,6 +15,7 @@ from visuohaptic.deformation.shells import (
     dual_tip_map,
     pinch_stiffness,
 )
+from visuohaptic.deformation.shells.fourier_shell import _meridian
 
 PLASTIC = IsotropicMaterial(2.5e9, 0.38)
 
@@ -73,3 +74,12 @@ def test_what_cannot_be_is_refused():
         RevolutionShell(np.ones(3), np.array([0.0, 0, 1]), 0.001)
     with pytest.raises(InputError, match="thickness_m"):
         RevolutionShell(np.ones(3), np.arange(3.0), -1.0)
+
+
+def test_the_tangents_of_a_meridian_are_unit_vectors_along_it():
+    """A hemisphere in five elements: the spline's parameter is the chord, which is a little shorter than the arc."""
+    angle = np.linspace(0.2, 0.5 * np.pi, 6)
+    tangent = _meridian(RevolutionShell(0.05 * np.sin(angle), -0.05 * np.cos(angle), 0.001))[-1]
+    np.testing.assert_allclose(np.linalg.norm(tangent, axis=1), 1.0, rtol=1e-12)
+    # A cubic spline of 15 degrees per element: the direction of the circle to a hundredth, at the ends to a few.
+    np.testing.assert_allclose(tangent, np.column_stack([np.cos(angle), np.sin(angle)]), atol=0.04)

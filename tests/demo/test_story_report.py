@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from visuohaptic.demo.drive_chapters import pushed_text
 from visuohaptic.demo.report import measure_texts
 from visuohaptic.demo.results import Measure, counted
 from visuohaptic.demo.story import Chapter, _left_s
+from visuohaptic.tasks.mobile.travel import TravelRecord
 
 
 @pytest.mark.parametrize(
@@ -42,3 +44,15 @@ def test_the_time_that_is_left_follows_the_pace_of_what_is_done():
 def test_one_push_and_two_pushes():
     assert [counted(n, "push", "pushes") for n in (0, 1, 2)] == ["0 pushes", "1 push", "2 pushes"]
     assert counted(2, "plan") == "2 plans"
+
+
+def test_what_withstood_a_push_is_not_called_pushed_aside():
+    def record(event, name, **values):
+        return TravelRecord(1.0, "push", event, (0.0, 0.0, 0.0), name, values)
+
+    heavy = record("pushed", "crate", end="too heavy", moved_m=[0.004, 0.0])
+    light = record("pushed", "bin", end="astray", moved_m=[0.3, 0.04])
+    beside = record("brushed", "stool", end="done", moved_m=0.2)
+    assert pushed_text([heavy, light, record("drove", "")]) == "bin pushed aside, crate did not move"
+    assert pushed_text([beside, light]) == "bin, stool pushed aside"
+    assert pushed_text([]) == "nothing had to be pushed"

@@ -14,9 +14,10 @@ from tests.worlds.floor_scenes import random_rooms
 from tests.worlds.real_floors import room_scene
 from visuohaptic.navigation.grid.cost_grid import cell_distance
 from visuohaptic.navigation.planning import make_plan
-from visuohaptic.navigation.planning.search import SearchLimits
+from visuohaptic.navigation.planning.search import SearchLimits, build_search_domain, search_domain
 from visuohaptic.navigation.planning.search._travel_kernels import segment_cost
 from visuohaptic.navigation.planning.search.push_states import needed_clearance
+from visuohaptic.navigation.planning.search.search_domain import CLEAR_SLACK_M
 from visuohaptic.navigation.pushing._outline_kernels import clear_straight, segment_gap
 
 
@@ -85,3 +86,40 @@ def test_whether_a_disc_passes_is_told_exactly():
             assert (found == (gaps >= radius))[decided].all()
         for end, gap in zip(ends, shapely.distance(lines, outline), strict=True):
             assert segment_gap(*begin, *end, corners) == pytest.approx(gap, abs=1e-9)
+
+
+def test_straight_drives_keep_clear_of_every_body_wherever_it_was_moved():
+    """A body beside a drive counts on all sides of it, also where it is outside of the box around the drive."""
+    domain = build_search_domain(problem_of(described(random_rooms(2), 0.05)))
+    rng = np.random.default_rng(7)
+    radius = (domain.robot.radius_m - CLEAR_SLACK_M) / domain.map.resolution_m
+    beside = 0
+    for _ in range(60):
+        shifts = rng.uniform(-8.0, 8.0, (len(domain.bodies), 2))
+        body = rng.integers(len(domain.bodies))
+        middle = domain.bodies[body].outline.mean(axis=0) + shifts[body]
+        # Short drives along the axes and across, at about the robot's radius from one body.
+        begin = middle + rng.uniform(-3.0, 3.0, 2) * radius
+        ends = begin + rng.uniform(0.0, 12.0, (20, 1)) * rng.choice([-1.0, 0.0, 1.0], (20, 2))
+        lines = shapely.linestrings(np.stack([np.broadcast_to(begin, ends.shape), ends], axis=1))
+        outlines = [
+            shapely.Polygon(one.outline + shift) for one, shift in zip(domain.bodies, shifts, strict=True)
+        ]
+        gaps = np.min([shapely.distance(lines, one) for one in outlines], axis=0)
+        among_walls = domain.clear_straight(shifts, begin, ends, np.zeros(len(outlines), dtype=bool))
+        found = domain.clear_straight(shifts, begin, ends)
+        decided = np.abs(gaps - radius) > 1e-9
+        np.testing.assert_array_equal(found[decided], (among_walls & (gaps >= radius))[decided])
+        beside += int((among_walls & (gaps < radius) & (gaps > 0.0)).sum())
+    assert beside > 100
+
+
+def test_lattices_that_are_forgotten_are_computed_again(monkeypatch):
+    domain = build_search_domain(problem_of(described(random_rooms(2), 0.05)))
+    sets = np.eye(len(domain.bodies), dtype=bool)
+    kept = [domain.lattice_with(5.0 * one[:, None] * np.ones(2)).copy() for one in sets]
+    monkeypatch.setattr(search_domain, "MAX_STILL_NODES", 2 * domain.lattice.size)
+    for one, before in zip(sets, kept, strict=True):
+        domain.still.pop(tuple(np.flatnonzero(one).tolist()), None)
+        np.testing.assert_array_equal(domain.lattice_with(5.0 * one[:, None] * np.ones(2)), before)
+        assert len(domain.still) * domain.lattice.size <= 3 * domain.lattice.size

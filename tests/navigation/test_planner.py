@@ -117,6 +117,29 @@ def test_what_is_fixed_or_falls_is_never_pushed_and_that_there_is_no_way_is_prov
     assert make_plan(corridor(STOOL)).reachable
 
 
+@pytest.mark.parametrize("doorway", [(), (box(1.25, 1.25, 0.2),)])
+def test_a_door_that_fits_the_robot_only_between_the_centres_of_cells_is_no_proof(doorway):
+    """A door of 0.3 m is six cells of 5 cm: the centres nearest to its middle are 2.5 cm from it."""
+    objects = tuple(MovableObject("box", outline, STOOL) for outline in doorway)
+    walls = np.zeros((50, 50), np.int8)
+    walls[[0, -1]] = walls[:, [0, -1]] = walls[:, 24:26] = 100
+    walls[22:28, 24:26] = 0
+
+    def plan(radius_m, finer=1):
+        grid = OccupancyMap(np.kron(walls, np.ones((finer, finer), np.int8)), 0.05 / finer)
+        ends_m = np.array([0.6, 1.25]), np.array([1.9, 1.25])
+        return make_plan(
+            PlanningProblem(grid, replace(ROBOT, radius_m=radius_m), *ends_m, objects), None, PATIENT
+        )
+
+    fits, wide = plan(0.14), plan(0.17)
+    assert not fits.reachable
+    assert not fits.proved
+    assert plan(0.14, 5).reachable
+    assert not wide.reachable
+    assert wide.proved
+
+
 def test_several_doors_are_opened_one_after_the_other():
     problem = corridor(STOOL, BIN, STOOL)
     plan = make_plan(problem, limits=PATIENT)

@@ -332,6 +332,20 @@ def test_known_objects_are_found_with_fewer_touches_than_the_tree(model: HapticM
     assert np.mean(touches) < mean_touches(train_tree(synthetic(30)))
 
 
+@pytest.mark.parametrize(("confidence", "touches"), [(0.9, 16), (0.999999, 2)])
+def test_an_exploration_ends_when_it_is_sure_or_out_of_touches(
+    model: HapticModel, confidence: float, touches: int
+) -> None:
+    found = explore(
+        model, touch_of(synthetic(1, seed=77), 0), confidence=confidence, max_touches=touches, samples=16
+    )
+    assert found.confident == (found.belief.probability.max() >= confidence)
+    assert len(found.readings) == touches if not found.confident else len(found.readings) < touches
+    assert found.confident == (confidence < 0.95)
+    for count in range(1, len(found.readings)):  # it was not sure before
+        assert update_belief(model, found.readings[:count]).probability.max() < confidence
+
+
 def test_what_no_class_is_like_is_unknown(model: HapticModel) -> None:
     data = synthetic(2)
     strange = as_explored(data, np.random.default_rng(0))

@@ -213,3 +213,38 @@ def test_a_wall_that_snaps_through_has_no_curvature(linear: float) -> None:
 def test_what_is_no_curve_is_refused_in_one_line(d: list[float], f: list[float]) -> None:
     with pytest.raises(InputError, match="curve"):
         check_curve(np.array(d), np.array(f))
+
+
+@pytest.mark.parametrize(
+    ("d", "f"),
+    [
+        ([1e-4, 1.1e-3, 2.1e-3, 3.1e-3, 4.1e-3], [0.5, -1e308, 2.5, 3.5, 4.5]),  # found by damaging a file
+        ([1e-4, 1.1e-3, 2.1e-3], [0.5, 1e151, 2.5]),
+        ([1e-4, 1e155, 2.1e-3], [0.5, 1.0, 2.5]),
+    ],
+)
+def test_numbers_whose_squares_overflow_are_refused(d: list[float], f: list[float]) -> None:
+    with pytest.raises(InputError, match="more than 1e\\+150"):
+        fit_curve(np.array(d), np.array(f))
+
+
+def test_a_first_step_below_any_resolution_says_nothing_of_the_contact() -> None:
+    """The slope of the first sample alone overflows; the curve is that of the other samples."""
+    d, k = np.array([0.0, 1.0, 2.0, 3.0, 4.0]) * 1e-3, 1000.0
+    first = np.where(d == 0.0, 1e-160, d)
+    found, expected = (fit_curve(one, k * d + 0.2 * (d == 0.0)) for one in (first, d))
+    assert found.i_N_per_m == pytest.approx(expected.i_N_per_m, rel=1e-12)
+
+
+@pytest.mark.parametrize(("sigmas", "rises"), [(4.5, False), (5.5, True)])
+def test_a_wall_that_does_not_move_under_a_significant_force_is_stiff(sigmas: float, rises: bool) -> None:
+    """Deformations within their noise and without a trend: the mean force tells a wall from no contact."""
+    noise = TouchNoise(0.1, 1e-4)
+    d = np.resize([2e-5, -2e-5], 16)
+    f = np.full(16, sigmas * noise.force_N / 4.0)  # the mean of 16 samples has a fourth of their noise
+    if not rises:
+        with pytest.raises(InputError, match="expected a force that rises"):
+            fit_curve(d, f, noise, from_contact=True)
+        return
+    # Stiffer than this force over twice the noise of the mean deformation.
+    assert fit_curve(d, f, noise, from_contact=True).i_N_per_m > f[0] / (2 * noise.deformation_m / 4.0)

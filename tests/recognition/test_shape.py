@@ -54,6 +54,34 @@ def test_size_and_density() -> None:
     assert 100 < len(thinned(small, 400)) <= 400
 
 
+def test_points_that_are_far_apart_are_in_the_last_bin() -> None:
+    """Two heaps of 15 points, 3 m apart: half of the pairs of points are in one heap, the others of two."""
+    heaps = np.random.default_rng(4).uniform(-5e-4, 5e-4, (30, 3)) + np.repeat(
+        [[0, 0, 0], [3.0, 0, 0]], 15, 0
+    )
+    share = describe_cloud(heaps)[:32] ** 2
+    # 4,000 pairs: a standard deviation of .008.
+    np.testing.assert_allclose(share[[0, -1]], 0.5, atol=0.03)
+    assert share[[0, -1]].sum() == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_point_that_is_far_from_the_surface_counts_as_a_tenth_of_the_extent() -> None:
+    rng = np.random.default_rng(6)
+    box = _box(rng, (0.06, 0.1, 0.22))
+    stored = shape_views(box)
+    # An object on a string: one voxel in sixty is 10 cm above it, on the axis, so that no pose is better.
+    far = np.tile([0.0, 0.0, 0.22], (40, 1)) + rng.uniform(-0.006, 0.006, (40, 3))
+    whole, more = (
+        fit_shape(stored, cloud, len(stored.directions) - 1) for cloud in (box, np.concatenate([box, far]))
+    )
+    cloud = thinned(np.concatenate([box, far]), 400)
+    share = float(np.mean(cloud[:, 2] > 0.15))
+    extent = float(np.linalg.norm(np.ptp(cloud, axis=0)))
+    # Three quarters of the mean square are that of the cloud.
+    expected = np.sqrt(whole.residual_m**2 + 0.75 * share * (0.1 * extent) ** 2)
+    assert more.residual_m == pytest.approx(expected, rel=0.05)
+
+
 def test_visible_is_the_near_side_of_a_ball() -> None:
     rng = np.random.default_rng(1)
     ball = rng.normal(size=(4000, 3))

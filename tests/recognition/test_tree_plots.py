@@ -46,6 +46,7 @@ def test_classes_are_most_like_themselves(tmp_path: Path, monkeypatch: pytest.Mo
         assert expected == {text.get_text() for text in axes.texts if "%" in text.get_text()}
         sides = [(line.get_xdata()[1] - line.get_xdata()[0]) > 0 for line in axes.lines]
         assert sides == [False, True] * len(inner)  # no more to the left
+        assert all(np.diff(line.get_ydata()) == -1 for line in axes.lines)  # each one level below its parent
     crosses = [(*line.get_xdata(), *line.get_ydata()) for line in whole[0].lines if line.get_marker() == "x"]
     assert crosses == [(tree.feature[node] // 4 + 1, tree.threshold[node]) for node in inner]
     assert len(whole[0].containers) == 2 * len(data.classes)

@@ -17,7 +17,7 @@ from visuohaptic.reconstruction.body_completion import BodyCompletion
 from visuohaptic.reconstruction.completion import Touch, load_hole_regions
 from visuohaptic.reconstruction.fusion import SpaceGrid
 from visuohaptic.reconstruction.transparency import UprightBody, find_regions, save_regions
-from visuohaptic.reconstruction.transparency.outline_fit import OutlineRings
+from visuohaptic.reconstruction.vessel_shapes import OutlineRings
 
 #: A glass of 13 cm: r(z) = 3 cm + 1 cm (z / H)^2, 3 mm off the axis that the outlines show, which know it to 4 mm.
 HEIGHT_M, AWAY_M = 0.13, np.array([0.003, -0.002])
@@ -123,6 +123,11 @@ def test_one_touch_tells_of_its_ring_as_far_as_the_axis_is_known():
     assert after_m[0] < 0.0005
     # Opposite to it an axis known to 4 mm leaves at most twice that.
     assert 0.004 < after_m[1] < min(0.008, before_m[1])
+    # The same is told of the points of the surface there.
+    ring = np.column_stack(
+        [BODY.axis_m + mean_m[:, None] * np.column_stack([np.cos(theta), np.sin(theta)]), z_m]
+    )
+    np.testing.assert_allclose(completion.sigma_m(ring), after_m, rtol=1e-6)
 
 
 def test_lines_go_past_what_stands_beside():
@@ -133,6 +138,19 @@ def test_lines_go_past_what_stands_beside():
         plan = completion.next_touch()
         # Points of the line up to 10 cm before the axis stay a centimetre before the wall at x = 9 cm.
         assert plan.start_m[0] < 0.08
+        completion.add(Touch(probe(plan.start_m, plan.end_m), plan.start_m, plan.end_m, 0.0003))
+
+
+def test_lines_go_past_another_glass_beside():
+    """A line that starts in the next vessel meets its wall, which would be taken for a contact 8 cm off; seen from 3 cm up only."""
+    other = replace(BODY, axis_m=BODY.axis_m + np.array([0.11, 0.0]), height_m=(0.03, BODY.height_m[1]))
+    completion = BodyCompletion.standing(TABLE, BODY, 0.12, [other])
+    for _ in range(6):
+        plan = completion.next_touch()
+        along = np.linspace(0.0, 1.0, 50)[:, None]
+        line_m = plan.start_m + along * (plan.end_m - plan.start_m)
+        gap_m = np.hypot(*(line_m[:, :2] - other.axis_m).T) - max(other.radius_m)
+        assert gap_m.min() > 0.005
         completion.add(Touch(probe(plan.start_m, plan.end_m), plan.start_m, plan.end_m, 0.0003))
 
 

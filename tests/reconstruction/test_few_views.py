@@ -74,6 +74,8 @@ def test_rays_nearer_than_half_a_voxel_are_left_out_and_tell_nothing_more():
     noise = SENSOR_NOISE["realsense_d435"]
     coarse, dense = (reconstruct(some, grid=GRID, noise=noise, refine=False) for some in (frames, fine))
     assert judged(table, coarse.regions) == judged(table, dense.regions) == (2, 0)
+    assert coarse.search.found
+    assert coarse.search.next_eye_m is None  # nothing is to be added
     # The same readings of the same rays; of a matching window of 9 / 2 instead of 5 pixels fewer of them count as one.
     assert coarse.search.evidence <= dense.search.evidence <= dense.search.reachable
 

@@ -21,6 +21,7 @@ from visuohaptic.reconstruction.transparency.outline_fit import (
     _Outlines,
     body_evidence,
     fit_bodies,
+    second_eye_m,
 )
 from visuohaptic.reconstruction.transparency.outline_rings import outline_rings
 from visuohaptic.reconstruction.transparency.ray_readings import (
@@ -56,9 +57,18 @@ def hit(origin: np.ndarray, rays: np.ndarray, axis_m: np.ndarray = AXIS_M) -> np
 
 
 def views(
-    rng: np.random.Generator, turns: np.ndarray, lost: float, axes_m: Sequence[np.ndarray] = (AXIS_M,)
+    rng: np.random.Generator,
+    turns: np.ndarray,
+    lost: float,
+    axes_m: Sequence[np.ndarray] = (AXIS_M,),
+    *,
+    eye_m: float = 0.0,
+    told_m: float = 0.0,
 ) -> list[OutlineView]:
-    """Eight in ten readings beside the body, and a part of those through it, say that there is no glass."""
+    """Eight in ten readings beside the body, and a part of those through it, say that there is no glass.
+
+    The second eye is at ``eye_m``; the views are told that it is at ``told_m``.
+    """
     rows, columns = np.mgrid[0:120, 0:160]
     found = []
     for turn in turns:
@@ -68,13 +78,17 @@ def views(
             120, 160, 3
         )
         glass = np.any([hit(eye, rays @ pose.rotation.T, axis_m) for axis_m in axes_m], axis=0)
+        # The second eye looks at the same point of the background, at a depth of 2 m.
+        second = eye + eye_m * pose.rotation[:, 0]
+        glass |= np.any([hit(second, eye + 2 * rays @ pose.rotation.T - second, a) for a in axes_m], axis=0)
         dropped = rng.random(glass.shape) < np.where(glass, lost, 0.02)
         # ln(0.5 / 0.02) and ln(0.5 / 0.98) of readings that are lost with 0.5 behind glass and 0.02 elsewhere.
         ratio = np.where(dropped, 3.2, -0.67).astype(np.float32)
         limit_m = np.full(glass.shape, 2.0, np.float32)
         frame = DepthFrame(0.0, limit_m, None, pose, CAMERA)
         reading = np.where(dropped, DROPPED, SAME).astype(np.uint8)
-        found.append(OutlineView.of_view(frame, reading, [ratio], limit_m, NOISE, 1.0))
+        noise = replace(NOISE, baseline_m=told_m)
+        found.append(OutlineView.of_view(frame, reading, [ratio], limit_m, noise, 1.0))
     return found
 
 
@@ -99,6 +113,22 @@ def test_the_axis_follows_from_the_outlines(count, arc_rad):
     # Windows widen an outline by up to a half of them.
     assert abs(np.mean(body.radius_m) - RADIUS_M) < 0.014
     assert body.evidence > 50
+
+
+@pytest.mark.parametrize("eye_m", [-0.06, 0.0, 0.05])
+def test_the_second_eye_of_an_unknown_camera_follows_from_the_outlines(eye_m):
+    """A wrong one moves the axis to the side: from one side, no other view contradicts it."""
+    seen = views(np.random.default_rng(5), np.linspace(0, 1.5, 8), 0.7, eye_m=eye_m, told_m=0.075)
+    box = np.array([-0.05, -0.08, 0.08]), np.array([0.08, 0.05, 0.2])
+    body = fit(seen, *box)
+    assert body is not None
+    found_m = second_eye_m(seen, [body])
+    # 10 mm move the second outline by 1.4 px, a quarter of a window; its two sides in eight views are known to a fourth of one.
+    assert found_m == pytest.approx(eye_m, abs=0.01)
+    better = fit([replace(view, baseline_m=found_m) for view in seen], *box)
+    assert better is not None
+    assert np.linalg.norm(better.axis_m - AXIS_M) < 0.005
+    assert better.evidence > body.evidence
 
 
 def test_noise_without_outline_holds_no_body():
@@ -431,6 +461,19 @@ def test_a_second_body_by_the_rays_that_miss_the_first_is_a_region_of_its_own():
     assert [region.body for region in regions] == [first, second]
     for region in regions:
         assert np.hypot(*(region.centroid_m[:2] - region.body.axis_m)) < grid.voxel_m
+
+
+def test_a_part_whose_voxels_are_a_fragment_of_the_rim_is_the_whole_body():
+    grid = SpaceGrid.around((-0.12, -0.12, 0.0), (0.12, 0.12, 0.1), 0.01)
+    detector = EvidenceDetector(grid)
+    detector._rays = replace(detector._rays, weights=np.ones(12, np.float32))
+    bowl = UprightBody(np.array([0.01, -0.02]), np.full(2, 0.002), (0.06, 0.075), 0.002, (0.02, 0.06), 60.0)
+    part = bowl.contains(points_m := grid.centres_m(np.argwhere(np.ones(grid.shape, bool))))
+    part &= (points_m[:, 0] > 0.05) & (points_m[:, 2] > 0.04)
+    detector._accept(part.reshape(grid.shape), [bowl], tuple(slice(0, n) for n in grid.shape))
+    (region,) = detector.regions()
+    assert np.hypot(*(region.centroid_m[:2] - bowl.axis_m)) < 0.5 * grid.voxel_m
+    assert region.size_m == pytest.approx([0.15, 0.15, 0.04], abs=2 * grid.voxel_m)
 
 
 @pytest.mark.parametrize("body", ["clear", "black", "mirror"])

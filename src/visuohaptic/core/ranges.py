@@ -25,6 +25,8 @@ from jaxtyping import Float
 from .errors import InputError, brief
 
 _KEY = "visuohaptic range"
+#: Larger numbers are not measurements: their squares overflow.
+MAX_NUMBER = 1e150
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +181,7 @@ def check_choice(where: object, known: Collection[object], value: object, *, fie
 def finite_array(
     where: object, values: Any, *shape: int | None, field: str = "", least: int = 1
 ) -> Float[np.ndarray, "*shape"]:
-    """Finite numbers of a shape, as float64.
+    """Finite numbers of a shape whose squares do not overflow, as float64.
 
     Parameters
     ----------
@@ -197,16 +199,18 @@ def finite_array(
     Raises
     ------
     InputError
-        The shape is another one, or a number is NaN or infinite.
+        The shape is another one, or a number is NaN, infinite or beyond :data:`MAX_NUMBER`.
     """
     array = np.asarray(values, dtype=np.float64, order="C")
     known = len(shape) == array.ndim and all(
         size in (None, found) for size, found in zip(shape, array.shape, strict=True)
     )
-    if known and len(array) >= least and np.isfinite(array).all():
+    largest = float(np.abs(array).max(initial=0.0))  # NaN if one is
+    if known and len(array) >= least and largest <= MAX_NUMBER:
         return array
     sizes = ", ".join("n" if size is None else str(size) for size in shape) + "," * (len(shape) == 1)
-    found = f"shape {array.shape}" if not known or len(array) < least else "NaN or infinity"
+    wrong = f"{largest:.3g}, more than {MAX_NUMBER:g}" if np.isfinite(largest) else "NaN or infinity"
+    found = f"shape {array.shape}" if not known or len(array) < least else wrong
     more = f", n >= {least}" if least > 1 else ""
     raise InputError(where, f"found {found}, expected finite numbers ({sizes}){more}", field=field)
 

@@ -292,7 +292,8 @@ def _on_the_table(
         wall_m=0.0006,  # refraction by thinner walls is below the resolution of this camera
         index=PET,
         fill=fill,
-        bands=(Band(0.02, 0.3 * height), Band(height - 0.018, height + 0.002, albedo=0.6)),
+        # The cap lies on the glass by as much as the label beside it.
+        bands=(Band(0.02, 0.3 * height), Band(height - 0.018, height + 2e-4, albedo=0.6)),
     )
     if opaque is not None:
         squash, turn = opaque

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -19,7 +21,7 @@ from ..simulation.mobile import DriftingBase, SimulatedLaser
 from ..tasks.framework.supervised_parts import Supervisor
 from ..tasks.manipulation.hand import as_vector
 from ..tasks.memory import MOVED_M
-from ..tasks.mobile.travel import Travel, TravelSettings, travel
+from ..tasks.mobile.travel import Travel, TravelRecord, TravelSettings, TravelState, travel
 from .floor_chapters import (
     MIN_FIT,
     SEEN_SIGMA_M,
@@ -121,7 +123,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
     estimated = senses.pose()
     parts = (
         Measure("distance from the goal at the end [m]", math.dist(estimated[:2], known.goal_m), error_m),
-        Measure("planned duration [s]", plan.cost_s),
+        Measure("planned duration [s]", _planned_s(found)),
         Measure("duration of the drive [s]", found.duration_s),
         Measure(
             "length of a path without a push [m]", detour.length_m if detour.reachable else "none exists"
@@ -146,8 +148,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
             *parts,
         )
     known.arrived = True
-    pushed = sorted({record.object for record in found.records if record.event in ("pushed", "brushed")})
-    what = f"{', '.join(pushed)} pushed aside" if pushed else "nothing had to be pushed"
+    what = pushed_text(found.records)
     mission.record_cost(found.duration_s, found.pushes)
     if mission.memory is not None:
         for before, after in zip(problem.objects, found.problem.objects, strict=True):
@@ -159,6 +160,30 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
             mission.memory.move_floor_object(memory_name, place, after.tag if far else None)
     arrived = Claim("place", "platform at the table", estimated[:2], true_pose[:2], sigma=SEEN_SIGMA_M)
     return done(f"arrived after {found.duration_s:.0f} s and {found.length_m:.1f} m, {what}", arrived, *parts)
+
+
+def pushed_text(records: Sequence[TravelRecord]) -> str:
+    """Objects that were pushed aside, and those that did not move.
+
+    Parameters
+    ----------
+    records
+        Log of the drive.
+    """
+    pushes = [record for record in records if record.event in ("pushed", "brushed")]
+    # The displacement along the direction of a push; that of an object pushed aside on the way.
+    displacements_m = [(one.object, float(np.ravel(one.values["moved_m"])[0])) for one in pushes]
+    moved = {name for name, along_m in displacements_m if along_m > TravelSettings().moved_m}
+    tried = {name for name, _ in displacements_m} - moved
+    texts = [f"{', '.join(sorted(moved))} pushed aside"] if moved else []
+    texts += [f"{', '.join(sorted(tried))} did not move"] if tried else []
+    return ", ".join(texts) or "nothing had to be pushed"
+
+
+def _planned_s(found: Travel) -> float | None:
+    """Expected duration [s] of the plan on which the drive set out: with margins, it is slower than the shortest one."""
+    made = itertools.takewhile(lambda record: record.state == TravelState.PLAN, found.records)
+    return next((one.values["cost_s"] for one in reversed([*made]) if one.values.get("reachable")), None)
 
 
 def _travelled(
@@ -212,7 +237,7 @@ def _why(name: str, mission: Mission) -> str:
     }
     needed = felt.pop(name, "")
     others = "".join(f"; {other}: {text}" for other, text in felt.items())
-    return f" (to move it takes {needed}{others})" if needed else ""
+    return f" ({name}: {needed}{others})" if needed else ""
 
 
 def _world(mission: Mission) -> tuple[FloorWorld, FloorSenses]:

@@ -15,6 +15,7 @@ contradict the missed lines are rejected.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,12 +27,14 @@ from .completion.surface_completion import MIN_TOUCHES
 from .completion.touch import Touch, TouchPlan
 from .mesh import SurfaceMesh
 from .profile_mixture import ProfileMixture
-from .transparency.outline_fit import OutlineRings, UprightBody
+from .vessel_shapes import OutlineRings, UprightBody
 
 #: Numbers of angles and heights of the surface mesh, and (angles, heights) of the candidate touch points.
 _ANGLES, _HEIGHTS, _PLACES = 48, 40, (12, 12)
 #: Distance of a touch from rim and foot, of a start from the wall, and of a probe from surrounding surfaces [m].
 _END_M, _START_M, _CLEAR_M = 0.012, 0.04, 0.015
+#: Places of a line that are compared with other bodies: at most 5 mm apart where it starts 6 cm from the wall.
+_LINE = 16
 #: Samples of axis and profile: with four fifths of them rejected, a probability of one half has a standard error of 1/40.
 _DRAWS = 2000
 #: Standard deviation of the lower and upper radius of a cone from those of the vessel, in radii: rms of 16 vessels of open scenes of the
@@ -61,6 +64,7 @@ class BodyCompletion:
         float  #: top of the evidence for glass: the rim is between this height and the top of the cone [m]
     )
     visual_sigma_m: float = 0.0005  #: standard deviation of the visible surface [m]
+    beside: tuple[UprightBody, ...] = ()  #: bodies of other transparent parts, of which lines keep clear
     touches: list[Touch] = field(default_factory=list)
     _wall_to_m: float = field(init=False)
     _found: tuple[tuple[int, float], ProfileMixture] | None = field(init=False, default=None)
@@ -75,7 +79,9 @@ class BodyCompletion:
         return 0.5 * (self._wall_to_m + self.reach_z_m)
 
     @classmethod
-    def standing(cls, visual: SurfaceMesh, body: UprightBody, reach_z_m: float) -> BodyCompletion:
+    def standing(
+        cls, visual: SurfaceMesh, body: UprightBody, reach_z_m: float, beside: Sequence[UprightBody] = ()
+    ) -> BodyCompletion:
         """Create the completion of a body that stands on the visible surface below it.
 
         Parameters
@@ -86,6 +92,8 @@ class BodyCompletion:
             Cone fitted to the outlines.
         reach_z_m
             Top of the evidence for glass [m].
+        beside
+            Bodies of other transparent parts, which stand on the same surface.
 
         Raises
         ------
@@ -100,7 +108,7 @@ class BodyCompletion:
             raise InputError(
                 "BodyCompletion", "no surface was observed below the body, expected the one it stands on"
             )
-        return cls(visual, body, float(np.median(below)), reach_z_m)
+        return cls(visual, body, float(np.median(below)), reach_z_m, beside=tuple(beside))
 
     def add(self, touch: Touch) -> None:
         """Add a touch; a line to the axis without contact passed above the rim, or missed a stem below the cone.
@@ -277,8 +285,13 @@ class BodyCompletion:
         raise InputError("BodyCompletion.next_touch", "every horizontal line to the axis is obstructed")
 
     def _free(self, target_m: Float[np.ndarray, "3"], start_m: Float[np.ndarray, "3"]) -> bool:
-        """Whether the line from a start to the wall is clear of the visible surface."""
+        """Whether the line from a start to the wall is clear of the visible surface and of other transparent bodies."""
         way = start_m - target_m
+        line_m = target_m + np.linspace(0.3, 1.5, _LINE)[:, None] * way
+        for body in self.beside:  # below its cone, a body may be as wide as there
+            upper_m = np.column_stack([line_m[:, :2], np.maximum(line_m[:, 2], body.height_m[0])])
+            if body.contains(upper_m, _CLEAR_M).any():
+                return False
         along = np.clip((self.visual.vertices_m - target_m) @ way / (way @ way), 0.3, 1.5)
         gap = np.linalg.norm(self.visual.vertices_m - target_m - along[:, None] * way, axis=1)
         return bool(gap.min(initial=np.inf) > min(_CLEAR_M, 0.8 * (target_m[2] - self.foot_z_m)))

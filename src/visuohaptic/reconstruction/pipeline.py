@@ -77,7 +77,8 @@ class Reconstruction:
         region = self._region(part)
         if region.body is None:
             raise InputError("body_completion", "the part has no outline")
-        return BodyCompletion.standing(self.surface, region.body, float(region.hull_m[:, 2].max()))
+        beside = [other.body for other in self.regions if other is not region and other.body is not None]
+        return BodyCompletion.standing(self.surface, region.body, float(region.hull_m[:, 2].max()), beside)
 
     def _region(self, part: int) -> TransparentRegion:
         if not 0 <= part < len(self.regions):
@@ -250,8 +251,8 @@ def sequence_noise(sequence: DepthSequence | Sequence[DepthFrame]) -> DepthNoise
 def measured_noise(frames: Sequence[DepthFrame], name: str = "") -> DepthNoise:
     """Noise of an unknown camera, by the agreement of neighbouring views: proportional to the squared depth.
 
-    The agreement contains the errors of the poses and of rounding to pixels on slopes, so that the noise is an upper bound. Baseline and matching window are not
-    measured: they are the largest of the known cameras. Views that show no common surface have the noise of a Kinect.
+    The agreement contains the errors of the poses and of rounding to pixels on slopes, so that the noise is an upper bound. The matching window is the largest
+    of the known cameras; the baseline is that of a Kinect until glass is found (:func:`.outline_fit.second_eye_m`). Views that show no common surface have the noise of a Kinect.
 
     Parameters
     ----------
@@ -263,9 +264,8 @@ def measured_noise(frames: Sequence[DepthFrame], name: str = "") -> DepthNoise:
     graph, apart_rad = view_graph(frames), EvidenceSettings().min_angle_rad
     near = [graph.neighbours(k, 1, apart_rad) for k in range(len(frames))]
     kinect = SENSOR_NOISE["kinect"]
-    device = replace(
-        kinect, edge_rad=max(known.edge_rad for known in SENSOR_NOISE.values()), source="measured"
-    )
+    edge_rad = max(known.edge_rad for known in SENSOR_NOISE.values())
+    device = replace(kinect, edge_rad=edge_rad, baseline_known=False, source="measured")
     middle_m = float(np.nanmedian([np.nanmedian(frame.depth_m) for frame in frames]))
     # Pairs of readings count within 5 deviations: a noisier camera is measured again with what was found.
     for _ in range(_MEASURED_ROUNDS):

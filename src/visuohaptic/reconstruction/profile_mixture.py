@@ -14,8 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .completion.radial_model import matern
-from .transparency.outline_fit import UprightBody
-from .vessel_shapes import drawn_vessels, vessel_profiles
+from .vessel_shapes import UprightBody, drawn_vessels, vessel_profiles
 
 #: Correlation length of the profile in heights of the body, and of the deviation from a circular section over the angle [rad].
 _OVER_HEIGHT, _OVER_ANGLE_RAD = 0.3, 0.7

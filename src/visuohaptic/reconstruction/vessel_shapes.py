@@ -1,4 +1,4 @@
-"""Profiles of upright vessels of several classes of shapes, with uniform parameters.
+"""Upright bodies, and profiles of upright vessels of several classes of shapes, with uniform parameters.
 
 Four classes that people make: straight (tumblers, jars), with a shoulder and a neck (bottles), with a stem (wine glasses, goblets),
 and bowls. The ranges of the parameters are wide; what is known of a vessel weights the draws.
@@ -7,13 +7,84 @@ and bowls. The ranges of the parameters are wide; what is known of a vessel weig
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from dataclasses import dataclass, field
+from functools import cache, partial
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 #: Number of heights at which a profile is given, and of parameters of a class.
 STEPS, PARAMETERS = 65, 6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OutlineRings:
+    """Circles around the axis of an upright body, on its outline (:mod:`.transparency.outline_rings`)."""
+
+    z_m: Float[np.ndarray, "n"] = field(default_factory=partial(np.zeros, 0))  #: heights [m]
+    radius_m: Float[np.ndarray, "n"] = field(default_factory=partial(np.zeros, 0))  #: radii [m]
+    sigma_m: Float[np.ndarray, "n"] = field(default_factory=partial(np.zeros, 0))  #: of the radii [m]
+    common_m: float = 0.0  #: standard deviation of an error that all radii have in common [m]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UprightBody:
+    """An upright truncated cone, with the standard deviations of its axis and radius."""
+
+    axis_m: Float[np.ndarray, "2"]  #: x, y of its axis [m]
+    axis_sigma_m: Float[np.ndarray, "2"]  #: standard deviations of the axis [m]
+    radius_m: tuple[float, float]  #: lower and upper radius [m]
+    radius_sigma_m: float  #: standard deviation of a common change of both radii [m]
+    height_m: tuple[float, float]  #: z of its lower and upper end [m]
+    evidence: float  #: log-likelihood ratio against no body [nat]
+    rings: OutlineRings = field(default_factory=OutlineRings)  #: its radius at single heights
+
+    @property
+    def shape_m(self) -> Float[np.ndarray, "6"]:
+        """x, y of the axis, lower and upper radius, lower and upper height [m]."""
+        return np.array([*self.axis_m, *self.radius_m, *self.height_m])
+
+    def meets(self, other: UprightBody) -> bool:
+        """Whether two bodies intersect, with the means of their radii.
+
+        Parameters
+        ----------
+        other
+            The other body.
+        """
+        apart_m = float(np.hypot(*(self.axis_m - other.axis_m)))
+        return apart_m < 0.5 * (sum(self.radius_m) + sum(other.radius_m))
+
+    def points_m(self, voxel_m: float) -> Float[np.ndarray, "n 3"]:
+        """Points inside the body on a grid of the voxel spacing (n, 3) [m].
+
+        Parameters
+        ----------
+        voxel_m
+            Spacing of the points along each axis [m].
+        """
+        reach = max(self.radius_m)
+        side = np.arange(-reach, reach + voxel_m, voxel_m)
+        x, y, z = np.meshgrid(
+            self.axis_m[0] + side, self.axis_m[1] + side, np.arange(*self.height_m, voxel_m), indexing="ij"
+        )
+        found: Float[np.ndarray, "n 3"] = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+        return found[self.contains(found)]
+
+    def contains(self, points_m: Float[np.ndarray, "n 3"], margin_m: float = 0.0) -> Bool[np.ndarray, "n"]:
+        """Whether points are inside the body.
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 3) [m].
+        margin_m
+            Growth of its radii and of its height at both ends [m].
+        """
+        z_m, (low_m, high_m) = points_m[:, 2], self.height_m
+        away_m = np.hypot(*(points_m[:, :2] - self.axis_m).T)
+        inside: Bool[np.ndarray, "n"] = away_m <= np.interp(z_m, self.height_m, self.radius_m) + margin_m
+        return inside & (z_m >= low_m - margin_m) & (z_m <= high_m + margin_m)
 
 
 def vessel_profiles(

@@ -17,7 +17,7 @@ from visuohaptic.sensing.foam.material.hysteresis import HysteresisState
 from visuohaptic.sensing.foam.posterior import EdgeStates
 from visuohaptic.sensing.foam.profile import FoamReading, read_profile
 from visuohaptic.sensing.foam.strip import StripGeometry
-from visuohaptic.sensing.foam.validity import with_states
+from visuohaptic.sensing.foam.validity import Validity, with_states
 
 GEOMETRY = StripGeometry.straight(0.25, 0.02)
 K = len(GEOMETRY.s_m)
@@ -200,3 +200,35 @@ def test_what_is_filled_in_is_no_memory_of_the_foam(material) -> None:
     read_profile(first.contour(GEOMETRY, 0.0), material, memory=memory)
     now = filled(np.where(beyond, 0.003, 0.0041), np.zeros(K, dtype=bool))
     assert not read_profile(now.contour(GEOMETRY, 0.0), material, memory=memory).unloading
+
+
+def test_foam_that_was_hidden_in_a_contact_has_an_unknown_branch_and_free_foam_has_none(material) -> None:
+    """Six points are out of sight for a third of a second: three tenths of their force are uncertain, if anything was pressed then."""
+    tracking = SimpleNamespace(bump_px=2.0)
+    setup = SimpleNamespace(material=material, geometry=GEOMETRY, config=SimpleNamespace(tracking=tracking))
+    away, nothing = np.isin(np.arange(K), np.arange(40, 46)), np.zeros(K, dtype=bool)
+    front = SimpleNamespace(reason=np.zeros(K, dtype=int))
+    frames = [(k / 30, away if 0 < k < 10 else nothing) for k in range(11)]
+
+    def last(deltas) -> tuple[float, float]:
+        """Model error of the last frame, with and without the history of the others."""
+        validity = Validity(setup)
+        for (t_s, hidden), delta in zip(frames, deltas, strict=True):
+            found = filled(delta, hidden)
+            before = read_profile(found.contour(GEOMETRY, 0.0), material)
+            strip = SimpleNamespace(t_s=t_s, moved_px=0.0, front=front)
+            after, _ = validity.evaluate(before, found, strip, frame_s=1 / 30, drifted=False)
+        return after.budget.model_N, with_states(before, found, material, GEOMETRY.cell_m)[0].budget.model_N
+
+    found_N, alone_N = last([PLATE_M] * 11)
+    pressed_N = material.pressed_force_N(np.where(away, PLATE_M, 0.0), GEOMETRY.cell_m)
+    assert pressed_N > 0.5
+    assert found_N == pytest.approx(np.hypot(alone_N, 0.3 * pressed_N), rel=1e-6)
+    found_N, alone_N = last([np.zeros(K)] * 10 + [PLATE_M])
+    assert found_N == pytest.approx(
+        np.hypot(alone_N, 0.3 * pressed_N), rel=1e-6
+    )  # it may have begun out of sight
+    # A frame without a contact ends the doubt.
+    frames.append((11 / 30, nothing))
+    found_N, alone_N = last([PLATE_M] * 10 + [np.zeros(K), PLATE_M])
+    assert found_N == pytest.approx(alone_N, rel=1e-9)

@@ -320,13 +320,16 @@ def _free_travel(d: np.ndarray, f: np.ndarray, noise: TouchNoise) -> float:
 
 
 def _scale(d: np.ndarray, f: np.ndarray, power: int, noise: TouchNoise) -> tuple[float, float]:
-    """c of F = c d^power by weighted least squares, and its standard deviation."""
+    """c of F = c d^power by weighted least squares, and its standard deviation; infinite if the samples say nothing of c."""
     shape = np.maximum(d, 0.0) ** power
     square = float(shape @ shape)
     if square == 0:
         return 0.0, math.inf
-    slope = power * abs(float(shape @ f) / square) * np.maximum(d, 0.0) ** (power - 1)
-    variance = noise.force_N**2 + (slope * noise.deformation_m) ** 2
+    with np.errstate(over="ignore"):  # of a step that is smaller than any sensor resolves
+        slope = power * abs(np.divide(shape @ f, square)) * np.maximum(d, 0.0) ** (power - 1)
+        variance = noise.force_N**2 + (slope * noise.deformation_m) ** 2
     weight = 1.0 / np.maximum(variance, 1e-300)
     total = float(weight @ shape**2)
+    if total == 0:
+        return 0.0, math.inf
     return float((weight * shape) @ f) / total, 1.0 / math.sqrt(total)

@@ -20,7 +20,7 @@ from pydantic import (
 
 from ...core import InputError, finite_array
 from ...core.files import field_problems, load_json
-from ..transparency.outline_fit import OutlineRings, UprightBody
+from ..vessel_shapes import OutlineRings, UprightBody
 
 
 @dataclass(frozen=True, slots=True, eq=False)

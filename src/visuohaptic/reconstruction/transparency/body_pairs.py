@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from .outline_fit import OutlineView, UprightBody, body_bounds_m, body_evidence, fit_beside, fit_bodies
+from ..vessel_shapes import UprightBody
+from .outline_fit import OutlineView, body_bounds_m, body_evidence, fit_beside, fit_bodies
 
 #: Number of points on each bounding circle of a hidden body; how often each body of a pair is fitted.
 _CORNERS, _TURNS = 24, 2

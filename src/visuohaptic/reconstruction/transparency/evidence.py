@@ -21,9 +21,9 @@ at most a (Markov's inequality, Bonferroni), for any number of views: a is the f
 
 A wide vessel that few views see has no single place with so much evidence. A place where glass is more probable than not is therefore tested as
 a whole: its likelihood ratio in a view is that of all windows inside the outline of a body, with the same bounds. A part has to exceed the
-threshold also with the rates that the surface behind it has of its own (:func:`.ray_readings.surface_ratios`), and views have to agree on
-what is behind it (:func:`.regions.agreed_behind`). Its position follows from the outlines (:mod:`.outline_fit`, :mod:`.outline_rings`), its
-extent is the same sum with e = 0.85: this many rays still pass a round glass at 1.03 of its radius. Parts, strongest first, explain their rays.
+threshold also with the rates of the surface behind it (:func:`.ray_readings.surface_ratios`), and views have to agree on what is behind it
+(:func:`.regions.agreed_behind`). Its place follows from its outlines, its extent is the same sum with e = 0.85: this many rays pass
+a round glass at 1.03 of its radius. Parts, strongest first, explain their rays. An unknown second eye follows from the parts that were found.
 """
 
 from __future__ import annotations
@@ -40,8 +40,9 @@ from ...io.depth.depth_sequence import DepthFrame
 from ...io.depth.pixel_model import PixelModel, scores_of
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
+from ..vessel_shapes import UprightBody
 from .body_pairs import fit_part, without_body
-from .outline_fit import OutlineView, UprightBody, body_evidence
+from .outline_fit import OutlineView, body_evidence, second_eye_m
 from .outline_rings import with_rings
 from .ray_evidence import (
     HIDDEN,
@@ -130,11 +131,11 @@ class EvidenceDetector:
         """
         self.__post_init__()
         self.skipped, self.views = Counter(), len(frames)
-        frames, weights = self._read(frames)
-        if not frames:
+        compared, weights = self._read(frames)
+        if not compared:
             return
         limit_m = np.stack([rays.limit_m for rays in self._images])
-        self._rays = replace(self._rays, frames=frames, weights=weights, limit_m=limit_m)
+        self._rays = replace(self._rays, frames=compared, weights=weights, limit_m=limit_m)
         self._sum(limit_m > 0, first=True)
         whole = self.evidence
         while self._take() or self._take_held_out(limit_m):
@@ -143,9 +144,14 @@ class EvidenceDetector:
             if (strong := self.evidence >= self.threshold).any():
                 self._sum((limit_m > 0) & ~self._passed(strong))
         self.evidence = whole
-        if self._found:
-            limit_m[:] = [image.limit_m for image in self._images]
-            self._found = with_rings(self._found, self._outline_views(), self.grid.low_m[2], self.threshold)
+        if not self._found:
+            return
+        limit_m[:] = [image.limit_m for image in self._images]
+        views, bodies = self._outline_views(), [region.body for region in self._found if region.body]
+        if not self.noise.baseline_known:
+            self.noise = replace(self.noise, baseline_m=second_eye_m(views, bodies), baseline_known=True)
+            return self.run(frames)
+        self._found = with_rings(self._found, views, self.grid.low_m[2], self.threshold)
 
     def _sum(self, counted: Bool[np.ndarray, "n h w"], *, first: bool = False) -> None:
         """Sum the unexplained evidence; the rates without glass are estimated from the ``counted`` rays."""
@@ -237,8 +243,7 @@ class EvidenceDetector:
         labels, number = ndimage.label(self.evidence > 0, np.ones((3, 3, 3)))
         peaks = ndimage.maximum_position(self.evidence, labels, range(1, number + 1))
         # A single view is not enough for a part.
-        one_view = math.log((1 - HIDDEN) / self.look_alike)
-        peaks = [peak for peak in peaks if self.evidence[peak] > one_view]
+        peaks = [peak for peak in peaks if self.evidence[peak] > math.log((1 - HIDDEN) / self.look_alike)]
         for peak in sorted(peaks, key=self.evidence.__getitem__, reverse=True):
             self._sum((limit_m > 0) & ~self._passed(labels == labels[peak]))
             if self._take(peak):
@@ -250,10 +255,9 @@ class EvidenceDetector:
         """Extract parts, or that at one voxel, in order of falling evidence; each explains the evidence of the rays through it."""
         from scipy import ndimage
 
-        before = len(self._found)
         if self.evidence.max() < self._even:
             return False
-        labels, _ = ndimage.label(self.extent > 0, np.ones((3, 3, 3)))
+        before, (labels, _) = len(self._found), ndimage.label(self.extent > 0, np.ones((3, 3, 3)))
         if only:
             labels = (labels == labels[only]).astype(labels.dtype) * (labels[only] > 0)
         boxes = ndimage.find_objects(labels)
@@ -261,8 +265,7 @@ class EvidenceDetector:
         held, best = labels > 0, np.full(len(boxes), -np.inf)
         np.maximum.at(best, labels[held] - 1, self.evidence[held])
         while best.max(initial=-np.inf) >= self._even:
-            number = int(best.argmax())
-            box = boxes[number]
+            box = boxes[number := int(best.argmax())]
             evidence, extent, _ = self._rays.sums(self.grid.part(box))
             left = (labels[box] == number + 1) & (extent > 0)
             peak = evidence[left].max(initial=-np.inf)
@@ -287,8 +290,7 @@ class EvidenceDetector:
         labels, _ = ndimage.label(left, np.ones((3, 3, 3)))
         whole: Bool[np.ndarray, "x y z"] = labels == labels.flat[np.where(left, evidence, -np.inf).argmax()]
         told = float(evidence[whole].max())
-        bodies = self._fit(whole, evidence, box)
-        for body in bodies:
+        for body in (bodies := self._fit(whole, evidence, box)):
             seen = self._rays.scored(body.points_m(self.grid.voxel_m))
             outlined = told if told >= self.threshold else self._bounded(body, self._outlines) + seen
             if outlined >= self.threshold and self._beside(body) + seen >= self.threshold:
@@ -315,19 +317,15 @@ class EvidenceDetector:
         added = surface_ratios(rays.frames, self._images, through, rays.limit_m > 0, self._tables, size_m)
         agreed = agreed_behind(body, rays, self._images, self.noise, self._stride, self.grid.voxel_m)
         views = self._outline_views(added)
-        views = without_body(views, first.shape_m) if first else views
-        return float(body_evidence(views, body).sum()) + agreed
-
-    @property
-    def _min_voxels(self) -> float:
-        """Half the number of voxels of the smallest object of interest."""
-        return 2 / 3 * math.pi * (self.settings.radius_m / self.grid.voxel_m) ** 3
+        return agreed + float(
+            body_evidence(without_body(views, first.shape_m) if first else views, body).sum()
+        )
 
     def _fit(
         self, part: Bool[np.ndarray, "x y z"], evidence: Float32[np.ndarray, "x y z"], box: tuple[slice, ...]
     ) -> list[UprightBody]:
-        """The likeliest one or two bodies of a part in a box of the volume; none if it is too small or has no outline."""
-        if np.count_nonzero(part) < self._min_voxels:
+        """The likeliest one or two bodies of a part in a box of the volume; none if it has no outline or half the smallest size."""
+        if np.count_nonzero(part) < 2 / 3 * math.pi * (self.settings.radius_m / self.grid.voxel_m) ** 3:
             return []
         points_m = self.grid.centres_m(np.argwhere(part) + [s.start for s in box])
         # Windows may look like glass in all views for a common cause without an outline: an edge.
@@ -362,10 +360,12 @@ class EvidenceDetector:
                 piece = ndimage.label(part, np.ones((3, 3, 3)))[0][part]
                 own = (2 * np.bincount(piece, weights=own[0])[piece] > np.bincount(piece)[piece])[None]
         for body, inside in zip(bodies, own, strict=True):
-            chosen = cells[inside] if inside.sum() >= self._min_voxels else body_voxels(body, grid)
+            # The voxels may be a fragment of the rim; the body is the whole.
+            chosen = np.unique(np.concatenate([cells[inside], body_voxels(body, grid)]), axis=0)
             if len(chosen):
                 self.inside[tuple(chosen.T)] = True
-                self._found += (region_of(chosen, self.score(chosen), grid, body),)
+                scores = self.score(cells[inside] if inside.any() else chosen)
+                self._found += (region_of(chosen, scores, grid, body),)
         return part
 
     @property

@@ -18,15 +18,16 @@ estimated jointly with the axis if the likelihood has a maximum in it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from copy import copy
+from dataclasses import dataclass
 from itertools import combinations, product
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int8, UInt8
+from jaxtyping import Float, Float32, Int8, UInt8
 
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import DepthNoise
+from ..vessel_shapes import UprightBody as UprightBody
 from .view_geometry import intrinsics
 
 #: Number of points on each of the two bounding circles of a body.
@@ -42,6 +43,8 @@ _RADII = (2, 3, 5)
 #: Number of directions in which the axis of a bowl is tried from a fragment of its rim, and maximum number of initial bodies of
 #: each kind (the likeliest, apart from each other) from which the search starts.
 _TURNS, _SEARCHES = 8, 4
+#: Second eyes of cameras that are known or named nowhere: farthest on either side, the coarse places between, and tolerance [m].
+_EYE_M, _EYES, _EYE_NEAR_M = 0.1, 9, 0.002
 #: Minimum radius and height of a body [m].
 _MIN_RADIUS_M, _MIN_HEIGHT_M = 0.01, 0.02
 
@@ -111,14 +114,20 @@ class _Outlines:
 
     def __init__(self, views: Sequence[OutlineView], middle_m: Float[np.ndarray, "3"]) -> None:
         self.matrices = np.array([view.matrix for view in views])
-        self._reach = np.array([view.matrix[0] * view.baseline_m for view in views])
+        reach = np.array([view.matrix[0] * view.baseline_m for view in views])
         self._motions = np.array([view.T_camera_world for view in views])
         self.weights = np.array([view.weight for view in views])
         self._limits = np.stack([view.limit_m for view in views])
         away_m = self._motions[:, 2] @ np.append(middle_m, 1.0)
         told = np.where(self._limits > away_m[:, None, None], np.stack([view.evidence for view in views]), 0)
         sums = np.pad(np.cumsum(told, axis=2, dtype=np.float64), ((0, 0), (0, 0), (1, 0)))
-        self._told = (_CORNERS, sums, self._limits, self._motions, self.matrices, self._reach, self.weights)
+        self._told = (_CORNERS, sums, self._limits, self._motions, self.matrices, reach, self.weights)
+
+    def with_eye(self, eye_m: float) -> _Outlines:
+        """The same outlines for another baseline of the second eye [m]."""
+        other = copy(self)
+        other._told = (*self._told[:5], eye_m * self.matrices[:, 0], self.weights)
+        return other
 
     def cost(self, body: Float[np.ndarray, "6"], opening: float, bounds_m: Float[np.ndarray, "3"]) -> float:
         """Negative log-likelihood ratio of a body against no body [nat]; 1000 outside the bounds.
@@ -167,76 +176,6 @@ class _Outlines:
         return float(
             np.median(window_px * (self._motions[:, 2] @ np.append(middle_m, 1.0)) / self.matrices[:, 0])
         )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OutlineRings:
-    """Circles around the axis of an upright body, on its outline (:mod:`.outline_rings`)."""
-
-    z_m: Float[np.ndarray, "n"] = field(default_factory=partial(np.zeros, 0))  #: heights [m]
-    radius_m: Float[np.ndarray, "n"] = field(default_factory=partial(np.zeros, 0))  #: radii [m]
-    sigma_m: Float[np.ndarray, "n"] = field(default_factory=partial(np.zeros, 0))  #: of the radii [m]
-    common_m: float = 0.0  #: standard deviation of an error that all radii have in common [m]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class UprightBody:
-    """An upright truncated cone, with the standard deviations of its axis and radius."""
-
-    axis_m: Float[np.ndarray, "2"]  #: x, y of its axis [m]
-    axis_sigma_m: Float[np.ndarray, "2"]  #: standard deviations of the axis [m]
-    radius_m: tuple[float, float]  #: lower and upper radius [m]
-    radius_sigma_m: float  #: standard deviation of a common change of both radii [m]
-    height_m: tuple[float, float]  #: z of its lower and upper end [m]
-    evidence: float  #: log-likelihood ratio against no body [nat]
-    rings: OutlineRings = field(default_factory=OutlineRings)  #: its radius at single heights
-
-    @property
-    def shape_m(self) -> Float[np.ndarray, "6"]:
-        """x, y of the axis, lower and upper radius, lower and upper height [m]."""
-        return np.array([*self.axis_m, *self.radius_m, *self.height_m])
-
-    def meets(self, other: UprightBody) -> bool:
-        """Whether two bodies intersect, with the means of their radii.
-
-        Parameters
-        ----------
-        other
-            The other body.
-        """
-        apart_m = float(np.hypot(*(self.axis_m - other.axis_m)))
-        return apart_m < 0.5 * (sum(self.radius_m) + sum(other.radius_m))
-
-    def points_m(self, voxel_m: float) -> Float[np.ndarray, "n 3"]:
-        """Points inside the body on a grid of the voxel spacing (n, 3) [m].
-
-        Parameters
-        ----------
-        voxel_m
-            Spacing of the points along each axis [m].
-        """
-        reach = max(self.radius_m)
-        side = np.arange(-reach, reach + voxel_m, voxel_m)
-        x, y, z = np.meshgrid(
-            self.axis_m[0] + side, self.axis_m[1] + side, np.arange(*self.height_m, voxel_m), indexing="ij"
-        )
-        found: Float[np.ndarray, "n 3"] = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
-        return found[self.contains(found)]
-
-    def contains(self, points_m: Float[np.ndarray, "n 3"], margin_m: float = 0.0) -> Bool[np.ndarray, "n"]:
-        """Whether points are inside the body.
-
-        Parameters
-        ----------
-        points_m
-            Points (n, 3) [m].
-        margin_m
-            Growth of its radii and of its height at both ends [m].
-        """
-        z_m, (low_m, high_m) = points_m[:, 2], self.height_m
-        away_m = np.hypot(*(points_m[:, :2] - self.axis_m).T)
-        inside: Bool[np.ndarray, "n"] = away_m <= np.interp(z_m, self.height_m, self.radius_m) + margin_m
-        return inside & (z_m >= low_m - margin_m) & (z_m <= high_m + margin_m)
 
 
 def fit_bodies(
@@ -331,6 +270,45 @@ def body_evidence(views: Sequence[OutlineView], body: UprightBody) -> Float[np.n
     """
     outlines = _Outlines(views, np.array([*body.axis_m, np.mean(body.height_m)]))
     return max((outlines.log_likelihood(body.shape_m, opening) for opening in _OPEN), key=np.sum)
+
+
+def second_eye_m(views: Sequence[OutlineView], bodies: Sequence[UprightBody]) -> float:
+    """Baseline of the second eye along the rows for which bodies have most evidence, each fitted again for it [m].
+
+    A wrong eye moves a body to the side by half of the error's shift of the outline, and no view from the same direction contradicts it.
+
+    Parameters
+    ----------
+    views
+        All views.
+    bodies
+        Bodies that were found with the baseline of the views.
+    """
+    from scipy.optimize import minimize_scalar
+
+    outlines = [_Outlines(views, np.array([*body.axis_m, np.mean(body.height_m)])) for body in bodies]
+    shapes = [body.shape_m for body in bodies]
+    # A bowl is open.
+    ratios = [
+        [float(told.log_likelihood(shape, opening).sum()) for opening in _OPEN]
+        for told, shape in zip(outlines, shapes, strict=True)
+    ]
+    likelier = [_OPEN[int(np.argmax(each))] for each in ratios]
+
+    def cost(eye_m: float) -> float:
+        total = 0.0
+        for told, shape, opening in zip(outlines, shapes, likelier, strict=True):
+            seen = told.with_eye(eye_m)
+            bounds_m = np.array([_MIN_RADIUS_M, _MIN_HEIGHT_M, 2 * shape[2:4].max()])
+            total += min(seen.cost(seen.search(shape, opening, bounds_m), opening, bounds_m), 0.0)
+        return total
+
+    tried = np.linspace(-_EYE_M, _EYE_M, _EYES)
+    best, step = float(tried[np.argmin([cost(eye) for eye in tried])]), float(tried[1] - tried[0])
+    found = minimize_scalar(
+        cost, bounds=(best - step, best + step), method="bounded", options={"xatol": _EYE_NEAR_M}
+    )
+    return float(found.x)
 
 
 def _apart(starts: Sequence[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray, float]]:

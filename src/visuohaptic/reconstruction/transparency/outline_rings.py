@@ -17,8 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from ..vessel_shapes import OutlineRings, UprightBody
 from .body_pairs import without_body
-from .outline_fit import OutlineRings, OutlineView, UprightBody
+from .outline_fit import OutlineView
 from .regions import TransparentRegion
 
 #: Rates of changed readings outside and inside of an edge before they are estimated, in how many rounds, and their margin from 0 and 1.

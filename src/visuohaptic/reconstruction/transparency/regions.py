@@ -16,7 +16,7 @@ from ...core.files import write_text
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import DepthNoise
 from ..fusion.volume import SpaceGrid
-from .outline_fit import UprightBody
+from ..vessel_shapes import UprightBody
 from .ray_evidence import RayEvidence
 from .ray_readings import RayImage, agreement_evidence, passing_evidence
 

@@ -72,7 +72,8 @@ def run(args: Any) -> dict[str, Any]:
         known = [touch.contact_m for touch in read_touches(args.register) if touch.contact_m is not None]
         pose, rms_m = register_touches(np.array(known).reshape(-1, 3), model)
     _check_reach(touches, args.touches, model.vertices_m, regions[number].hull_m, pose)
-    completion = _joined(args, model, regions[number], touches, pose)
+    others = [region for region in regions if region is not regions[number]]
+    completion = _joined(args, model, regions[number], others, touches, pose)
     completed = completion.completed()
     fields = {"sigma_m": completion.sigma_m(completed.vertices_m)}
     meshes.write_ply(
@@ -130,6 +131,7 @@ def _joined(
     args: Any,
     model: reconstruction.SurfaceMesh,
     region: HoleRegion,
+    others: list[HoleRegion],
     touches: list[Touch],
     pose: core.Pose | None,
 ) -> Completion | BodyCompletion:
@@ -149,7 +151,8 @@ def _joined(
             "found no outline of the cluster (axis, radius, height), expected one for --clear",
             remedy="create it with `visuohaptic reconstruct` and the method consistency",
         )
-    clear = BodyCompletion.standing(model, region.body, float(region.hull_m[:, 2].max()))
+    beside = [other.body for other in others if other.body is not None]
+    clear = BodyCompletion.standing(model, region.body, float(region.hull_m[:, 2].max()), beside)
     for touch in touches:
         clear.add(touch if pose is None else touch.moved(pose))
     return clear

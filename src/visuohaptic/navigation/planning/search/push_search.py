@@ -25,6 +25,7 @@ from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ...problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 from ...problem.push_costs import PushCosts
 from ..arrays import Nodes, Point
+from ._travel_kernels import flood
 from .domain_builder import build_search_domain
 from .drives import drives_cost
 from .infeasibility import Infeasibility
@@ -45,6 +46,8 @@ ALONE_GAP = 0.02
 #: Fractions of the budget at which these phases end: bounds of single bodies; a first plan with the bodies on the cheapest
 #: path of the bound; with those at bottlenecks, by weight; the infeasibility proof; a first plan with all bodies.
 ALONE, CROSSED, SOON, PROOF, LATE = 0.3, 0.35, (0.4, 0.55), 0.75, (0.8, 0.9, 1.0)
+#: End of the reason where a passage is as wide as the robot within a cell: nothing is proved, the robot may fit between centres.
+NARROW = " on the centres of cells; a passage is about as wide as the robot: a finer map decides"
 
 
 def search_pushes(
@@ -125,7 +128,7 @@ class _Search:
             return self._late()
         free = self._heuristic(())
         if reason := self._impossible(free):
-            return SearchResult(False, exhausted=True, reason=reason)
+            return SearchResult(False, exhausted=not reason.endswith(NARROW), reason=reason)
         if self._until(1.0).passed:
             return self._late()
         # Often the cheapest path needs no push: any plan with pushes costs at least one push more.
@@ -317,7 +320,11 @@ class _Search:
             return "the robot does not fit at its start"
         if heuristic.free_field[self.cells].min() >= heuristic.far:
             what = "walls and what cannot be pushed" if domain.immovable else "walls"
-            return f"{what} separate start and goal" + (", with or without pushes" if self.active else "")
+            loose = domain.relaxed
+            near, ends = (loose.seeds(heuristic.base, point)[0] for point in (self.start, goal))
+            joined = flood(heuristic.base, loose.radius, near, ends)[ends].any()
+            pushed = ", with or without pushes" if self.active else ""
+            return f"{what} separate start and goal" + (NARROW if joined else pushed)
         return ""
 
 

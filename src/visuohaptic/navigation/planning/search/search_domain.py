@@ -5,8 +5,9 @@ Everything here is in grid coordinates: cells, x along the columns and y along t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -94,6 +95,15 @@ class SearchDomain:
     def goal(self) -> Point:
         """Goal of the problem [cells]."""
         return grid_from_world(self.map, self.problem.goal_m)
+
+    @cached_property
+    def relaxed(self) -> SearchDomain:
+        """The domain of proofs: whatever a robot's centre can reach is reached over cells of at least this clearance.
+
+        The centre of the cell that a point lies in is at most half a diagonal from the point.
+        """
+        radius = self.robot.radius_m / self.map.resolution_m - 0.5 * math.sqrt(2.0)
+        return replace(self, radius=max(radius, 1e-6))
 
     @property
     def reach(self) -> float:

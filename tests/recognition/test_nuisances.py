@@ -1,0 +1,61 @@
+"""Effects of the errors of a gripper, against lines fitted to curves with these errors; scatter found from made-up curvatures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from visuohaptic.recognition.data import TouchProtocol
+from visuohaptic.recognition.touch import ModelSettings, few_curves
+from visuohaptic.recognition.touch.haptic_model import HEIGHTS, NUISANCES, nuisance_effects
+from visuohaptic.recognition.touch.unknown_class import FEATURES, FIRST_WIDTH
+
+
+def _fitted(deformation_m: np.ndarray, force_N: np.ndarray) -> float:
+    """Slope of a line through the origin."""
+    return float(deformation_m @ force_N / (deformation_m @ deformation_m))
+
+
+@pytest.mark.parametrize("stiffness", [800.0, 2e4])
+def test_each_error_changes_the_fitted_stiffness_as_a_curve_with_it(stiffness: float) -> None:
+    settings, protocol = ModelSettings(zero_m=2e-5, mouth=0.2), TouchProtocol()
+    mean = np.zeros(FEATURES)
+    mean[:FIRST_WIDTH] = np.log(stiffness)
+    found = dict(
+        zip(NUISANCES, nuisance_effects(mean, np.zeros((FEATURES,) * 2), settings, protocol), strict=True)
+    )
+    reach = min(protocol.max_deformation_m, protocol.max_force_N / stiffness)
+    d = reach * (np.arange(2000) + 0.5) / 2000
+    curves = {
+        "gain": stiffness * d * (1 + settings.gain),
+        "zero of the force": stiffness * d + settings.zero_N,
+        "zero of the deformation": stiffness * (d + settings.zero_m),
+    }
+    for name, force in curves.items():
+        # Effects are linear in the error: relative changes, here below 10 %, of which the logarithm differs by half the square.
+        expected = _fitted(d, force) / stiffness - 1
+        np.testing.assert_allclose(found[name][:FIRST_WIDTH], expected, rtol=1e-3, err_msg=name)
+    # The mouth is felt at the top, and less by the same factor from each height to the next below it.
+    mouth = found["mouth"][:FIRST_WIDTH].reshape(HEIGHTS, -1)
+    np.testing.assert_allclose(mouth[-1], settings.mouth)
+    ratio = mouth[1:] / mouth[:-1]
+    np.testing.assert_allclose(ratio, ratio[0, 0])
+    assert ratio[0, 0] > 1.0
+    for effect in found.values():
+        assert not effect[FIRST_WIDTH:].any()  # none of these changes a width
+
+
+@pytest.mark.parametrize(("along", "across"), [(0.3, 1.0), (1.0, 0.3), (0.1, 0.3)])
+def test_scatter_of_curvatures_between_places_and_objects_is_found(
+    along: float, across: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(5)
+    objects = [
+        (middle + along * rng.standard_normal(40), np.full(40, 1e-4), np.zeros(40))
+        for middle in 0.2 + across * rng.standard_normal(60)
+    ]
+    monkeypatch.setattr(few_curves, "curvatures", lambda _, readings: readings)
+    squeezed = [few_curves.SqueezedObject("cup", "cup", one) for one in objects]  # type: ignore[arg-type]
+    found = few_curves._curvature_scatter(None, squeezed)  # type: ignore[arg-type]
+    # Standard deviations of 2,340 and 59 degrees of freedom are known to 1.5 and 9 %: no candidate beside the true one is likely.
+    np.testing.assert_allclose(found, (along, across), rtol=0.05)
