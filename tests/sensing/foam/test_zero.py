@@ -156,3 +156,34 @@ def test_what_deflects_all_points_alike_may_be_the_zero_s_drift(part, drifts) ->
     delta[-6:] = 0.0  # free foam beside a contact has not drifted
     assert watch.sigma_m(delta) == pytest.approx(0.0, abs=1e-12)
     assert watch.sigma_m(np.full(K, np.nan)) == 0.0
+
+
+@pytest.mark.parametrize("points", [[11], [40, 41, 42, 43], [79]])
+def test_a_width_that_was_hardly_measured_is_told_by_its_neighbours(points) -> None:
+    """Edges that lie anywhere within 3 mm, as their own uncertainty says, in strips cut along a random walk."""
+    z = []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        true = 0.02 + np.cumsum(2e-5 * rng.standard_normal(80))
+        width, uncertainty = true + 1e-6 * rng.standard_normal((10, 80)), np.zeros(80)
+        width[:, points] += 3e-3 * rng.standard_normal(len(points))
+        uncertainty[points] = 3e-3
+        zero = ZeroReference.from_samples(
+            0.0, np.zeros((10, 80)), width, np.zeros((80, 5, 60)), uncertainty_m=uncertainty
+        )
+        np.testing.assert_array_equal(np.flatnonzero(zero.inferred), points)
+        z.append(((zero.width_m - true) / zero.width_sigma_m)[points])
+    assert np.std(z, axis=0) == pytest.approx(1.0, abs=0.2)
+
+
+@pytest.mark.parametrize(("part", "own"), [(0.8, True), (1.25, False)])
+def test_the_more_accurate_of_two_widths_is_taken(part, own) -> None:
+    """A point beside a straight line between its neighbours, at which every other point misses them by 20 um."""
+    width = 0.02 + 1e-5 * (-1.0) ** np.arange(80)
+    # Interpolation misses each point by 20 um; Student's variance over the 77 other points is 77/75 of that.
+    uncertainty = np.zeros(80)
+    uncertainty[31] = part * 2e-5 * np.sqrt(77 / 75)
+    zero = ZeroReference.from_samples(
+        0.0, np.zeros((4, 80)), np.tile(width, (4, 1)), np.zeros((80, 5, 60)), uncertainty_m=uncertainty
+    )
+    assert bool(zero.inferred[31]) is not own

@@ -171,6 +171,6 @@ def check_known(zero: ZeroReference, noise_m: Float[np.ndarray, "K"], setup: Foa
         raise CalibrationError(
             "zero",
             f"{zero.inferred.sum()} of {len(noise)} contour points were seen in fewer than half of the "
-            f"{zero.frames} frames, and {(~zero.known).sum()} of them could hide {hidden_N:.1f} N of {full_N:.1f} N",
+            f"{zero.frames} frames or inaccurately, and {(~zero.known).sum()} of them could hide {hidden_N:.1f} N of {full_N:.1f} N",
             remedy="free the view of the strip, check T_camera_foam and the light",
         )

@@ -43,7 +43,7 @@ class _ZeroFile(Section):
     encoded_m: Numbers | None = None
     #: Absent in files of older versions: the encoding is then unknown.
     encoding: Annotated[float, Field(ge=0.0, le=1.0)] = UNKNOWN_ENCODING
-    #: Indices of points that were not observed.
+    #: Indices of points whose width is that of their neighbours.
     inferred: Annotated[list[Annotated[int, Field(ge=0)]], Field(max_length=2000)] = Field(default=[])
     #: Eight-bit PNG of the strip in base64, its parallel lines stacked vertically; absent in files of older versions.
     image_png: str | None = None
@@ -53,8 +53,9 @@ class _ZeroFile(Section):
 class ZeroReference:
     """The strip at rest; K points. Normalised strain is 0 here and 1 at the reference contour.
 
-    The width of a point that was not observed at rest is inferred from its neighbours; where its uncertainty cannot be
-    estimated from them, the standard deviation is infinite and the deflection unknown in every frame.
+    The width of a point that was not observed at rest, or less accurately than its neighbours tell it, is inferred from
+    these; where its uncertainty cannot be estimated from them, the standard deviation is infinite and the deflection unknown
+    in every frame.
     """
 
     t_s: float  #: time of the last averaged frame
@@ -68,7 +69,7 @@ class ZeroReference:
     ]  #: excess of ``width_m`` if the camera encodes its grey levels; NaN: unknown
     #: Mean image of the strip along the lines, parallel lines beside each point; samples reach beyond the front.
     image: UInt8[np.ndarray, "K parallels samples"]
-    inferred: Bool[np.ndarray, "K"]  #: points that were not observed at rest; neighbours share their errors
+    inferred: Bool[np.ndarray, "K"]  #: points without an own width at rest; neighbours share their errors
     encoding: float = UNKNOWN_ENCODING  #: probability that the camera encodes its grey levels
 
     @property
@@ -152,6 +153,7 @@ class ZeroReference:
                 )
         # The standard error of the median is sqrt(pi/2) times that of the mean.
         sigma = np.hypot(1.2533 * scatter / np.sqrt(np.maximum(seen, 1)), uncertainty_m)
+        known = _better_than_inferred(np.where(known, width, np.nan), sigma)
         inferred, inferred_sigma = _infer_unseen(np.where(known, width, np.nan))
         return cls(
             t_s,
@@ -270,6 +272,25 @@ def _infer_unseen(width_m: Float[np.ndarray, "K"]) -> tuple[Float[np.ndarray, "K
         result[k] = sum(w * width_m[i] for w, i in pairs)
         sigma[k] = math.sqrt((error @ error) / (len(error) - 2)) if len(error) > 2 else math.inf
     return result, sigma
+
+
+def _better_than_inferred(
+    width_m: Float[np.ndarray, "K"], sigma_m: Float[np.ndarray, "K"]
+) -> Bool[np.ndarray, "K"]:
+    """Observed points, without those whose width the neighbours tell with a smaller standard deviation, the worst first.
+
+    Parameters
+    ----------
+    width_m, sigma_m
+        Width, NaN where it was not observed, and its standard deviation [m].
+    """
+    left = width_m.copy()
+    for k in np.argsort(-sigma_m):
+        if np.isfinite(left[k]):
+            left[k] = np.nan
+            if not _infer_unseen(left)[1][k] < sigma_m[k]:
+                left[k] = width_m[k]
+    return np.isfinite(left)
 
 
 @dataclass(frozen=True, slots=True)
