@@ -123,6 +123,17 @@ def test_from_poses_to_a_table_and_a_recording(folder, capsys):
     assert np.isnan(sent[4].wrench.force.y)
 
 
+def test_a_template_that_the_zero_lacks_is_named(folder, capsys):
+    rest = folder / "rest.csv"
+    lines = rest.read_text(encoding="utf-8").splitlines(keepends=True)
+    rest.write_text("".join(line for line in lines if ",tip," not in line), encoding="utf-8")
+    words = ["sense", "beam", "--config", str(folder / "sensor.yaml"), "--poses", str(rest), "--zero"]
+    assert main(words) == 0
+    told = "".join(capsys.readouterr())
+    assert "tip was not visible in half of the frames" in told
+    assert "middle was not" not in told
+
+
 def test_loads_become_a_calibration(folder, capsys):
     loads = np.vstack([np.diag([2, 1, 1, 0.05, 0.1, 0.1]) * fraction for fraction in (-1, -0.5, 0, 0.5, 1)])
     read = loads * 1.03 + np.random.default_rng(2).normal(0, 1e-4, loads.shape)

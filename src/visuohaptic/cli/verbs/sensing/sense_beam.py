@@ -223,6 +223,11 @@ def _drawn(frame: core.Frame, wrench: core.Wrench, templates: Sequence[tracking.
 
 
 def _stored(args: Any, zero: Any, path: Path) -> dict[str, Any]:
+    from ....sensing.beam import BeamSensorConfig
+
     zero.save(path)
     args.report(f"zero from {zero.frames} frames of {', '.join(zero.rest.names)} written to {path}")
+    for name in BeamSensorConfig.load(args.config).xi:
+        if name not in zero.rest.names:
+            args.report(f"{name} was not visible in half of the frames: it is not used")
     return {"zero": str(path), "frames": zero.frames, "templates": list(zero.rest.names)}
