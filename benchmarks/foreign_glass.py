@@ -19,10 +19,11 @@ import numpy as np
 from tests.worlds.mujoco_glass import VIEWS, ray_scene
 
 from visuohaptic.reconstruction.fusion import SpaceGrid
+from visuohaptic.reconstruction.pipeline import measured_noise
 
 from ._journal import Journal
 from ._seeds import add_seeds, seeds_of
-from .glass_evidence import detect
+from .glass_evidence import detect, frames_of
 from .harness import use_one_thread
 
 #: Where a user would look: the middle of the table, voxels of 5 mm.
@@ -44,7 +45,8 @@ def campaign(
         for count in views:
             if (key := f"{seed} {count}") not in done:
                 scene = scene or ray_scene(seed, **options)
-                row = detect(scene.views(count), noise=None, grid=space)
+                seen = scene.views(count)
+                row = detect(seen, noise=measured_noise(frames_of(seen)), grid=space)
                 done.put(key, {"views": count, **row})
                 print(f"{key} {row['kind']}: {row['error_m']}, {row['false']} false", flush=True)
     return [done.rows[f"{seed} {count}"] for seed in chosen for count in views]

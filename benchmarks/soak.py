@@ -39,6 +39,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from visuohaptic.core.camera import Frame, Pose
+from visuohaptic.core.files.part_file import SYNC_S
 from visuohaptic.core.measurement import ErrorBudget, ForceProfile, Reason
 from visuohaptic.io.sinks import MeasurementWriter
 from visuohaptic.sensing.push import ContactEvents
@@ -66,8 +67,21 @@ def resident_MB() -> float:
 
 
 def handles() -> int:
-    """Open files and threads of this process."""
+    """Open files and threads of this process.
+
+    Recordings are synced by a timer that ends within a second, and of which there is one or none at any moment: it is
+    awaited, since otherwise a slice ends with one handle more or less than it began by chance.
+    """
+    for thread in threading.enumerate():
+        if isinstance(thread, threading.Timer):
+            thread.join(10.0 * SYNC_S)
     return len(os.listdir("/proc/self/fd")) + threading.active_count()
+
+
+def _state(loop: Loop) -> tuple[int, float, int]:
+    """Steps, memory in use [MB], and handles; these first, since they await threads that have memory of their own."""
+    open_ = handles()
+    return loop.frames, resident_MB(), open_
 
 
 def _trim() -> None:
@@ -321,7 +335,7 @@ def soak(
     with LOOPS[what]() as loop:
         for _ in range(loop.warm):
             loop.step()
-        path = [(loop.frames, resident_MB(), handles())]
+        path = [_state(loop)]
         begin_s, cpu_s, own_s = time.monotonic(), time.process_time(), loop.t_s
         every = loop.warm // 2
         while (loop_s is None or loop.t_s < own_s + loop_s) and (
@@ -329,8 +343,8 @@ def soak(
         ):
             loop.step()
             if loop.frames % every == 0:
-                path.append((loop.frames, resident_MB(), handles()))
-        path.append((loop.frames, resident_MB(), handles()))
+                path.append(_state(loop))
+        path.append(_state(loop))
         spent_s = (time.process_time() - cpu_s) / max(1, loop.frames - loop.warm)
     return loop, path, spent_s
 

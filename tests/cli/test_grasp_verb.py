@@ -60,7 +60,14 @@ def test_a_map_without_sigma_leaves_that_of_the_deformation_unknown(
 
 @pytest.mark.parametrize(
     "words",
-    [("--material", "PP"), ("--around", "48"), ("--state", "closed"), ("--fill", "0.5"), ("--up", "x")],
+    [
+        ("--material", "PP"),
+        ("--around", "48"),
+        ("--state", "closed"),
+        ("--fill", "0.5"),
+        ("--up", "x"),
+        ("--up", "-y"),
+    ],
 )
 def test_a_map_refuses_what_would_change_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, str]

@@ -6,6 +6,7 @@ import copy
 import errno
 import math
 import os
+import re
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -16,7 +17,7 @@ import pytest
 from visuohaptic.core import Camera, Estimate, Frame, HapticTag, InputError, LaserScan, VisuoHapticObject
 from visuohaptic.core.cards import arrays_digest, card_text, decode, digest_of, encode, order_of
 from visuohaptic.core.clock_watch import ClockWatch
-from visuohaptic.core.errors import MissingExtraError, needs
+from visuohaptic.core.errors import MissingExtraError, brief_list, needs
 from visuohaptic.core.files import atomic_path, decode_image, encode_image, load_yaml_model, parse_yaml
 from visuohaptic.core.files.atomic import write_text
 from visuohaptic.core.files.part_file import PartFile
@@ -336,6 +337,28 @@ def test_all_problems_of_a_file_are_told(tmp_path: Path) -> None:
     path.write_text("- 1\n")
     with pytest.raises(InputError, match="found list, expected a mapping of fields"):
         load_yaml_model(path, Model)
+    path.write_text("".join(f"{'long ' * 90}{number}: 1\n" for number in range(99)))
+    with pytest.raises(
+        InputError, match=r"name: is missing; .*\.\.\.: unknown field .*; and 9\d more$"
+    ) as caught:
+        load_yaml_model(path, Model)
+    assert len(str(caught.value)) < len(str(path)) + 700
+
+
+@pytest.mark.parametrize("count", [1, 40, 2000])
+def test_a_list_in_a_message_counts_what_it_leaves_out(count) -> None:
+    names = [f"field_{number}" for number in range(count)]
+    said = brief_list(names)
+    *shown, last = said.split(", ")
+    more = re.fullmatch(r"and (\d+) more", last)
+    assert len(said) < 620
+    if more is None:
+        assert [*shown, last] == names
+    else:
+        assert shown == names[: len(shown)]
+        assert len(shown) + int(more[1]) == count
+        assert len(said) > 580, "of many short names, as many as have room"
+    assert (more is None) == (len(", ".join(names)) <= 600)
 
 
 def test_a_part_of_a_robot_is_checked_before_it_moves() -> None:

@@ -131,6 +131,14 @@ def test_damage_is_repaired(name: str, tmp_path: Path, reference: float) -> None
     assert middle_stiffness(path) == pytest.approx(reference, rel=0.03)
 
 
+def test_a_mesh_that_looks_inwards_encloses_as_much(tmp_path: Path) -> None:
+    path = write(damaged("inwards"), tmp_path / "t.stl")
+    # The prism over the 72 edges of the foot.
+    assert import_container(path).volume_m3 == pytest.approx(
+        36 * np.sin(np.pi / 36) * 0.035**2 * 0.2, rel=1e-3
+    )
+
+
 def test_two_surfaces_become_one_wall(tmp_path: Path) -> None:
     outer, inner = tube(96, 60, 0.0352), tube(96, 60, 0.0348)
     inner.invert()

@@ -138,3 +138,26 @@ def test_loads_inside_a_face_do_the_work_of_any_rigid_motion() -> None:
     np.testing.assert_allclose(bent[0, 3:], normal[0] * np.cross(b - a, normal) / 8, atol=1e-15)
     np.testing.assert_allclose(bent[1, 3:], normal[0] * np.cross(a - b, normal) / 8, atol=1e-15)
     np.testing.assert_allclose(bent[2], 0.0, atol=1e-15)
+
+
+def test_loads_inside_a_face_do_the_work_of_any_constant_curvature() -> None:
+    """The cubic of Bazeley et al. contains all quadratic deflections, of which height and slope at the corners are known."""
+    rng = np.random.default_rng(6)
+    for _ in range(5):
+        flat = rng.normal(size=(3, 2))
+        curvature, slope = rng.normal(size=(2, 2)), rng.normal(size=2)
+        weights = rng.dirichlet([2.0, 2.0, 2.0])
+        axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        corners = flat @ axes[:, :2].T
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+        normal /= np.linalg.norm(normal)
+        direction = rng.normal(size=3)
+        one = DualTips(np.array([0]), np.array([[0, 1, 2]]), weights[None], direction[None], np.array([True]))
+
+        def height(at, curvature=curvature, slope=slope):
+            return np.einsum("...i,ij,...j->...", at, curvature, at) + at @ slope
+
+        gradient = (flat @ (curvature + curvature.T) + slope) @ axes[:, :2].T
+        motion = np.hstack([height(flat)[:, None] * normal, np.cross(gradient, normal)])
+        work = (bent_loads(one, corners)[0] * motion).sum()
+        assert work == pytest.approx(direction @ normal * height(weights @ flat), abs=1e-12)

@@ -10,6 +10,7 @@ import pytest
 from visuohaptic.core import Camera
 from visuohaptic.demo.bottle import other_table_container, random_table_bottle, table_bottle
 from visuohaptic.simulation.tabletop import DepthCamera
+from visuohaptic.simulation.tabletop.glass_scenes import SCENE_KINDS, glass_scene
 
 
 @pytest.mark.parametrize("make", [table_bottle, random_table_bottle, other_table_container])
@@ -28,3 +29,12 @@ def test_it_is_seen_as_high_as_it_is(make, seed):
     )
     # The cap is 0.2 mm thick, so that it lies on the glass.
     assert seen_m == pytest.approx(np.linalg.norm(eye - top), abs=6e-4)
+
+
+@pytest.mark.parametrize("kind", SCENE_KINDS)
+@pytest.mark.parametrize("seed", range(6))
+def test_caps_of_glass_scenes_end_where_the_glass_does(kind, seed):
+    scene = glass_scene(seed, kind=kind)
+    for glass in scene.glass:
+        # A label or cap is thinner than half a millimetre.
+        assert all(band.high_m <= glass.height_m + 5e-4 for band in glass.bands)

@@ -17,7 +17,7 @@ from benchmarks.kill_faults import cut_rows, fill_disk, kill, numbers, write
 from tests.patience import PATIENCE_S
 from visuohaptic.cli.main import main
 from visuohaptic.core import InputError
-from visuohaptic.io import TableWriter, recover
+from visuohaptic.io import TableWriter, read_force_table, recover
 from visuohaptic.io.depth import DepthSequence, write_sequence
 
 from .helpers import profile
@@ -150,6 +150,22 @@ def test_the_verb_and_what_it_refuses(tmp_path: Path, capsys: pytest.CaptureFixt
         assert main(["recording", "recover", str(tmp_path / name)]) == 2, name
         assert reason in capsys.readouterr().err
     assert not (tmp_path / "c").exists()
+
+
+def test_a_column_name_that_is_not_utf8_is_refused(tmp_path: Path) -> None:
+    part = tmp_path / "n.parquet.part"
+    with TableWriter(tmp_path / "n.parquet") as table:
+        table.write(profile(0.0))
+        whole = part.read_bytes()
+    (tmp_path / "n.parquet").unlink()
+    part.write_bytes(whole.replace(b"force_N", b"\xfforce_N"))
+    with pytest.raises(InputError, match=r"is not an unfinished table.*utf-8"):
+        recover(part, tmp_path / "n.parquet")
+    assert not (tmp_path / "n.parquet").exists()
+    # The name of a list's values is not kept in Parquet.
+    part.write_bytes(whole.replace(b"item", b"\xfftem"))
+    assert recover(part, tmp_path / "n.parquet").count == 1
+    assert len(read_force_table(tmp_path / "n.parquet").t_s) == 1
 
 
 def test_a_length_that_reaches_beyond_an_unfinished_table_ends_it(tmp_path: Path) -> None:

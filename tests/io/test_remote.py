@@ -157,6 +157,7 @@ def test_values_cross_as_they_are_and_truth_does_not() -> None:
         b'{"value": {"array": 0}, "arrays": [["<f8", [-1]]]}\n', b"\xff\xfe\n", b'{"value": {"array": 3}, "arrays": []}\n',
         # NumPy parses the names of types as Python; a number beyond all floats is infinite.
         b'{"value": {"array": 0}, "arrays": [[",f8", [1]]]}\n', b'{"value": {"array": 0}, "arrays": [["<f8", [1e999]]]}\n',
+        b'{"value": {"array": 0}, "arrays": [["<f8", [1180591620717411303424]]]}\n',  # 2^70
     ],
 )  # fmt: skip
 def test_what_is_no_message_is_refused(message: bytes) -> None:

@@ -69,6 +69,18 @@ def test_a_segment_that_is_clear_by_interpolation_is_clear(radius):
     assert clear > 100
 
 
+@pytest.mark.parametrize("spacing", [1.0, 3.0, 5.0])
+def test_what_a_corner_between_two_samples_hides_is_added(spacing):
+    """A corner at the robot's radius, in the middle between two samples, which lie in the middle between two cell centres."""
+    for radius in (3.4, 10.0, 40.0):
+        centres = np.arange(-10.0, 11.0) + (0.0 if spacing % 4 == 1 else 1.0)
+        seen = np.interp(0.5 * spacing, centres, np.hypot(radius, centres))
+        needed = needed_clearance(radius, spacing)
+        # A curvature of 1 / r between samples at s / 2 from the corner; the next order is of (s / r)^2.
+        assert needed > seen - 1e-3 * (spacing / radius) ** 2
+        assert needed - radius < (seen - radius) * (1.0 + (0.5 + 0.25 * spacing**2) / radius)
+
+
 def test_whether_a_disc_passes_is_told_exactly():
     rng = np.random.default_rng(4)
     for _ in range(20):

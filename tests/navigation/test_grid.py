@@ -150,3 +150,12 @@ def test_a_limited_reach_clips_the_distances(reach: float, outside_blocks: bool)
     near = cell_distance(blocked, reach, outside_blocks=outside_blocks)
     assert blocked.any()
     np.testing.assert_array_equal(near, np.minimum(whole, np.float32(reach)))
+
+
+@pytest.mark.parametrize("v_max_m_s", [0.3, 2.0])
+def test_speeds_whose_costs_have_no_common_unit_are_refused(v_max_m_s):
+    """Costs are integers of 16 bits: at a ratio of 1000 the cost at full speed is still a number of two digits."""
+    table, unit_s = SpeedLimits(0.2, v_max_m_s, 1.001e-3 * v_max_m_s).step_table(0.05)
+    assert table[-1] * unit_s == pytest.approx(0.05 / v_max_m_s, rel=0.5 / 65)
+    with pytest.raises(InputError, match=r"v_min_m_s: found .*, expected at least v_max_m_s / 1000"):
+        SpeedLimits(0.2, v_max_m_s, 0.999e-3 * v_max_m_s)

@@ -269,3 +269,12 @@ def test_a_curve_shows_where_its_contact_was(stiffness: float) -> None:
 def test_a_curve_without_significant_forces_shows_no_contact() -> None:
     d = np.linspace(2.5e-4, 0.003, 12)
     assert np.isnan(fit_curve(d, 150 * d).contact_m)
+
+
+def test_places_by_their_fraction_of_the_height(tmp_path: Path) -> None:
+    """The height is divided into 16 equal parts, the first is 1; the top belongs to the last."""
+    places = {0.0: 1, 0.062: 1, 0.063: 2, 0.5: 9, 0.93: 15, 0.94: 16, 1.0: 16}
+    rows = [f"{at},x+,{force},{force / 900},{at}\n" for at in places for force in (0.5, 1.0, 2.0, 4.0, 6.0)]
+    path = tmp_path / "curves.csv"
+    path.write_text("at,side,force_N,deformation_m,curve\n" + "".join(rows))
+    assert [one.height for one in read_curves(path)] == list(places.values())

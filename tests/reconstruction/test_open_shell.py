@@ -7,6 +7,7 @@ import pytest
 
 from visuohaptic.reconstruction import SurfaceMesh
 from visuohaptic.reconstruction.completion import Completion, HoleRegion, between
+from visuohaptic.reconstruction.completion.hole import boundary_loops
 
 HIGH_M, LOW_M, TOP_M = 0.08, 0.022, 0.058
 
@@ -73,6 +74,27 @@ def test_the_inner_side_is_at_the_thickness_of_the_wall(thick_m):
     inside = rho_m < 0.045 + 0.4 * points_m[:, 2] - 0.002
     sigma_m = completion.sigma_m(points_m[hidden])
     assert np.median(sigma_m[inside[hidden]]) > np.median(sigma_m[~inside[hidden]])
+
+
+def test_a_wall_of_closed_parts_is_read_at_many_places():
+    """No rim curls where the surfaces of both sides are joined: the thickness is that of the wall, wherever it is read."""
+    z_m = np.linspace(0.0, HIGH_M, 41)
+    outer_m = 0.045 + 0.4 * z_m
+    inner_m = outer_m - 0.005 * np.hypot(1.0, 0.4)
+    parts = []
+    for part in (z_m <= LOW_M, z_m >= TOP_M):
+        radius_m = np.concatenate([outer_m[part], inner_m[part][::-1], outer_m[part][:1]])
+        parts.append(wall(radius_m, np.concatenate([z_m[part], z_m[part][::-1], z_m[part][:1]]), True))
+    visible = parts[0].joined(parts[1])
+    assert not boundary_loops(visible.welded())
+    _, hidden_m, _ = sides(lambda z_m: 0.005 + 0 * z_m)
+    middle = hidden_m.mean(axis=0)
+    shell = Completion(visible, HoleRegion.of_points(middle + 0.9 * (hidden_m - middle))).shell
+    assert shell is not None
+    # Places are 0.08 sizes of the region apart, on a strip of 14 cm by 7 cm less the region.
+    assert len(np.unique(shell.places_m, axis=0)) == len(shell.logs) > 20
+    # Circles of 72 sides lie inside by a thousandth of the radius at most, 0.08 mm.
+    np.testing.assert_allclose(np.exp(shell.logs), 0.005, atol=8e-5)
 
 
 def test_a_solid_and_a_body_without_a_rim_have_no_inner_side():

@@ -131,6 +131,15 @@ def test_the_second_eye_of_an_unknown_camera_follows_from_the_outlines(eye_m):
     assert better.evidence > body.evidence
 
 
+@pytest.mark.parametrize(("eye_m", "limit_m"), [(0.095, (0.085, 0.105)), (0.14, (0.0, 0.105))])
+def test_the_second_eye_is_within_the_widest_of_common_cameras(eye_m, limit_m):
+    """A second vessel behind the first must not pass for an eye far to the side."""
+    seen = views(np.random.default_rng(5), np.linspace(0, 1.5, 8), 0.7, eye_m=eye_m, told_m=0.075)
+    body = fit(seen, np.array([-0.05, -0.08, 0.08]), np.array([0.08, 0.05, 0.2]))
+    assert body is not None
+    assert limit_m[0] < second_eye_m(seen, [body]) < limit_m[1]
+
+
 def test_noise_without_outline_holds_no_body():
     """As many lost readings inside a body as beside it are no evidence for one: ln(places / rate) is about 12."""
     seen = views(np.random.default_rng(1), np.linspace(0, 6, 12), 0.02)

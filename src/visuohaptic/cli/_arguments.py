@@ -131,3 +131,20 @@ def overwritten_file(args: argparse.Namespace) -> tuple[str, str] | None:
             elif not os.path.isdir(path):
                 files[path] = f"{one}, which --{name} writes"
     return None
+
+
+def with_signed_axes(words: list[str]) -> list[str]:
+    """Join ``--up -y`` to ``--up=-y``: argparse takes ``-y`` for an option.
+
+    Parameters
+    ----------
+    words
+        Of the command line.
+    """
+    out: list[str] = []
+    for word in words:
+        if out and out[-1] == "--up" and word in {"-x", "-y", "-z"}:
+            out[-1] += f"={word}"
+        else:
+            out.append(word)
+    return out

@@ -34,7 +34,7 @@ from typing import NoReturn
 
 from .._version import __version__
 from ..core.errors import VisuohapticError
-from ._arguments import Add, overwritten_file
+from ._arguments import Add, overwritten_file, with_signed_axes
 from ._console import Arguments, Console, OutputClosedError
 
 #: Heading of the overview -> room of ``cli.verbs``, verb and one line of help; kept here so that the overview imports
@@ -236,7 +236,7 @@ def _run(words: list[str], console: Console, verbs: Mapping[str, tuple[str, str]
     module = _load(verb, verbs)
     parser = verb_parser(verb, module, verbs)
     try:
-        args = parser.parse_args(rest, namespace=Arguments())
+        args = parser.parse_args(with_signed_axes(rest), namespace=Arguments())
     except SystemExit as stop:  # argparse has printed the help
         return int(stop.code or 0)
     if getattr(args, "seed", None) is not None and args.seed < 0:

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import re
 import reprlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 _BRIEF = reprlib.Repr()
 _BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother, _BRIEF.maxlong = 3, 60, 60, 60
 #: Words longer than in any language or number format come from damaged files.
 _LONG_WORD = re.compile(r"(\S{60})\S{440,}")
+#: Room for a list in a message: with the path and the remedy, the line stays below 1,000 characters.
+_LIST_ROOM = 600
 
 
 def brief(value: object) -> str:
@@ -26,8 +28,41 @@ def brief(value: object) -> str:
         Any object.
     """
     # Not repr: with nested aliases it could exhaust the memory.
-    text = _BRIEF.repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    return cut(_BRIEF.repr(value), 60)
+
+
+def cut(text: str, most: int) -> str:
+    """A text, with dots in place of what exceeds a length.
+
+    Parameters
+    ----------
+    text
+        From a file.
+    most
+        Length [characters].
+    """
+    return text if len(text) <= most else text[: most - 3] + "..."
+
+
+def brief_list(items: Iterable[str], separator: str = ", ") -> str:
+    """Names or problems found in a file, for a message: those that fit into 600 characters, and how many more there are.
+
+    Parameters
+    ----------
+    items
+        Texts; one of more than 200 characters is cut.
+    separator
+        Between two of them.
+    """
+    texts = [cut(text, 200) for text in items]
+    used = kept = 0
+    for text in texts:
+        used += len(text) + len(separator)
+        if used > _LIST_ROOM:
+            break
+        kept += 1
+    more = [f"and {len(texts) - kept} more"] if kept < len(texts) else []
+    return separator.join(texts[:kept] + more)
 
 
 class VisuohapticError(Exception):

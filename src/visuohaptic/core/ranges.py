@@ -23,10 +23,9 @@ import numpy as np
 from jaxtyping import Float
 
 from .errors import InputError, brief
+from .front_door.array_guard import MAX_NUMBER
 
 _KEY = "visuohaptic range"
-#: Larger numbers are not measurements: their squares overflow.
-MAX_NUMBER = 1e150
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +198,7 @@ def finite_array(
     Raises
     ------
     InputError
-        The shape is another one, or a number is NaN, infinite or beyond :data:`MAX_NUMBER`.
+        The shape is another one, or a number is NaN, infinite or beyond :data:`.array_guard.MAX_NUMBER`.
     """
     array = np.asarray(values, dtype=np.float64, order="C")
     known = len(shape) == array.ndim and all(

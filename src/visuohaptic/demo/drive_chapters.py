@@ -122,7 +122,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
     error_m = math.dist(true_pose[:2], mission.house.table_m)
     estimated = senses.pose()
     parts = (
-        Measure("distance from the goal at the end [m]", math.dist(estimated[:2], known.goal_m), error_m),
+        Measure("distance from the place at the table [m]", math.dist(estimated[:2], known.goal_m), error_m),
         Measure("planned duration [s]", _planned_s(found)),
         Measure("duration of the drive [s]", found.duration_s),
         Measure(

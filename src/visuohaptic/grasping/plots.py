@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.files import draw_surface, frame_box, new_figure, ramp_colours, save_figure
+from ..core.files import draw_surface, frame_box, literal, new_figure, ramp_colours, save_figure
 from .planner import GraspPlan
 
 
@@ -56,7 +56,7 @@ def _draw_object(axes: Any, title: str, plan: GraspPlan) -> None:
     frame_box(axes, low - reach, high + reach)
     axes.set_axis_off()
     best = f"best score {plan.grasps[0].score:.2f}" if plan.grasps else "no grasp"
-    axes.set_title(f"{title}\n{best}")
+    axes.set_title(literal(f"{title}\n{best}"))
     axes.figure.colorbar(
         ScalarMappable(Normalize(0, 1), "viridis"), ax=axes, label="grasp score", shrink=0.6, pad=0.02
     )

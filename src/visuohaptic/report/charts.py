@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..core import ErrorBudget, Event, ForceProfile, InputError
-from ..core.files import new_figure
+from ..core.files import literal, new_figure
 from .style import COLOURS, CYCLE, styled
 
 if TYPE_CHECKING:
@@ -77,7 +77,9 @@ def force_against_truth(runs: Sequence[ForceRun]) -> Figure:
             curve = np.polynomial.Polynomial.fit(truth_N[good], measured_N[good], 3)
             upper.plot(grid_N, curve(grid_N), color=colour)
         rms_N = float(np.sqrt(np.mean((measured_N - truth_N)[good] ** 2))) if good.any() else float("nan")
-        upper.plot([], [], color=colour, marker="x", ms=4, label=f"{run.name}, rms error {rms_N:.3f} N")
+        upper.plot(
+            [], [], color=colour, marker="x", ms=4, label=literal(f"{run.name}, rms error {rms_N:.3f} N")
+        )
     limit_N = 1.05 * max_N
     grid_N = np.linspace(0, limit_N, 200)
     promise_N = np.maximum(0.03 * grid_N, 0.1)
@@ -202,8 +204,8 @@ def traces_over_time(
             colour = CYCLE[index % len(CYCLE)]
             time_s, value, sigma = _same_length(f"trace {trace.name}", t_s, trace.value, trace.sigma)
             place.fill_between(time_s, value - 2 * sigma, value + 2 * sigma, color=colour, alpha=0.22, lw=0)
-            place.plot(time_s, value, color=colour, label=trace.name)
-        place.set(ylabel=label)
+            place.plot(time_s, value, color=colour, label=literal(trace.name))
+        place.set(ylabel=literal(label))
         if place is not axes[0]:
             place.legend(loc="upper left", ncols=6)
     band = COLOURS["grey"] if any(len(traces) > 1 for traces in panels.values()) else CYCLE[0]
@@ -222,11 +224,13 @@ def _finish(
     colours = [COLOURS[name] for name in ("orange", "pink", "yellow", "grey")]
     for index, reason in enumerate(dict.fromkeys(texts[~good])):
         chosen, said = ~good & (texts == reason), f"invalid: {reason}" if reason else "invalid"
-        upper.plot(t_s[chosen], np.zeros(chosen.sum()), "x", color=colours[index % 4], ms=5, label=said)
+        upper.plot(
+            t_s[chosen], np.zeros(chosen.sum()), "x", color=colours[index % 4], ms=5, label=literal(said)
+        )
     if len(t_s) > 1:
         upper.set_xlim(float(t_s[0]), float(t_s[-1]))
     _mark_events(upper, events)
-    figure.suptitle(title, x=0.02, ha="left", fontsize=10.5)
+    figure.suptitle(literal(title), x=0.02, ha="left", fontsize=10.5)
     axes[-1].set(xlabel="time [s]")
     upper.margins(y=0.16)
     upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.06), ncols=5, borderaxespad=0.0)
@@ -304,7 +308,7 @@ def pressure_profile(profile: ForceProfile, *, title: str = "") -> Figure:
     lower.set_xlabel("position along the strip [mm]")
     state = "" if profile.valid else f", invalid: {profile.reason}"
     total = f"t = {profile.t_s:.2f} s, force {profile.force_N:.2f} ± {profile.force_sigma_N:.2f} N{state}"
-    upper.set_title(f"{title}   {total}".strip())
+    upper.set_title(literal(f"{title}   {total}".strip()))
     return figure
 
 
@@ -340,7 +344,7 @@ def error_budget(budgets: Mapping[str, ErrorBudget]) -> Figure:
             f"{total_mN:.3g}", (total_mN, row), xytext=(4, 0), textcoords="offset points", va="center"
         )
     axes.plot([], [], color=COLOURS["ink"], label="total")
-    axes.set_yticks(range(len(budgets)), list(budgets))
+    axes.set_yticks(range(len(budgets)), [literal(name) for name in budgets])
     axes.set_xlabel("standard deviation of the force [mN]")
     axes.grid(axis="y", visible=False)
     axes.margins(x=0.12)

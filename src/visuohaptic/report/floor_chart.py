@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Int8
 
-from ..core.files import new_figure
+from ..core.files import literal, new_figure
 from ..core.objects import HapticTag
 from .run_tables import tag_text
 from .style import COLOURS, styled
@@ -109,7 +109,7 @@ def _label(
     for obj, part in zip(objects, drawn, strict=True):
         middle = 0.5 * (part.min(axis=0) + part.max(axis=0))
         note = axes.annotate(
-            obj.name if obj.tag is None else f"{obj.name}\n{tag_text(obj.tag)}",
+            literal(obj.name if obj.tag is None else f"{obj.name}\n{tag_text(obj.tag)}"),
             middle,
             xytext=middle,
             ha="center",

@@ -343,7 +343,8 @@ def test_points_behind_a_shadow_while_zeroing_are_read_when_it_has_gone() -> Non
     frames = foam_evidence.frames_of([foam_evidence.run_sequence(sequence)])
     assert frames["valid"][2:].all()
     assert (frames["force_N"][2:] < 3.0 * frames["sigma_N"][2:]).all()
-    assert (frames["sigma_N"][2:] > 0.2).all()
+    # Twice that of a strip that was seen whole, and half of what the points' own errors would give.
+    assert ((frames["sigma_N"][2:] > 0.14) & (frames["sigma_N"][2:] < 0.3)).all()
 
 
 def test_a_plate_beside_a_free_end_is_read_although_the_front_recedes_from_the_last_line() -> None:

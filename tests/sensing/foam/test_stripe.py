@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 
 from visuohaptic.core import CalibrationError, InputError, Reason
 from visuohaptic.core.camera import Frame, PlaneView
@@ -90,6 +91,13 @@ def test_training_from_the_geometric_model(striped, tmp_path) -> None:
     frame = maker.gripper(rng=np.random.default_rng(6)).frame()
     stripe, rest = stripe_masks(setup, plane)
     assert not (stripe & rest).any()
+    # Blur and a model that is a pixel off mix the colours of three pixels along every edge; corners are rounded to pixels.
+    geometry = setup.geometry
+    back_m = geometry.front_m - setup.config.stripe.width_m * geometry.outward
+    outline = shapely.Polygon(plane.project(np.concatenate([back_m, geometry.front_m[::-1]])))
+    inside = shapely.points(np.argwhere(stripe)[:, ::-1].astype(float))
+    assert shapely.contains(outline, inside).all()
+    assert 2.4 < shapely.distance(outline.exterior, inside).min() < 3.6
     # 3 mm by 9.8 cm at 6 px/mm and 20 degrees of slant, less 3 px along every edge.
     assert 4000 < stripe.sum() < 9000
     model = train_stripe(setup, frame.image, plane, rng=np.random.default_rng(0))

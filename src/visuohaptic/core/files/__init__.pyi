@@ -10,6 +10,7 @@ from .csv_table import write_csv as write_csv
 from .figures import FIGURE_SUFFIXES as FIGURE_SUFFIXES
 from .figures import draw_surface as draw_surface
 from .figures import frame_box as frame_box
+from .figures import literal as literal
 from .figures import new_figure as new_figure
 from .figures import ramp_colours as ramp_colours
 from .figures import save_figure as save_figure

@@ -107,6 +107,24 @@ def replace_undrawable(figure: Figure) -> None:
         text.set_text(text.get_text().encode(errors="replace").decode())
 
 
+def literal(name: object) -> str:
+    r"""Text that a figure shows as it is: matplotlib reads pairs of ``$`` as formulas and omits ``_name`` from legends.
+
+    Parameters
+    ----------
+    name
+        Name that a user has given: of a file, a template, an object, a class.
+
+    Examples
+    --------
+    >>> literal("box $3_b$")
+    'box \\$3_b\\$'
+    """
+    text = str(name).replace("$", r"\$")
+    # A space without width hides the underscore from the legend.
+    return f"\u200b{text}" if text.startswith("_") else text
+
+
 def ramp_colours(
     fraction: Float[np.ndarray, "v"], ramp: Float[np.ndarray, "k 3"] = _VIRIDIS
 ) -> UInt8[np.ndarray, "v 3"]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
-from ..errors import brief
+from ..errors import brief, cut
 
 if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
@@ -39,7 +39,7 @@ def field_problems(error: ValidationError, model: type[BaseModel]) -> list[tuple
         Class of the model; its fields are suggested for unknown names.
     """
     return [
-        (".".join(str(part) for part in problem["loc"]) or "file", _said(problem, model))
+        (".".join(cut(str(part), 60) for part in problem["loc"]) or "file", _said(problem, model))
         for problem in error.errors(include_url=False)
     ]
 

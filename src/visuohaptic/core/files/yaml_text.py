@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from ..errors import InputError
+from ..errors import InputError, brief_list
 from .atomic import write_text
 from .problems import field_problems
 from .regular import read_text
@@ -175,7 +175,7 @@ def load_yaml_model(path: Path | str, model: type[Model]) -> Model:
     Raises
     ------
     InputError
-        Lists every field that is missing, unknown or of the wrong type.
+        Lists the fields that are missing, unknown or of the wrong type; of very many, the first.
     """
     data = load_yaml(path)
     if not isinstance(data, dict):
@@ -198,7 +198,7 @@ def checked_model(where: Path | str, data: dict[str, Any], model: type[Model]) -
     Raises
     ------
     InputError
-        Lists every field that is missing, unknown or of the wrong type.
+        Lists the fields that are missing, unknown or of the wrong type; of very many, the first.
     """
     from pydantic import ValidationError
 
@@ -210,7 +210,7 @@ def checked_model(where: Path | str, data: dict[str, Any], model: type[Model]) -
         wrong_kind = [(place, said) for place, said in problems if place in ("kind", "format")]
         first, text = (problems := wrong_kind or problems)[0]
         texts = [text, *(f"{place}: {said}" for place, said in problems[1:])]
-        raise InputError(where, "; ".join(texts), field=first) from error
+        raise InputError(where, brief_list(texts, "; "), field=first) from error
 
 
 def save_yaml(path: Path | str, data: dict[str, Any]) -> None:

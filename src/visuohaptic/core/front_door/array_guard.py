@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, VisuohapticError, brief
-from ..ranges import MAX_NUMBER
 
 _ARRAY = re.compile(
     r"(Float|Float32|Int|Int8|UInt8|Bool)\[np\.ndarray, ['\"]([^'\"]*)['\"]\]((?: \| (?:float|int|None|Sequence\[[\w\[\], ]*\]))*)"
@@ -30,6 +29,8 @@ _WORDS = {
     "UInt8": "uint8 values",
     "Bool": "truth values",
 }
+#: Larger numbers are not measurements: their squares overflow.
+MAX_NUMBER = 1e150
 
 
 @dataclass(frozen=True, slots=True)

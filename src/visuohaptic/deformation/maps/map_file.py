@@ -11,7 +11,15 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from ...core import InputError, StiffnessMap, atomic_path, read_npz
-from ...core.files import check_target, draw_surface, frame_box, new_figure, ramp_colours, save_figure
+from ...core.files import (
+    check_target,
+    draw_surface,
+    frame_box,
+    literal,
+    new_figure,
+    ramp_colours,
+    save_figure,
+)
 
 _ARRAYS = ("vertices_m", "faces", "stiffness_N_per_m", "stiffness_sigma_N_per_m")
 #: File suffixes of maps.
@@ -122,7 +130,7 @@ def plot_map(path: Path | str, found: StiffnessMap, title: str = "") -> None:
     axes.set_xlabel("stiffness [N/mm]")
     axes.set_ylabel("height [mm]")
     axes.grid(alpha=0.3)
-    figure.suptitle(title)
+    figure.suptitle(literal(title))
     save_figure(path, figure)
 
 

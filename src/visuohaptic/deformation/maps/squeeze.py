@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.errors import InputError
-from ...core.files import new_figure, save_figure, write_text
+from ...core.files import literal, new_figure, save_figure, write_text
 from ...core.ranges import POSITIVE, check_numbers, within
 from ..nonlinear.contents import Contents
 from ..shapes.mesher import ShellObject
@@ -203,7 +203,7 @@ def plot_squeeze(path: Path | str, found: SqueezeResult, title: str = "") -> Non
     for value, name in ((found.yield_force_N, "yields"), (found.buckling_force_N, "buckles")):
         if np.isfinite(value):
             axes.axhline(value, linestyle=":", label=f"{name} at {value:.3g} N")
-    axes.set(xlabel="deformation of one side [mm]", ylabel="force of one tip [N]", title=title)
+    axes.set(xlabel="deformation of one side [mm]", ylabel="force of one tip [N]", title=literal(title))
     axes.set_ylim(0, 1.1 * max(float(force.max()) * (1 + spread), 1e-3))
     axes.legend()
     save_figure(path, figure)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
+from ...core.errors import InputError, brief_list
 from ...core.files import read_csv
 from ..shapes.mesher import ShellObject
 from ..shells.shell import ShellMesh
@@ -36,7 +36,7 @@ def load_thickness_map(path: Path | str) -> Float[np.ndarray, "n c"]:
     names, rows = read_csv(path, max_bytes=MAX_BYTES)
     if tuple(names) not in (PROFILE, PLACES):
         raise InputError(
-            path, f"found columns {', '.join(names)}, expected {', '.join(PROFILE)} or {', '.join(PLACES)}"
+            path, f"found columns {brief_list(names)}, expected {', '.join(PROFILE)} or {', '.join(PLACES)}"
         )
     values = []
     for row in rows:

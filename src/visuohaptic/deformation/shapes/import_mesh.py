@@ -163,12 +163,11 @@ def _suitable(
 def _as_it_is(state: MeshState, thickness_m: float, open_top: bool, where: str) -> _Shape:
     """The triangles of the file, oriented outwards."""
     notes: list[str] = []
-    faces = state.faces
+    faces, loops = state.faces, list(state.loops)
     if enclosed_volume(state.vertices - state.vertices.mean(axis=0), faces) < 0:
-        faces = faces[:, ::-1]
+        faces, loops = faces[:, ::-1], [loop[::-1] for loop in loops]
         notes.append("all triangles looked inwards and were turned")
     low, high = state.vertices[:, 2].min(), state.vertices[:, 2].max()
-    loops = list(state.loops)
     if open_top:
         faces, loops = _without_top(state.vertices, faces, low, high)
     lid = [ring_lid(loop[::-1]) for loop in loops]

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from ...core import InputError, check_image_size
+from ...core.errors import brief_list
 
 _MAGIC = b"v/1\x01"
 #: Flags of the version field that mark tiled, deep and multi-part files.
@@ -116,7 +117,7 @@ def _read_rows(data: bytes, header: _Header, where: str) -> Float[np.ndarray, "r
     names = [name for name, _ in header.channels]
     chosen = next((name for name in _DEPTH_CHANNELS if name in names), None)
     if chosen is None:
-        raise InputError(where, f"has channels {', '.join(names) or 'none'}, expected one of Z, Y, R")
+        raise InputError(where, f"has channels {brief_list(names) or 'none'}, expected one of Z, Y, R")
     at = names.index(chosen)
     kind = header.channels[at][1]
     offset = header.width * sum(dtype.itemsize for _, dtype in header.channels[:at])

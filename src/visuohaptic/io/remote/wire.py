@@ -103,7 +103,15 @@ def unpack(message: bytes) -> Any:
             arrays.append(np.frombuffer(body, dtype, count, at).reshape(shape))
             at += count * dtype.itemsize
         return _value(data["value"], arrays)
-    except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as problem:
+    except (
+        ValueError,
+        TypeError,
+        KeyError,
+        IndexError,
+        AttributeError,
+        OverflowError,
+        RecursionError,
+    ) as problem:
         raise DeviceError(f"found {len(message)} bytes that are not a message ({problem})") from problem
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core import InputError, Reason, Wrench
+from ...core.errors import brief_list
 from ...core.files import MAX_DATA_BYTES, CsvRow, check_columns, file_size, read_csv
 from ...core.ranges import SECONDS, check_numbers
 from .tables import FORCE_COLUMNS, PROFILE_COLUMNS, WRENCH_COLUMNS, arrow
@@ -121,7 +122,7 @@ def read_reference_table(path: Path | str) -> dict[str, Float[np.ndarray, "n"]]:
     if not known:
         expected = ", ".join(columns[0] for columns in _REFERENCE_COLUMNS)
         raise InputError(
-            path, f"found columns {', '.join(names)}; expected t_s and one of {expected}", field="header"
+            path, f"found columns {brief_list(names)}; expected t_s and one of {expected}", field="header"
         )
     force, sigma, newton = known[0]
     times: list[float] = []

@@ -165,7 +165,8 @@ def pack_rows(part: Path, target: Path) -> int:
     try:
         # Memory-mapped: a damaged header may declare more than the file contains.
         rows = pa.ipc.open_stream(pa.memory_map(os.fsencode(part)))
-    except (OSError, pa.ArrowException) as error:
+        _ = rows.schema.names  # those that are not UTF-8 are refused here
+    except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         raise InputError(part, f"is not an unfinished table ({error})") from error
     try:
         with (

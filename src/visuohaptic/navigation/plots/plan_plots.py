@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core import rotation_2d
-from ...core.files import new_figure, save_figure
+from ...core.files import literal, new_figure, save_figure
 from ..problem import Plan, PlanningProblem
 
 #: Margin around the plan: at least this [m], or this fraction of its greater extent.
@@ -92,7 +92,7 @@ def plot_path_plan(
     if (problem.goal_m != problem.start_m).any():
         axes.plot(*problem.goal_m, "*", color="tab:blue", ms=11, label="goal")
     axes.set(xlim=(low_m[0], high_m[0]), ylim=(low_m[1], high_m[1]), xlabel="x [m]", ylabel="y [m]")
-    axes.set_title(textwrap.fill(title or plan.summary, 80), fontsize=10)
+    axes.set_title(literal(textwrap.fill(title or plan.summary, 80)), fontsize=10)
     handles, labels = axes.get_legend_handles_labels()
     first = {label: handle for handle, label in zip(handles[::-1], labels[::-1], strict=True)}
     figure.legend([*first.values()][::-1], [*first][::-1], loc="outside lower center", ncols=4, fontsize=8)
@@ -147,7 +147,7 @@ def _draw_objects(axes: Any, problem: PlanningProblem, plan: Plan) -> None:
         style: dict[str, Any] = {"facecolor": colours[kind], "edgecolor": "black", "lw": 0.6, "alpha": 0.9}
         axes.add_patch(Polygon(item.footprint_m, label=f"object, {kind}", **style))
         axes.annotate(
-            item.id, (item.centre_m[0], item.footprint_m[:, 1].max()), xytext=(0, 2), textcoords="offset points",
+            literal(item.id), (item.centre_m[0], item.footprint_m[:, 1].max()), xytext=(0, 2), textcoords="offset points",
             ha="center", va="bottom", fontsize=7, clip_on=True, annotation_clip=True, bbox=box, zorder=5,
         )  # fmt: skip
 
@@ -160,8 +160,8 @@ def _draw_passages(axes: Any, problem: PlanningProblem, plan: Plan) -> None:
     for passage in problem.passages:
         axes.add_patch(Polygon(passage.footprint_m, facecolor="tab:cyan", edgecolor="black", lw=0.6))
         x, y = passage.footprint_m.mean(axis=0)
-        axes.annotate(passage.id, (x, y), ha="center", va="center", fontsize=7, annotation_clip=True)
+        axes.annotate(literal(passage.id), (x, y), ha="center", va="center", fontsize=7, annotation_clip=True)
         if task := steps.get(passage.id):
             does = "wait at" if task.kind == "wait" else "push open"
             label = f"{does} {passage.id}: {task.cost_s:.0f} s, sigma {task.sigma_s:.0f} s"
-            axes.plot(x, y, "o", mfc="none", mec="tab:purple", ms=14, mew=2, ls="none", label=label)
+            axes.plot(x, y, "o", mfc="none", mec="tab:purple", ms=14, mew=2, ls="none", label=literal(label))

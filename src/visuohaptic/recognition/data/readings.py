@@ -335,7 +335,7 @@ def _free_travel(d: np.ndarray, f: np.ndarray, noise: TouchNoise) -> float:
 
 
 def _scale(d: np.ndarray, f: np.ndarray, power: int, noise: TouchNoise) -> tuple[float, float]:
-    """c of F = c d^power by weighted least squares, and its standard deviation; infinite if the samples say nothing of c."""
+    """c of F = c d^power by weighted least squares, and its standard deviation; infinite without information on c."""
     shape = np.maximum(d, 0.0) ** power
     square = float(shape @ shape)
     if square == 0:

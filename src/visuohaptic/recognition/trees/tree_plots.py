@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...core.files import new_figure, save_figure
+from ...core.files import literal, new_figure, save_figure
 from ..data import HEIGHTS, FeatureSet
 from .tree_nodes import ClassificationTree, feature_name, scaled_features
 
@@ -75,8 +75,9 @@ def plot_correlation(path: Path | str, data: FeatureSet, scheme: str = "centre")
     figure, (axes,) = new_figure(1, 1, size=(6.5, 5.5), layout="constrained")
     values = class_correlation(data, scheme)
     shown = axes.imshow(values, vmin=-1, vmax=1, cmap="RdBu_r")
-    axes.set_xticks(range(len(values)), data.classes, rotation=45, ha="right")
-    axes.set_yticks(range(len(values)), data.classes)
+    names = [literal(name) for name in data.classes]
+    axes.set_xticks(range(len(values)), names, rotation=45, ha="right")
+    axes.set_yticks(range(len(values)), names)
     for row, line in enumerate(values):
         for column, value in enumerate(line):
             ink = "white" if abs(value) > 0.7 else "black"
@@ -104,7 +105,7 @@ def _draw_tree(axes: Any, tree: ClassificationTree) -> None:
         if tree.feature[node] < 0:
             fraction = tree.counts[node] / tree.counts[node].sum()
             best = int(np.argmax(fraction))
-            text, face = f"{tree.classes[best]}\n{100 * fraction[best]:.0f} %", f"C{best}"
+            text, face = f"{literal(tree.classes[best])}\n{100 * fraction[best]:.0f} %", f"C{best}"
         else:
             text, face = f"{feature_name(int(tree.feature[node]))}", "white"
             for child, sign in ((int(tree.left[node]), "≤"), (int(tree.right[node]), ">")):
@@ -132,7 +133,7 @@ def _draw_features(axes: Any, tree: ClassificationTree, data: FeatureSet) -> Non
         for column, style in ((0, "-"), (2, "--")):
             axes.errorbar(
                 height + 0.06 * k, some[:, :, column].mean(axis=0), some[:, :, column].std(axis=0),
-                color=f"C{k}", ls=style, lw=1, capsize=2, label=name if column == 0 else None,
+                color=f"C{k}", ls=style, lw=1, capsize=2, label=literal(name) if column == 0 else None,
             )  # fmt: skip
     for node in np.flatnonzero(tree.feature >= 0):
         feature = int(tree.feature[node])

@@ -85,7 +85,7 @@ class OpenShell:
             return None
         welded = visual.welded()
         rims_m = welded.vertices_m[np.concatenate([*boundary_loops(welded), np.zeros(0, dtype=np.int64)])]
-        curled = cKDTree(rims_m).query(middle[near[chosen]])[0] < hollow_m if len(rims_m) else False
+        curled = cKDTree(rims_m).query(middle[near[chosen]])[0] < hollow_m if len(rims_m) else np.False_
         before = middle[near[chosen]] + hollow_m * visual.face_normals[near[chosen]]
         chosen = chosen[_open_above(opening, middle, before, band.cell_m) & ~curled]
         read = even_subset(middle[near], chosen, _STEP * size_m)

@@ -73,14 +73,7 @@ _STRIDE = 5
 
 @dataclass(slots=True)
 class EvidenceDetector:
-    """Evidence for transparent parts in a volume, from all views of a sequence in any order.
-
-    Examples
-    --------
-    >>> detector = EvidenceDetector(SpaceGrid.around((-0.1, -0.1, 0.0), (0.1, 0.1, 0.2), 0.02))
-    >>> detector.regions()  # nothing seen yet
-    ()
-    """
+    """Evidence for transparent parts in a volume, from all views of a sequence in any order."""
 
     grid: SpaceGrid
     noise: DepthNoise = SENSOR_NOISE["kinect"]
@@ -149,8 +142,15 @@ class EvidenceDetector:
         limit_m[:] = [image.limit_m for image in self._images]
         views, bodies = self._outline_views(), [region.body for region in self._found if region.body]
         if not self.noise.baseline_known:
-            self.noise = replace(self.noise, baseline_m=second_eye_m(views, bodies), baseline_known=True)
-            return self.run(frames)
+            device = replace(self.noise, baseline_m=second_eye_m(views, bodies), baseline_known=True)
+            other = EvidenceDetector(self.grid, device, self.settings, self.model)
+            other.run(frames)  # a part may be found in one search only: that with more evidence
+            if sum(r.body.evidence for r in other.regions() if r.body) > sum(
+                body.evidence for body in bodies
+            ):
+                for name in self.__slots__:
+                    setattr(self, name, getattr(other, name))
+                return
         self._found = with_rings(self._found, views, self.grid.low_m[2], self.threshold)
 
     def _sum(self, counted: Bool[np.ndarray, "n h w"], *, first: bool = False) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.errors import InputError
+from ...core.errors import InputError, brief_list
 from .message_types import Field, MessageType, Shape
 
 #: Primitive type -> its code in both ``struct`` and NumPy, of equal size in both; all ROS implementations write
@@ -68,7 +68,7 @@ def _write_message(out: bytearray, value: Any, kind: MessageType, name: str, whe
         missing, unknown = sorted(names - set(value)), sorted(set(value) - names)
         raise InputError(
             kind.name,
-            f"{', '.join(missing)} missing" if missing else f"{', '.join(unknown)} unknown",
+            f"{', '.join(missing)} missing" if missing else f"{brief_list(map(str, unknown))} unknown",
             field=where.lstrip("."),
         )
     for field in fields:

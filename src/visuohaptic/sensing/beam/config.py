@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, FiniteFloat
 
 from ...core import InputError, load_yaml_model, save_yaml
+from ...core.errors import brief_list
 from ..config_fields import PoseSection, Positive, Section
 from .correction import Correction
 from .mechanics import Beam
@@ -81,7 +82,7 @@ class BeamSensorConfig(Section):
         beam, correction = load_beam(path.parent / config.beam)
         names = [template.name for template in config.templates]
         if len(set(names)) != len(names):
-            raise InputError(path, f"found a name twice in {', '.join(names)}", field="templates")
+            raise InputError(path, f"found a name twice in {brief_list(names)}", field="templates")
         try:
             pose = config.T_reference_sensor.pose()
             return BeamSetup(

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core import CalibrationError, Camera, Closing, Frame, InputError, Reason
+from ...core.errors import brief_list
 from ...tracking import Template, TemplatePose, TemplateTracker, load_templates
 from .calibration import calibrate_beam
 from .config import BeamSensorConfig
@@ -77,7 +78,7 @@ class TrackedBeam(Closing):
         if missing:
             raise InputError(
                 "templates",
-                f"found {', '.join(sorted(by_name)) or 'none'}; {', '.join(missing)} is missing",
+                f"found {brief_list(sorted(by_name)) or 'none'}; {', '.join(missing)} is missing",
                 remedy="name the images, or the tags in tags.yaml, as in sensor.yaml",
             )
         self.sensor = BeamSensor(setup, zero)

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from pydantic import Field, FiniteFloat
 
 from ...core import CalibrationError, InputError, Pose, load_yaml_model, save_yaml
+from ...core.errors import brief_list
 from ...core.geometry import so3_log
 from ..config_fields import PoseSection, Section
 from .observation import RelativePoses
@@ -139,7 +140,7 @@ class BeamZero:
         if unknown or len(set(found)) != len(found):
             raise InputError(
                 path,
-                f"found templates {', '.join(found)}, the sensor has {', '.join(names)}",
+                f"found templates {brief_list(found)}, the sensor has {', '.join(names)}",
                 field="templates",
                 remedy="zero again: visuohaptic sense beam --zero",
             )

@@ -229,7 +229,8 @@ def _glass_object(rng: np.random.Generator, kind: GlassKind, place: tuple[float,
         low = rng.uniform(0.1, 0.25) * height
         bands.append(Band(low, low + rng.uniform(0.2, 0.33) * height, albedo=0.7))
     if bottle and (kind in ("labelled", "filled") or rng.uniform() < 0.5):
-        bands.append(Band(height - 0.018, height + 0.002, albedo=0.6))
+        # The cap lies on the glass: what is seen ends where the ground truth does.
+        bands.append(Band(height - 0.018, height + 2e-4, albedo=0.6))
     fill = float(rng.uniform(0.6, 0.9)) if kind == "filled" else 0.0
     return Revolution(
         foot,

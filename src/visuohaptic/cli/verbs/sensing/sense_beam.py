@@ -184,8 +184,8 @@ def _chart(wrench: core.Wrench) -> dict[str, dict[str, tuple[float, float]]]:
     force = zip(known * wrench.force_N, sigma[:3], strict=True)
     moment = zip(1e3 * known * wrench.moment_Nm, 1e3 * sigma[3:], strict=True)
     return {
-        "force [N]": dict(zip(("F$_x$", "F$_y$", "F$_z$"), force, strict=True)),
-        "moment [mNm]": dict(zip(("M$_x$", "M$_y$", "M$_z$"), moment, strict=True)),
+        "force [N]": dict(zip(("Fx", "Fy", "Fz"), force, strict=True)),
+        "moment [mNm]": dict(zip(("Mx", "My", "Mz"), moment, strict=True)),
     }
 
 
