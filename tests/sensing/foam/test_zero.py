@@ -148,14 +148,46 @@ def test_adapts_at_rest_only_and_tells_when_it_drifted() -> None:
 
 @pytest.mark.parametrize(("part", "drifts"), [(0.8, True), (1.2, False)])
 def test_what_deflects_all_points_alike_may_be_the_zero_s_drift(part, drifts) -> None:
-    watch = ZeroWatch(_zero(np.random.default_rng(1)))
-    delta = np.full(K, part * watch.settings.limit * 0.02)
-    assert watch.sigma_m(delta) == pytest.approx(delta[0] / np.sqrt(3.0) if drifts else 0.0)
+    """Before the first frame nothing is known of how the deflection came about."""
+    delta = np.full(K, part * DriftSettings().limit * 0.02)
+    assert _common_m([(0.0, delta)]) == pytest.approx(delta[0] / np.sqrt(3.0) if drifts else 0.0)
     delta[5:9] = np.nan  # hidden
-    assert (watch.sigma_m(delta) > 0.0) == drifts
+    assert (_common_m([(0.0, delta)]) > 0.0) == drifts
     delta[-6:] = 0.0  # free foam beside a contact has not drifted
-    assert watch.sigma_m(delta) == pytest.approx(0.0, abs=1e-12)
-    assert watch.sigma_m(np.full(K, np.nan)) == 0.0
+    assert _common_m([(0.0, delta)]) == pytest.approx(0.0, abs=1e-12)
+    assert _common_m([(0.0, np.full(K, np.nan))]) == 0.0
+
+
+def test_a_deflection_that_comes_at_once_is_no_drift() -> None:
+    """A plate as long as the strip: what a drift can contribute from one frame to the next remains.
+
+    The measured width, of which the limit is a part, has an error of 1e-4.
+    """
+    half, frame_s = 0.5 * 0.03 * 0.02, 1.0 / 30.0
+    rest, pressed = np.zeros(K), np.full(K, half)
+    frames = [(0.0, rest), (frame_s, pressed)] + [(k * frame_s, pressed) for k in range(2, 100)]
+    # The drift reaches its limit, twice this deflection, within a second.
+    one = 2.0 * half * frame_s / np.sqrt(3.0)
+    assert _common_m(frames[:2]) == pytest.approx(one, rel=1e-3)
+    assert _common_m(frames) == pytest.approx(one, rel=1e-3), "what stays does not become a drift"
+    assert _common_m([*frames, (3.4, rest)]) == 0.0, "what is gone is none"
+    # Frames that are not read leave time for a drift.
+    unseen = [(frame_s, np.full(K, np.nan)), (0.2, pressed)]
+    assert _common_m([frames[0], *unseen]) == pytest.approx(0.4 * half / np.sqrt(3.0), rel=1e-3)
+
+
+@pytest.mark.parametrize(("rate", "all_drift"), [(0.8, True), (1.2, False)])
+def test_the_fastest_drift_reaches_its_limit_in_the_time_of_rest(rate, all_drift) -> None:
+    times_s = np.arange(0.0, 0.6, 1.0 / 30.0)
+    frames = [(float(t), np.full(K, rate * 0.03 * 0.02 * t)) for t in times_s]
+    found = _common_m(frames) * np.sqrt(3.0) / (0.03 * 0.02 * times_s[-1])
+    assert found == pytest.approx(rate if all_drift else 1.0, rel=1e-3)
+
+
+def _common_m(frames: list[tuple[float, np.ndarray]]) -> float:
+    """Common standard deviation in the last one of some frames [m]."""
+    watch = ZeroWatch(_zero(np.random.default_rng(1)))
+    return [watch.sigma_m(t_s, delta_m) for t_s, delta_m in frames][-1]
 
 
 @pytest.mark.parametrize("points", [[11], [40, 41, 42, 43], [79]])

@@ -182,6 +182,7 @@ class FoamSensor:
         self.optics.forget_motion()
         # The strip is untouched at this time: any contact in the next frame is new.
         self._posterior.start(zero.t_s)
+        self._watch.forget(zero.t_s)
         return zero
 
     def _watching(self, zero: ZeroReference) -> ZeroWatch:
@@ -199,6 +200,8 @@ class FoamSensor:
         self.optics.reset()
         self._images.clear()
         self._forget()
+        if self._watch is not None:
+            self._watch.forget()
 
     def close(self) -> None:
         """Do nothing: a foam sensor holds no resources."""
@@ -234,7 +237,9 @@ class FoamSensor:
         edges = measure_edges(strip, watch.zero, geometry.width_m, self._posterior.last_m)
         states = self._posterior.infer(strip, watch.zero, edges)
         found = measure_deflection(edges, states, strip, geometry)
-        contour = found.contour(geometry, math.hypot(strip.common_sigma_m, watch.sigma_m(found.delta_m)))
+        contour = found.contour(
+            geometry, math.hypot(strip.common_sigma_m, watch.sigma_m(strip.t_s, found.delta_m))
+        )
         law = self.setup.config.boundary
         reading = read_profile(contour, self.setup.material, boundary=law, memory=self._memory)
         reading, reason = self._validity.evaluate(

@@ -319,6 +319,18 @@ class ZeroWatch:
         self._first = zero
         self._rest_since: float | None = None
         self._last_t: float | None = None
+        self.forget()
+
+    def forget(self, rest_t_s: float = -math.inf) -> None:
+        """Discard how the deflection came about.
+
+        Parameters
+        ----------
+        rest_t_s
+            Time at which the strip was at rest [s].
+        """
+        # Time of the last frame, its smallest deflection, and the part of it that may be drift [m].
+        self._slow = rest_t_s, 0.0, 0.0
 
     @property
     def drift_m(self) -> float:
@@ -330,23 +342,32 @@ class ZeroWatch:
         """Whether the drift is so large that the zero reference has to be taken again."""
         return abs(self.drift_m) > self.settings.limit * float(np.mean(self._first.width_m))
 
-    def sigma_m(self, delta_m: Float[np.ndarray, "K"]) -> float:
-        """Standard deviation common to all points [m], due to the lag of the adaptation.
+    def sigma_m(self, t_s: float, delta_m: Float[np.ndarray, "K"]) -> float:
+        """Standard deviation common to all points in the next frame [m], due to the lag of the adaptation.
 
-        A drift of the zero deflects all points equally and cannot be distinguished from a body as long as the strip: the
-        drift is uniformly distributed from 0 to the smallest deflection, of which the root mean square is returned. A
-        deflection beyond the limit is due to a body.
+        A drift of the zero deflects all points equally and cannot be distinguished from a slow body as long as the strip: it
+        is uniformly distributed from 0 to the part of the smallest deflection that has come slowly, of which the root mean
+        square is returned. A drift takes ``rest_s`` or more to reach its limit: what comes faster, or exceeds the limit, is due
+        to a body. Before the first frame, any part may be drift.
 
         Parameters
         ----------
+        t_s
+            Time of the frame [s].
         delta_m
             Deflection of each point in this frame [m], NaN where it is not known.
         """
         # Over five neighbours, as where the strip moves while zeroing: noise averages out.
         means = np.convolve(delta_m, np.full(5, 0.2), mode="valid")
-        least = float(np.min(means[np.isfinite(means)], initial=np.inf))
-        drifts = 0.0 < least <= self.settings.limit * float(np.mean(self._first.width_m))
-        return math.hypot(0.1 * self.drift_m, least / math.sqrt(3.0) if drifts else 0.0)
+        means = means[np.isfinite(means)]
+        if not len(means):
+            return 0.1 * abs(self.drift_m)
+        least, limit = max(float(means.min()), 0.0), self.settings.limit * float(np.mean(self._first.width_m))
+        since_s, before, slow = self._slow
+        reach = limit / self.settings.rest_s * max(t_s - since_s, 0.0)
+        slow = min(max(slow + min(max(least - before, -reach), reach), 0.0), least)
+        self._slow = t_s, least, slow
+        return math.hypot(0.1 * self.drift_m, slow / math.sqrt(3.0) if least <= limit else 0.0)
 
     def update(
         self, t_s: float, width_m: Float[np.ndarray, "K"], *, touched: bool, usable: np.ndarray
