@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.core import BaseState
+from visuohaptic.core import BaseState, rotation_2d
 from visuohaptic.core.camera import Frame
 from visuohaptic.rigs import VirtualSensor
 from visuohaptic.sensing.foam import FoamSensor
@@ -106,10 +106,10 @@ def record(folder: str, frames: int = _FRAMES) -> Recording:
         image = renderer.render(world.scene(), rng=rng)
         for template, place in zip(templates, _PLACES, strict=True):
             size = template.image.shape[0]
-            # They vibrate as on a driving robot.
-            wobble = 1.5 * np.sin(0.7 * index + np.arange(8)).reshape(4, 2)
+            # They vibrate as on a driving robot, parallel to the image: corners that move apart would fit no pose.
+            wobble, turn = 1.5 * np.sin(0.7 * index + np.arange(2)), 0.01 * np.sin(0.9 * index)
             square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
-            target = (np.array(place) + _SIDE * square + wobble).astype(np.float32)
+            target = (np.array(place) + _SIDE * square @ rotation_2d(turn).T + wobble).astype(np.float32)
             onto = cv2.getPerspectiveTransform(square * np.float32(size - 1), target)
             shape = image.shape[::-1]
             seen = cv2.warpPerspective(template.image, onto, shape, flags=cv2.INTER_AREA)
