@@ -127,8 +127,9 @@ class _Search:
         if self.deadline.passed:
             return self._late()
         free = self._heuristic(())
-        if reason := self._impossible(free):
-            return SearchResult(False, exhausted=not reason.endswith(NARROW), reason=reason)
+        reason, proved = self._impossible(free)
+        if reason:
+            return SearchResult(False, exhausted=proved, reason=reason)
         if self._until(1.0).passed:
             return self._late()
         # Often the cheapest path needs no push: any plan with pushes costs at least one push more.
@@ -309,23 +310,23 @@ class _Search:
                 heuristic.raise_bound(index, more)
         return ""
 
-    def _impossible(self, heuristic: PushHeuristic) -> str:
-        """The reason why no sequence of pushes can solve the problem; empty if one may exist."""
+    def _impossible(self, heuristic: PushHeuristic) -> tuple[str, bool]:
+        """The reason why no sequence of pushes solves the problem, empty if one may, and whether it is a proof."""
         domain, goal = self.domain, self.domain.goal
         still = np.array([k not in self.active for k in range(len(domain.bodies))], dtype=bool)
         fits = domain.clear_straight(self.first.shifts, goal, goal[None], still)[0]
         if not fits or not heuristic.goal_cells.size:
-            return "the goal is too near to what cannot be moved"
+            return "the goal is too near to what cannot be moved", True
         if not self.cells.size:
-            return "the robot does not fit at its start"
+            return "the robot does not fit at its start", True
         if heuristic.free_field[self.cells].min() >= heuristic.far:
             what = "walls and what cannot be pushed" if domain.immovable else "walls"
             loose = domain.relaxed
             near, ends = (loose.seeds(heuristic.base, point)[0] for point in (self.start, goal))
             joined = flood(heuristic.base, loose.radius, near, ends)[ends].any()
             pushed = ", with or without pushes" if self.active else ""
-            return f"{what} separate start and goal" + (NARROW if joined else pushed)
-        return ""
+            return f"{what} separate start and goal" + (NARROW if joined else pushed), not joined
+        return "", False
 
 
 def _bottlenecks(domain: SearchDomain, active: Collection[int], deadline: Deadline) -> frozenset[int]:
