@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -50,12 +52,13 @@ def test_scatter_of_curvatures_between_places_and_objects_is_found(
     along: float, across: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rng = np.random.default_rng(5)
-    objects = [
+    objects: list[Any] = [
         (middle + along * rng.standard_normal(40), np.full(40, 1e-4), np.zeros(40))
         for middle in 0.2 + across * rng.standard_normal(60)
     ]
     monkeypatch.setattr(few_curves, "curvatures", lambda _, readings: readings)
-    squeezed = [few_curves.SqueezedObject("cup", "cup", one) for one in objects]  # type: ignore[arg-type]
-    found = few_curves._curvature_scatter(None, squeezed)  # type: ignore[arg-type]
+    squeezed = [few_curves.SqueezedObject("cup", "cup", one) for one in objects]
+    model: Any = None  # not needed for curvatures that are given
+    found = few_curves._curvature_scatter(model, squeezed)
     # Standard deviations of 2,340 and 59 degrees of freedom are known to 1.5 and 9 %: no candidate beside the true one is likely.
     np.testing.assert_allclose(found, (along, across), rtol=0.05)
