@@ -14,12 +14,11 @@ from jaxtyping import Float
 from ..core import Estimate, Frame
 from ..deformation.maps.features import HEIGHTS
 from ..deformation.shapes.container import load_container
-from ..recognition.touch._round_body import ALONG_M, stiffness_samples
+from ..recognition.touch import map_of_outline, smooth_errors, stiffness_samples
 from ..recognition.touch.belief import with_outline
 from ..recognition.touch.contents import FILLINGS, SCALE, ContentsModel, wall_from_stiffness
 from ..recognition.touch.haptic_model import UNKNOWN, HapticModel, ModelSettings, fit_model
 from ..recognition.touch.outline_match import nearest_variant
-from ..recognition.touch.refinement import map_of_outline
 from ..sensing.beam.tracked import TrackedBeam
 from ..sensing.foam.sensor import FoamSensor
 from ..tasks import Hand, LiftPlan, Place, RememberedContainer, SqueezeSettings, grasp_and_lift
@@ -310,13 +309,19 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
     mission.record_cost(hand.arm.pose()[0] - begin_s)
     finger, wrist, truth = next(iter(robot.camera)), next(iter(robot.load_camera)), hand_truth(mission)
     deformed_mm, truly_mm = 1e3 * held.deformation_m, 1e3 * truth["deformation_m"]
+    # The gripper may end with another force than the planned one: expected is what this force does.
+    scale_mm = 1e3 * held.force_N / best.force_N
     parts = (
         Measure("mass [kg]", mission.known.mass_kg, place_bottle(mission).container.mass_kg),
         Measure("force of each finger, needed at least [N]", best.needed_N),
         Measure("probability that it holds", best.success, held.ending.success),
         Measure("force of each finger, measured [N]", held.force_N, truth["force_N"]),
-        Measure("deformation of one side at the grasp, expected [mm]", 1e3 * best.deformation_m, truly_mm),
-        Measure("its standard deviation [mm]", 1e3 * best.deformation_sigma_m),
+        Measure(
+            "deformation of one side at the grasp, expected at this force [mm]",
+            scale_mm * best.deformation_m,
+            truly_mm,
+        ),
+        Measure("its standard deviation [mm]", scale_mm * best.deformation_sigma_m),
         Measure("deformation of one side at the grasp, measured [mm]", deformed_mm, truly_mm),
         Measure("lifted [m]", lift.lift_m if held.ending.success else 0.0, truth["lifted_m"]),
         Illustration(
@@ -383,9 +388,7 @@ def _outline_errors(known: Known) -> Float[np.ndarray, "k k"]:
     """Covariance of the errors of the log radii: of the completion, or smooth with the expected error where it was seen or known."""
     if known.outline_errors is not None and known.belief.transparent > 0.5:
         return known.outline_errors
-    radius_m, height_m = known.outline_m.T
-    near = np.exp(-0.5 * ((height_m[:, None] - height_m) / ALONG_M) ** 2)
-    return np.asarray(known.outline_sigma_m**2 * near / np.outer(radius_m, radius_m))
+    return smooth_errors(known.outline_m, known.outline_sigma_m)
 
 
 def _lift_plan(best: Grasp, height_m: float, known: Known) -> LiftPlan:

@@ -1,3 +1,4 @@
+from ._round_body import smooth_errors as smooth_errors
 from ._round_body import stiffness_samples as stiffness_samples
 from .bayes import TouchExploration as TouchExploration
 from .bayes import explore as explore

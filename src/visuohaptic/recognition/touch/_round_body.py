@@ -142,6 +142,31 @@ def wall_from_stiffness(
     return wall
 
 
+def alike(z_m: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k k"]:
+    """Correlation of smooth errors at heights [m], over :data:`ALONG_M`.
+
+    Parameters
+    ----------
+    z_m
+        Heights [m].
+    """
+    return np.asarray(np.exp(-0.5 * ((z_m[:, None] - z_m) / ALONG_M) ** 2))
+
+
+def smooth_errors(outline_m: Float[np.ndarray, "k 2"], sigma_m: float) -> Float[np.ndarray, "k k"]:
+    """Covariance of the errors of the log radii of an outline of which one standard deviation is known.
+
+    Parameters
+    ----------
+    outline_m
+        (radius, height) from the bottom up [m].
+    sigma_m
+        Standard deviation of the radius [m].
+    """
+    radius_m, z_m = outline_m.T
+    return np.asarray(sigma_m**2 * alike(z_m) / np.outer(radius_m, radius_m))
+
+
 def stiffness_scatter(
     outline_m: Float[np.ndarray, "k 2"], wall_m: float, sigma_m: float
 ) -> Float[np.ndarray, "s q"]:
@@ -158,7 +183,7 @@ def stiffness_scatter(
     if sigma_m <= 0.0:
         return np.zeros((OUTLINES, len(z)))
     rng = np.random.default_rng(0)
-    near = np.exp(-0.5 * ((z[:, None] - z) / ALONG_M) ** 2) + 1e-9 * np.eye(len(z))
+    near = alike(z) + 1e-9 * np.eye(len(z))
     off_m = sigma_m * rng.standard_normal((OUTLINES, len(z))) @ np.linalg.cholesky(near).T
     logs = []
     for one in off_m:

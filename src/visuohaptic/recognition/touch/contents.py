@@ -33,11 +33,11 @@ from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
 from ._round_body import (
-    ALONG_M,
     EMPTY,
     FILLINGS,
     NECK,
     Filling,
+    alike,
     round_body,
     stiffness_scatter,
     wall_from_stiffness,
@@ -262,10 +262,9 @@ class ContentsModel:
     def _slopes_covariance(self, heights_m: Sequence[float]) -> Float[np.ndarray, "m m"]:
         """Covariance of log(k / k_h) at the heights of squeezes."""
         z = np.array(heights_m)
-        near = np.exp(-0.5 * ((z[:, None] - z) / ALONG_M) ** 2)
         scatter = np.array([np.interp(z, self._body.z_m, one) for one in self._scatter])
         of_outline = scatter.T @ scatter / (len(scatter) - 1)
-        return SCALE**2 * near + of_outline + 0.05**2 * np.eye(len(z))
+        return SCALE**2 * alike(z) + of_outline + 0.05**2 * np.eye(len(z))
 
     def posterior(
         self, squeezes: Sequence[SqueezeSamples], mass_kg: tuple[float, float] | None = None
