@@ -326,7 +326,7 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
         Measure("lifted [m]", lift.lift_m if held.ending.success else 0.0, truth["lifted_m"]),
         Illustration(
             grasp_figure(plan, lift, _between_fingers(mission.known, lift), held.ending.success),
-            "Grasp score and stiffness of the recognised class with the grasp (circles), and the lifted bottle",
+            "Grasp score and stiffness of the container with the grasp (circles), and the lifted bottle",
         ),
         Illustration(finger.image, "The camera on the finger sees its foam, in the end"),
         Illustration(wrist.image, "The beam from which the hand hangs: it weighs what is lifted"),
