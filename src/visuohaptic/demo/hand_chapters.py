@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 
     from ..grasping import Grasp, GraspPlan
 
-
 #: At a single location an unusual bottle can be as stiff and as wide as another class. Of objects of no class two in a hundred may
 #: be misclassified; the posterior, which knows no object between the classes, is too certain of them: of 150 on open tables
 #: (``benchmarks.table_bottles``) four were misclassified with 0.995, three with 0.998. Known objects need two
@@ -112,7 +111,6 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     """
     known, bottle = mission.known, place_bottle(mission)
     _, hand = hand_of_mission(mission)
-    object_m = _foot_m(known)
     found, history = _classified(mission, hand)
     ranked = _report_classes(mission, found)
     if not found.ending.success and not (
@@ -120,8 +118,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     ):
         return failed(f"{found.ending.outcome}: {found.ending.why} ({ranked})")
     article = "an" if found.best[:1] in "aeiou" else "a"
-    named = "like none of the classes that are known" if found.best == UNKNOWN else f"{article} {found.best}"
-    called = f"it is {named}"
+    called = f"it is {'like none of the classes that are known' if found.best == UNKNOWN else f'{article} {found.best}'}"
     # After another squeeze it continues with the most probable class, without claiming it: the measurements correct the map.
     model_wall_m = _take_class(known, found.best)
     if known.squash < 1.0:
@@ -132,7 +129,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     wall = wall_from_stiffness(known.outline_m, stiffness, model_wall_m)
     model = ContentsModel(known.outline_m, wall, outline_sigma_m=known.outline_sigma_m)
     known.wall_m, begin_s = wall, hand.arm.pose()[0]
-    contents = identify_contents(hand, model, object_m, _open_m(known))
+    contents = identify_contents(hand, model, _foot_m(known), _open_m(known))
     mission.record_cost(hand.arm.pose()[0] - begin_s, len(contents.curves))
     parts = [
         Measure("squeezes for the class", len(known.curves)),
