@@ -13,7 +13,8 @@ process that has the libraries loaded, and the tests that execute the line run, 
   and so are those of other packages, those marked slow and those that need real data: the score is a lower bound;
 - *uncovered*: no test executes the line in its own process.
 
-The score is the fraction that was killed. Some survivors are equivalent to the original code. A larger ``--sample`` with the
+The score is the fraction that was killed. Changes that no correct test can notice are not drawn; how many, and by which rule of
+:mod:`benchmarks._mutations`, is printed. Other survivors may still be equivalent to the original code. A larger ``--sample`` with the
 same seed contains the smaller one, and continues it.
 """
 
@@ -222,7 +223,11 @@ def _sample(packages: list[str], modules: dict[str, Module], count: int, seed: i
         own = _own(package, modules)
         places = [(one, number, found) for one in own for number, found in enumerate(mutations(one.tree))]
         random.Random(f"{seed} {package}").shuffle(places)
-        for module, number, found in places[:count]:
+        drawn = [place for place in places if not place[2].rule]
+        rules = Counter(found.rule for *_, found in places if found.rule)
+        told = ", ".join(f"{rules[rule]} {rule}" for rule in sorted(rules))
+        print(f"{package}: {len(places)} changes, {rules.total()} of them no mistakes ({told})", flush=True)
+        for module, number, found in drawn[:count]:
             yield package, module, number, found
 
 
