@@ -97,7 +97,7 @@ class ObjectTracker:
 
     def _release(self, ids: list[int]) -> None:
         """Give up the points that are no longer tracked; if none is, the last ones remain, and no others take their place."""
-        if (alive := self._body.keys() & ids):
+        if alive := self._body.keys() & ids:
             self._body = {i: point for i, point in self._body.items() if i in alive}
             self._seen = {i: self._seen[i] for i in self._body}
             self.rejected.intersection_update(ids)
