@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ from visuohaptic.deformation.nonlinear import Contents
 from visuohaptic.deformation.shapes import load_container
 from visuohaptic.recognition.data import TouchReading, fit_curve
 from visuohaptic.recognition.touch import (
+    HapticStateModel,
     StateCurve,
     fit_state_model,
     load_state_model,
@@ -61,6 +65,33 @@ def test_simulated_curves_of_a_bottle_are_stiffer_closed() -> None:
     at = np.linspace(0.001, 0.004, 4)
     force = [np.interp(at, one.deformation_m, one.force_N) for one in (opened, closed)]
     assert (force[1] > 1.05 * force[0]).all()
+
+
+@pytest.mark.parametrize(
+    ("field", "change"),
+    [
+        ("accuracy", lambda rows: rows[:-1]),
+        ("covariance", lambda rows: rows[:-1]),
+        ("mean", lambda rows: rows[:-1]),
+        ("mean", lambda rows: [row[:-1] for row in rows]),
+        ("places", lambda rows: rows[:-1]),
+        ("states", lambda rows: rows[:-1]),
+        ("covariance", lambda rows: [[[-x for x in row] for row in one] for one in rows]),
+    ],
+)
+def test_parts_of_a_state_model_that_do_not_belong_together(
+    tmp_path: Path, field: str, change: Callable[[list[Any]], list[Any]]
+) -> None:
+    model = HapticStateModel(
+        ("open", "closed"), ("y+8", "x+4"), np.zeros((2, 2, 3)), np.tile(np.eye(3), (2, 1, 1)), np.ones(2)
+    )
+    save_state_model(tmp_path / "state.json", model)
+    assert load_state_model(tmp_path / "state.json").places == model.places
+    content = json.loads((tmp_path / "state.json").read_text())
+    content[field] = change(content[field])
+    (tmp_path / "state.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"state\.json.*is not a state model: "):
+        load_state_model(tmp_path / "state.json")
 
 
 def test_bad_files_and_places(tmp_path: Path) -> None:
