@@ -10,8 +10,8 @@ Some changes are no mistakes, because no correct test can tell them from the ori
 - *boundary*: of ``<`` and ``<=`` between real numbers of which one is computed: they are never equal. Not where the comparison
   decides a refusal, which names its limit.
 - *guard*: a positive number of at most 1e-9 that prevents a division by zero or a logarithm of it.
-- *budget*: a constant in bytes; a limit of memory a quarter higher is as good.
-- *look*: sizes, colours and grids of a figure.
+- *budget*: a constant in bytes, or of a BLOCK or CHUNK of work; a limit of memory a quarter higher is as good.
+- *look*: sizes, colours, limits and grids of a figure.
 """
 
 from __future__ import annotations
@@ -62,11 +62,11 @@ _SILENT = {"annotation", "returns", "decorator_list", "type_params", "type_comme
 #: Integers from here on are amounts: one more changes them by less than the fifth that a constant is tested for.
 _COUNTED_UP = 8
 _GUARD = 1e-9
-_BYTES = re.compile(r"_BYTES$")
+_BYTES = re.compile(r"_BYTES$|(^|_)(BLOCK|CHUNK)(_|$)")
 _UNIT = re.compile(r"_(m|mm|s|rad|N|Pa|kg|J|px|Nm|mL|g|deg|Hz)\d?$|_per_")
 #: Calls and arguments that only decide how a figure looks.
 _LOOKS = {"alpha", "figsize", "fontsize", "linewidth", "lw", "markersize", "ms", "zorder", "dpi"}
-_LOOKS |= {"grid", "legend", "tight_layout", "subplots_adjust", "tick_params", "set_aspect"}
+_LOOKS |= {"grid", "legend", "set_xlim", "set_ylim", "tight_layout", "subplots_adjust", "tick_params", "set_aspect"}
 _WORDS = ("_log", "logging", "warnings", "typing", "__")
 
 
