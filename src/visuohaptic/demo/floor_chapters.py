@@ -27,7 +27,7 @@ from ..tasks.manipulation.hand import as_vector
 from ..tasks.memory import RememberedMap
 from ..tasks.mobile.doorway_objects import heading_across, join_sides
 from ..tasks.mobile.floor_outline import SIDE_M, FloorOutline, fit_outlines
-from ..tasks.mobile.travel import map_with_footprints
+from ..tasks.mobile.travel import expected_duration_s, map_with_footprints
 from .judge import Claim
 from .results import ChapterResult, Illustration, Measure, done, failed
 from .story import Mission
@@ -193,10 +193,12 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     """
     known, grid = mission.known, mission.known.map
     mission.platform.see(world_map(mission))
-    plan = without_pushing(route_problem(mission, grid))
+    problem = route_problem(mission, grid)
+    plan = without_pushing(problem)
     if not plan.reachable:
         return failed(f"on the map of the first round there is no path to the table: {plan.reason}")
-    mission.log(f"  on the map the path to the table is free: {plan.length_m:.1f} m, {plan.cost_s:.0f} s")
+    seconds = expected_duration_s(plan, problem, known.pose[2])
+    mission.log(f"  on the map the path to the table is free: {plan.length_m:.1f} m, {seconds:.0f} s")
     for turn in (0.5, -0.5, 0.0) if mission.attempt else ():
         _look_from(mission, compose_2d(known.pose, (0.0, 0.0, turn * math.pi)))
     if fit_fraction(mission, grid, mission.platform.pose, known.pose) < MIN_FIT:
@@ -355,9 +357,8 @@ def map_picture(
     """
     from ..report.floor_chart import floor_map
 
-    x, y, _ = grid.origin
     figure = floor_map(
-        grid.cells, grid.resolution_m, (x, y), path_world_m=path_m, objects=objects,
+        grid.cells, grid.resolution_m, grid.origin[:2], path_world_m=path_m, objects=objects,
         robot_radius_m=ROBOT.radius_m,
     )  # fmt: skip
     return Illustration(figure, caption)

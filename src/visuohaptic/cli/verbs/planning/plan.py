@@ -11,7 +11,8 @@ writes
   --plot       the map with objects, path and pushes
 
 The result is one of: optimal; within N % of the optimum; no plan (proved); no plan found (not proved). Without a
-plan the exit code is 3. cost_s is the sum of the times of all actions. An object tagged as fixed, or as likely to
+plan the exit code is 3. cost_s is the sum of the times of all actions, by which plans are compared; expected_duration_s
+adds turns on the spot, braking before corners and the way to each push, as the robot drives them. An object tagged as fixed, or as likely to
 topple, is never pushed. contact_m is the contact point on the outline, goal_m where the object's centre ends.
 
 With --explore S, the result is a tour instead: which unknown objects to touch, and in which order, so that the expected
@@ -128,6 +129,11 @@ def run(args: Any) -> dict[str, Any]:
     result = found.to_json()
     args.exit_code = 0 if found.reachable else NO_RESULT
     _report(args, found)
+    if found.reachable:
+        from ....tasks.mobile.travel import expected_duration_s
+
+        result["expected_duration_s"] = round(expected_duration_s(found, problem, problem.start_yaw_rad), 1)
+        args.report(f"  driven by `travel`, it is expected to take {result['expected_duration_s']:.0f} s")
     if found.gap > limits.gap and not found.proved:
         args.report(f"  note: the search ended with its budget; --budget {2 * args.budget:g} searches longer")
     if args.compare:
