@@ -40,14 +40,14 @@ from .nonlinear.self_contact import wall_gap_m as wall_gap_m
 from .shapes.container import ContainerDescription as ContainerDescription
 from .shapes.container import class_names as class_names
 from .shapes.container import load_container as load_container
-from .shapes.import_mesh import MeshConvention as MeshConvention
 from .shapes.import_mesh import import_container as import_container
 from .shapes.load_shell import load_object as load_object
 from .shapes.mesher import ShellObject as ShellObject
+from .shapes.mesher import grid_faces as grid_faces
 from .shapes.mesher import mesh_container as mesh_container
+from .shapes.mesher import tube_mesh as tube_mesh
 from .shapes.mesher import with_elastic_base as with_elastic_base
-from .shapes.patches import grid_faces as grid_faces
-from .shapes.patches import tube_mesh as tube_mesh
+from .shapes.posture import MeshConvention as MeshConvention
 from .shapes.symmetry_reduction import SymmetricPart as SymmetricPart
 from .shapes.symmetry_reduction import is_round as is_round
 from .shapes.symmetry_reduction import symmetric_part as symmetric_part

@@ -8,8 +8,9 @@ from pathlib import Path
 from ...core.errors import InputError
 from ...io.meshes.mesh import FORMATS
 from .container import ContainerDescription, class_names, load_container
-from .import_mesh import MeshConvention, import_container
+from .import_mesh import import_container
 from .mesher import ShellObject, mesh_container, with_elastic_base
+from .posture import MeshConvention
 from .variants import draw_variant
 from .wall_properties import WallProperties
 
