@@ -66,7 +66,16 @@ _BYTES = re.compile(r"_BYTES$|(^|_)(BLOCK|CHUNK)(_|$)")
 _UNIT = re.compile(r"_(m|mm|s|rad|N|Pa|kg|J|px|Nm|mL|g|deg|Hz)\d?$|_per_")
 #: Calls and arguments that only decide how a figure looks.
 _LOOKS = {"alpha", "figsize", "fontsize", "linewidth", "lw", "markersize", "ms", "zorder", "dpi"}
-_LOOKS |= {"grid", "legend", "set_xlim", "set_ylim", "tight_layout", "subplots_adjust", "tick_params", "set_aspect"}
+_LOOKS |= {
+    "grid",
+    "legend",
+    "set_xlim",
+    "set_ylim",
+    "tight_layout",
+    "subplots_adjust",
+    "tick_params",
+    "set_aspect",
+}
 _WORDS = ("_log", "logging", "warnings", "typing", "__")
 
 
