@@ -11,7 +11,7 @@ Some changes are no mistakes, because no correct test can tell them from the ori
   decides a refusal, which names its limit.
 - *guard*: a positive number of at most 1e-9 that prevents a division by zero or a logarithm of it.
 - *budget*: a constant in bytes, or of a BLOCK or CHUNK of work; a limit of memory a quarter higher is as good.
-- *look*: sizes, colours, limits and grids of a figure.
+- *look*: sizes, colours, limits and grids of a figure, and to how many digits a number is rounded.
 """
 
 from __future__ import annotations
@@ -66,7 +66,16 @@ _BYTES = re.compile(r"_BYTES$|(^|_)(BLOCK|CHUNK)(_|$)")
 _UNIT = re.compile(r"_(m|mm|s|rad|N|Pa|kg|J|px|Nm|mL|g|deg|Hz)\d?$|_per_")
 #: Calls and arguments that only decide how a figure looks.
 _LOOKS = {"alpha", "figsize", "fontsize", "linewidth", "lw", "markersize", "ms", "zorder", "dpi"}
-_LOOKS |= {"grid", "legend", "set_xlim", "set_ylim", "tight_layout", "subplots_adjust", "tick_params", "set_aspect"}
+_LOOKS |= {
+    "grid",
+    "legend",
+    "set_xlim",
+    "set_ylim",
+    "tight_layout",
+    "subplots_adjust",
+    "tick_params",
+    "set_aspect",
+}
 _WORDS = ("_log", "logging", "warnings", "typing", "__")
 
 
@@ -136,6 +145,13 @@ def _sites(node: ast.AST, place: _Place) -> Iterator[_Site]:
         for number, child in enumerate(value if isinstance(value, list) else [value]):
             if not isinstance(child, ast.AST):
                 continue
+            if (
+                isinstance(node, ast.Call)
+                and name == "args"
+                and number == 1
+                and ast.unparse(node.func) in ("round", "np.round")
+            ):
+                here = _Place(place.statement, place.function, "look")
             if (new := _replacement(child)) is not None:
                 there = here
                 if isinstance(child, ast.stmt):

@@ -80,7 +80,7 @@ def drawn(axes, length_m, count, limit):
         return 0
     if count <= limit and length_m <= limit:
         return 1
-    return max(length_m - 0.5, 1e-12)
+    return max(round(length_m - 0.5, 3), 1e-12)
 """
 
 
@@ -94,6 +94,7 @@ def test_what_no_test_can_tell_is_named_by_its_rule():
         "0.3 -> 0.375": "look",
         "axes.grid(True) ->": "look",
         "True -> False": "look",
+        "3 -> 4": "look",
         # Exactly twice the limit long is nothing; exactly twice as many may well occur.
         "length_m < 2 * limit -> length_m <= 2 * limit": "boundary",
         "1e-12 -> 1.25e-12": "guard",
