@@ -42,6 +42,7 @@ from .shapes.container import class_names as class_names
 from .shapes.container import load_container as load_container
 from .shapes.import_mesh import import_container as import_container
 from .shapes.load_shell import load_object as load_object
+from .shapes.load_shell import round_outline as round_outline
 from .shapes.mesher import ShellObject as ShellObject
 from .shapes.mesher import grid_faces as grid_faces
 from .shapes.mesher import mesh_container as mesh_container

@@ -8,6 +8,7 @@ from .coverage import represented_fraction as represented_fraction
 from .coverage import represented_parts as represented_parts
 from .import_mesh import import_container as import_container
 from .load_shell import load_object as load_object
+from .load_shell import round_outline as round_outline
 from .mesh_repair import clamped_foot as clamped_foot
 from .mesh_repair import repair_mesh as repair_mesh
 from .mesh_repair import why_not_as_it_is as why_not_as_it_is
