@@ -18,9 +18,9 @@ estimated jointly with the axis if the likelihood has a maximum in it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
 from itertools import combinations, product
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float32, Int8, UInt8
@@ -38,14 +38,13 @@ _HIDDEN = 0.5
 _OPEN = (0.0, 0.7)
 #: Initial steps of positions, radii and heights [m]; maximum evaluations; tolerances of size [m] and cost [nat].
 _STEP_M, _MAX_STEPS, _NEAR_M, _ALIKE = 0.012, 400, 3e-4, 1e-2
+#: Directions of the first simplex, in initial steps.
+_SIMPLEX = np.diag([1, 1, 0.5, 0.5, -1, -1])
 #: Radii of the initial bodies around strong voxels, in initial steps.
 _RADII = (2, 3, 5)
 #: Number of directions in which the axis of a bowl is tried from a fragment of its rim, and maximum number of initial bodies of
 #: each kind (the likeliest, apart from each other) from which the search starts.
 _TURNS, _SEARCHES = 8, 4
-#: Second eye of a camera that is named nowhere [m]: farthest on either side (of the known cameras 0.075, of common ones near 0.095); places
-#: tried, one vessel's half width apart, so that one of them overlaps with the true outline; tolerance, which moves a body by 1 mm at most.
-_EYE_M, _EYES, _EYE_NEAR_M = 0.1, 9, 0.002
 #: Minimum radius and height of a body [m].
 _MIN_RADIUS_M, _MIN_HEIGHT_M = 0.01, 0.02
 
@@ -124,12 +123,6 @@ class _Outlines:
         sums = np.pad(np.cumsum(told, axis=2, dtype=np.float64), ((0, 0), (0, 0), (1, 0)))
         self._told = (_CORNERS, sums, self._limits, self._motions, self.matrices, reach, self.weights)
 
-    def with_eye(self, eye_m: float) -> _Outlines:
-        """The same outlines for another baseline of the second eye [m]."""
-        other = copy(self)
-        other._told = (*self._told[:5], eye_m * self.matrices[:, 0], self.weights)
-        return other
-
     def cost(self, body: Float[np.ndarray, "6"], opening: float, bounds_m: Float[np.ndarray, "3"]) -> float:
         """Negative log-likelihood ratio of a body against no body [nat]; 1000 outside the bounds.
 
@@ -140,9 +133,11 @@ class _Outlines:
         bounds_m
             Minimum radius, minimum height and maximum radius [m].
         """
-        from ._outline_kernels import outline_cost
-
-        return float(outline_cost(body, opening, bounds_m, *self._told, np.empty(len(self.weights))))
+        narrow, wide, height = min(body[2], body[3]), max(body[2], body[3]), body[5] - body[4]
+        # An open body is at most half as high as wide: into a taller one no view looks from above alone.
+        if narrow < bounds_m[0] or height < bounds_m[1] or wide > bounds_m[2] or (opening and height > wide):
+            return 1e3
+        return -float(self.log_likelihood(body, opening).sum())
 
     def search(
         self, best: Float[np.ndarray, "6"], opening: float, bounds_m: Float[np.ndarray, "3"], side: int = 0
@@ -151,14 +146,15 @@ class _Outlines:
 
         Seen from one side, a farther, higher and wider body looks almost the same: on this ridge a simplex collapses.
         """
-        from ._outline_kernels import search_outline
+        from scipy.optimize import minimize
 
         once, side, gain, least = not side, side or 1, np.inf, self.cost(best, opening, bounds_m)
+        options: dict[str, Any] = {"maxfev": _MAX_STEPS, "xatol": _NEAR_M, "fatol": _ALIKE}
         while gain > _ALIKE:
-            simplex = np.vstack([best, best + side * _STEP_M * np.diag([1, 1, 0.5, 0.5, -1, -1])])
-            search_outline(simplex, _MAX_STEPS, _NEAR_M, _ALIKE, opening, bounds_m, *self._told)
-            best, side, before = simplex[0], -side, least
-            gain = 0.0 if once else before - (least := self.cost(best, opening, bounds_m))
+            options["initial_simplex"] = np.vstack([best, best + side * _STEP_M * _SIMPLEX])
+            found = minimize(self.cost, best, (opening, bounds_m), "Nelder-Mead", options=options)
+            best, side, before, least = found.x, -side, least, float(found.fun)
+            gain = 0.0 if once else before - least
         return best
 
     def log_likelihood(self, body: Float[np.ndarray, "6"], opening: float) -> Float[np.ndarray, "views"]:
@@ -271,44 +267,6 @@ def body_evidence(views: Sequence[OutlineView], body: UprightBody) -> Float[np.n
     """
     outlines = _Outlines(views, np.array([*body.axis_m, np.mean(body.height_m)]))
     return max((outlines.log_likelihood(body.shape_m, opening) for opening in _OPEN), key=np.sum)
-
-
-def second_eye_m(views: Sequence[OutlineView], bodies: Sequence[UprightBody]) -> float:
-    """Baseline of the second eye along the rows for which bodies have most evidence, each fitted again for it [m].
-
-    A wrong eye moves a body to the side by half of the error's shift of the outline, and no view from the same direction contradicts it.
-
-    Parameters
-    ----------
-    views
-        All views.
-    bodies
-        Bodies that were found with the baseline of the views.
-    """
-    from scipy.optimize import minimize_scalar
-
-    outlines = [_Outlines(views, np.array([*body.axis_m, np.mean(body.height_m)])) for body in bodies]
-    shapes = [body.shape_m for body in bodies]
-    # A bowl is open.
-    ratios = [
-        [float(told.log_likelihood(shape, opening).sum()) for opening in _OPEN]
-        for told, shape in zip(outlines, shapes, strict=True)
-    ]
-    likelier = [_OPEN[int(np.argmax(each))] for each in ratios]
-
-    def cost(eye_m: float) -> float:
-        total = 0.0
-        for told, shape, opening in zip(outlines, shapes, likelier, strict=True):
-            seen = told.with_eye(eye_m)
-            bounds_m = np.array([_MIN_RADIUS_M, _MIN_HEIGHT_M, 2 * shape[2:4].max()])
-            total += min(seen.cost(seen.search(shape, opening, bounds_m), opening, bounds_m), 0.0)
-        return total
-
-    tried = np.linspace(-_EYE_M, _EYE_M, _EYES)
-    best, step = float(tried[np.argmin([cost(eye) for eye in tried])]), float(tried[1] - tried[0])
-    near = max(best - step, -_EYE_M), min(best + step, _EYE_M)
-    found = minimize_scalar(cost, bounds=near, method="bounded", options={"xatol": _EYE_NEAR_M})
-    return float(found.x)
 
 
 def _apart(starts: Sequence[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray, float]]:
