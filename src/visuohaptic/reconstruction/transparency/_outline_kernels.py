@@ -63,7 +63,7 @@ def outline_sums(body, corners, sums, limits, motions, matrices, reach, weights,
     Parameters
     ----------
     body
-        x, y of the axis, lower and upper radius, lower and upper height (6) [m].
+        x, y of the axis, lower and upper radius, lower and upper height, lean along x and y (8) [m].
     corners
         Number of points on each of the two bounding circles.
     sums
@@ -93,7 +93,8 @@ def outline_sums(body, corners, sums, limits, motions, matrices, reach, weights,
         for p in range(points):
             upper = p // corners
             turn = 2 * np.pi * (p % corners) / corners
-            x, y = body[0] + body[2 + upper] * np.cos(turn), body[1] + body[2 + upper] * np.sin(turn)
+            x = body[0] + (upper - 0.5) * body[6] + body[2 + upper] * np.cos(turn)
+            y = body[1] + (upper - 0.5) * body[7] + body[2 + upper] * np.sin(turn)
             w = body[4 + upper]
             z[p] = m[2, 0] * x + m[2, 1] * y + m[2, 2] * w + m[2, 3]
             nearest = min(nearest, z[p])
@@ -150,7 +151,7 @@ def outline_ratios(body, opening, corners, sums, limits, motions, matrices, reac
     Parameters
     ----------
     body
-        x, y of the axis, lower and upper radius, lower and upper height (6) [m].
+        x, y of the axis, lower and upper radius, lower and upper height, lean along x and y (8) [m].
     opening
         Fraction of the radius inside which there is no evidence.
     corners, sums, limits, motions, matrices, reach, weights, found

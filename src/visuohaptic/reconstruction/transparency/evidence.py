@@ -139,7 +139,8 @@ class EvidenceDetector:
         if not self._found:
             return
         limit_m[:] = [image.limit_m for image in self._images]
-        self._found = with_rings(self._found, self._outline_views(), self.grid.low_m[2], self.threshold)
+        told = self._outline_views(), self.grid.low_m[2], self.threshold, self.false_alarm_rate
+        self._found = with_rings(self._found, *told)
 
     def _sum(self, counted: Bool[np.ndarray, "n h w"], *, first: bool = False) -> None:
         """Sum the unexplained evidence; the rates without glass are estimated from the ``counted`` rays."""

@@ -327,6 +327,7 @@ def _body_entries(body: UprightBody) -> dict[str, Any]:
         "radius": np.round(body.radius_m, 5).tolist(),
         "radius_sigma": round(body.radius_sigma_m, 5),
         "height": np.round(body.height_m, 5).tolist(),
+        "lean": np.round(body.lean_m, 5).tolist(),
         "evidence": round(body.evidence, 2),
         "rings": np.round(np.column_stack([rings.z_m, rings.radius_m, rings.sigma_m]), 5).tolist(),
         "rings_sigma": round(rings.common_m, 5),
