@@ -212,7 +212,7 @@ class EvidenceDetector:
         for i in compared:
             rays = rays_of(i)
             wrong = np.count_nonzero(np.isin(rays.reading, (FAR, NEAR)))
-            if wrong > _MAX_WRONG * max(np.count_nonzero(rays.reading), 1):
+            if wrong > _MAX_WRONG * max(int(np.count_nonzero(rays.reading)), 1):
                 continue
             read.append(i)
             # At least the matching window.
