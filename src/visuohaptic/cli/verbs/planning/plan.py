@@ -130,10 +130,7 @@ def run(args: Any) -> dict[str, Any]:
     args.exit_code = 0 if found.reachable else NO_RESULT
     _report(args, found)
     if found.reachable:
-        from ....tasks.mobile.travel import expected_duration_s
-
-        result["expected_duration_s"] = round(expected_duration_s(found, problem, problem.start_yaw_rad), 1)
-        args.report(f"  driven by `travel`, it is expected to take {result['expected_duration_s']:.0f} s")
+        result |= _duration(args, found, problem)
     if found.gap > limits.gap and not found.proved:
         args.report(f"  note: the search ended with its budget; --budget {2 * args.budget:g} searches longer")
     if args.compare:
@@ -145,6 +142,14 @@ def run(args: Any) -> dict[str, Any]:
         plots.plot_path_plan(problem, found, args.plot)
         args.report(f"written to {args.plot}")
     return result
+
+
+def _duration(args: Any, found: Plan, problem: PlanningProblem) -> dict[str, float]:
+    from ....tasks.mobile.travel import expected_duration_s
+
+    expected_s = expected_duration_s(found, problem, problem.start_yaw_rad)
+    args.report(f"  driven by `travel`, it is expected to take {expected_s:.0f} s")
+    return {"expected_duration_s": round(expected_s, 1)}
 
 
 def _explore(args: Any, problem: PlanningProblem) -> dict[str, Any]:
