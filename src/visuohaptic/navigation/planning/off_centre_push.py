@@ -147,7 +147,8 @@ def _tasks(rollout: Rollout, *, opens: bool) -> Tasks:
     """The drive and the push; none if there is no drive to its start."""
     domain, obj, moved_m = rollout.scene.domain, rollout.scene.body.obj, _moved_m(rollout)
     grid, robot = domain.map, domain.robot
-    path, cost = pull_string(domain, np.zeros((len(domain.bodies), 2)), domain.start, rollout.approach_at)
+    still = np.zeros((len(domain.bodies), 2))
+    path, cost = pull_string(domain, still, domain.start, rollout.approach_at)
     if not len(path):
         return ()
     lengths = np.array([0.0, rollout.scene.stand_off, rollout.length_m / grid.resolution_m])
@@ -163,7 +164,7 @@ def _tasks(rollout: Rollout, *, opens: bool) -> Tasks:
         goal_m=(float(obj.centre_m[0] + moved_m[0]), float(obj.centre_m[1] + moved_m[1])),
         turn_rad=float(rollout.pose[2]), failure_probability=1.0 - holds,
     )  # fmt: skip
-    return (*drive_tasks(domain, path, cost), turn)
+    return (*drive_tasks(domain, still, path, cost), turn)
 
 
 def _missed(rollout: Rollout, *, opens: bool) -> float:
