@@ -126,11 +126,8 @@ def run(args: Any) -> dict[str, Any]:
         else {"cheapest": planning.make_plan(problem, costs, limits)}
     )
     found = plans["cheapest"]
-    result = found.to_json()
     args.exit_code = 0 if found.reachable else NO_RESULT
-    _report(args, found)
-    if found.reachable:
-        result |= _duration(args, found, problem)
+    result = _report(args, found, problem)
     if found.gap > limits.gap and not found.proved:
         args.report(f"  note: the search ended with its budget; --budget {2 * args.budget:g} searches longer")
     if args.compare:
@@ -142,14 +139,6 @@ def run(args: Any) -> dict[str, Any]:
         plots.plot_path_plan(problem, found, args.plot)
         args.report(f"written to {args.plot}")
     return result
-
-
-def _duration(args: Any, found: Plan, problem: PlanningProblem) -> dict[str, float]:
-    from ....tasks.mobile.travel import expected_duration_s
-
-    expected_s = expected_duration_s(found, problem, problem.start_yaw_rad)
-    args.report(f"  driven by `travel`, it is expected to take {expected_s:.0f} s")
-    return {"expected_duration_s": round(expected_s, 1)}
 
 
 def _explore(args: Any, problem: PlanningProblem) -> dict[str, Any]:
@@ -171,8 +160,15 @@ def _explore(args: Any, problem: PlanningProblem) -> dict[str, Any]:
     return tour.to_json()
 
 
-def _report(args: Any, plan: Plan) -> None:
+def _report(args: Any, plan: Plan, problem: PlanningProblem) -> dict[str, Any]:
+    """Print a plan; returns it with the expected duration of the drive."""
+    from ....tasks.mobile.travel import expected_duration_s
+
+    result = plan.to_json()
     args.report(plan.summary)
+    if plan.reachable:
+        result["expected_duration_s"] = round(expected_duration_s(plan, problem, problem.start_yaw_rad), 1)
+        args.report(f"  driven by `travel`, it is expected to take {result['expected_duration_s']:.0f} s")
     for task in plan.tasks:
         what = f" {task.object}" if task.object else ""
         risk = f", failure probability {task.failure_probability:.2f}" if task.kind != "navigate" else ""
@@ -180,3 +176,4 @@ def _report(args: Any, plan: Plan) -> None:
         args.report(f"  {task.kind}{what}{where}: {task.cost_s:.1f} s, {task.length_m:.2f} m{risk}")
     for note in plan.notes:
         args.report(f"  note: {note}")
+    return result
