@@ -62,7 +62,7 @@ class SpaceGrid:
     @property
     def all_centres_m(self) -> Float[np.ndarray, "n 3"]:
         """Centres of all voxels, world [m]; the last axis varies fastest."""
-        return self.centres_m(np.stack(np.indices(self.shape), axis=-1).reshape(-1, 3))
+        return self.centres_m(np.moveaxis(np.indices(self.shape), 0, -1).reshape(-1, 3))
 
     def centres_m(self, cells: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """Centres of voxels, world [m].

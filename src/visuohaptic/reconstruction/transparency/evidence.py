@@ -211,8 +211,8 @@ class EvidenceDetector:
         read, weights = [], graph.weights(_INDEPENDENT_RAD)
         for i in compared:
             rays = rays_of(i)
-            wrong = np.count_nonzero(np.isin(rays.reading, (FAR, NEAR)))
-            if wrong > _MAX_WRONG * max(np.count_nonzero(rays.reading), 1):
+            wrong, known = np.isin(rays.reading, (FAR, NEAR)), rays.reading > 0
+            if wrong.sum() > _MAX_WRONG * max(float(known.sum()), 1.0):
                 continue
             read.append(i)
             # At least the matching window.
