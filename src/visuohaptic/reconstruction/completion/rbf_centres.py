@@ -142,12 +142,12 @@ def constrain_free(
     free_m
         Points (n, 3) that probes passed without contact [m].
     push_m
-        Signed distance of an added centre and its standard deviation [m].
+        Signed distance of an added centre, twice its standard deviation [m].
     rho
         Smoothing of centres from their standard deviation [m] and the extent of the fit [m].
     """
     push = np.full(len(free_m), push_m)
-    return _constrained(fit, free_m, push, push, 0 * push, rho)
+    return _constrained(fit, free_m, push, 0.5 * push, 0 * push, rho)
 
 
 def _constrained(
