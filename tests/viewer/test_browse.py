@@ -293,6 +293,15 @@ def test_a_plan_without_a_map_and_a_map_without_an_object_are_drawn():
             assert f"**bare**: {shade} from" in page.stage.get("legend").content
 
 
+@pytest.mark.parametrize("force_N", [0.3, 12.3])
+def test_the_slider_begins_at_the_force_of_the_task_however_small(cup, force_N):
+    gentle = ObjectView("gentle", cup.surface, task=GraspTask(force_N=force_N))
+    with BrowsePage([gentle], port=0) as page:
+        slider = page.stage.get("force")
+        assert slider.value == pytest.approx(force_N)
+        assert slider.min <= force_N <= slider.max
+
+
 def wait_until_drawn(page: BrowsePage) -> None:
     """Wait until the scene has something in its middle: meshes arrive after the panel, each frame is requested by one call."""
     deadline_s = time.monotonic() + PATIENCE_S

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from ..sensing.beam.tracked import TrackedBeam
     from ..sensing.foam.sensor import FoamSensor
     from ..simulation.houses.guided_platform import GuidedPlatform
+    from ..simulation.mobile.obstacles import SimulatedObstacle
     from ..tasks.manipulation.squeeze_task import SqueezeCurve
     from ..tasks.memory import PlaceMemory, RememberedContainer
     from ..tasks.mobile.floor_outline import FloorOutline
@@ -179,6 +180,16 @@ class Mission:
         """
         day = [self.visit] if self.visit else []
         return np.random.default_rng([self.world or self.seed, part + PLACE_PARTS * self.place, *day])
+
+    def nearest_obstacle(self, point_m: Float[np.ndarray, "2"]) -> SimulatedObstacle:
+        """The true obstacle at a point of the map, from the simulated world.
+
+        Parameters
+        ----------
+        point_m
+            Observed point [m].
+        """
+        return min(self.house.obstacles, key=lambda one: math.dist(self.placed[one.name][:2], tuple(point_m)))
 
     def at(self, place: int) -> Mission:
         """The same robot before another place of the table, of whose container it knows nothing.

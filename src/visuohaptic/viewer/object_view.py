@@ -159,10 +159,10 @@ class ObjectView:
         gui = stage.gui
         stage.keep("legend", gui.add_markdown("", order=10))
         shade = stage.keep("shade", gui.add_dropdown("colours", _SHADES, order=11))
-        max_N = max(30.0, 2 * self.force_N)
+        low_N, max_N = min(0.5, self.force_N), max(30.0, 2 * self.force_N)
         force = stage.keep(
             "force",
-            gui.add_slider("force [N]", min=0.5, max=max_N, step=0.5, initial_value=self.force_N, order=12),
+            gui.add_slider("force [N]", low_N, max_N, low_N, self.force_N, order=12),
         )
         deep = stage.keep(
             "deep",

@@ -94,14 +94,15 @@ def _assembled(
         return Plan(False, reason=result.reason, proved=proved, expanded=expanded, name=name, notes=notes)
     tasks: list[Task] = []
     at = domain.start
+    shifts = np.zeros((len(domain.bodies), 2))
     if (begin != at).any():
-        tasks += drive_tasks(domain, np.array([at, begin]), float(np.hypot(*(begin - at))) * domain.slow)
+        slowly = float(np.hypot(*(begin - at))) * domain.slow
+        tasks += drive_tasks(domain, shifts, np.array([at, begin]), slowly)
         notes = (
             f"the start is too near to an obstacle: {tasks[0].length_m:.2f} m away from it first",
             *notes,
         )
         at = begin
-    shifts = np.zeros((len(domain.bodies), 2))
     ends = [*(step.approach for step in result.steps), domain.goal]
     shaped = FootprintDrives(domain, deadline) if domain.robot.footprint_m else None
     heading, longer = _heading(domain.problem), 0.0
@@ -117,7 +118,7 @@ def _assembled(
         if not len(path):
             what = "a drive" if shaped is None else "a drive or push of its footprint"
             return Plan(False, reason=f"{what} of the plan is too narrow on the map", name=name, notes=notes)
-        tasks += drive_tasks(domain, path, cost)
+        tasks += drive_tasks(domain, shifts, path, cost)
         if step is not None:
             tasks += _push_tasks(domain, step)
             at, shifts = step.retreat, step.shifts_after

@@ -78,7 +78,7 @@ def via_sideward(
         onward = rest(
             after_push(problem, body.obj.id, moved_m, end_m, turn_rad=float(push.trace.object_m[-1, 2]))
         )
-        tasks = (*drive_tasks(domain, drive, drive_cost), _task(scene, push), *onward.tasks)
+        tasks = (*drive_tasks(domain, shifts, drive, drive_cost), _task(scene, push), *onward.tasks)
         plan = replace(onward, tasks=tasks, gap=float("inf"))
         if plan.reachable and plan.cost_s < found.cost_s:
             found = plan

@@ -134,6 +134,41 @@ def clear_straight(
 
 
 @kernel
+def obstacle_distances(
+    occupied: np.ndarray,
+    clearance: np.ndarray,
+    outlines: np.ndarray,
+    starts: np.ndarray,
+    points: np.ndarray,
+    limit: float,
+) -> np.ndarray:
+    """Distance of each point from the nearest occupied square, filled outline or border of the map, at most ``limit``.
+
+    ``clearance`` is that of the cells' centres from some of these obstacles: it limits the squares that are evaluated.
+    """
+    rows, columns = occupied.shape
+    found = np.full(len(points), limit)
+    for i in range(len(points)):
+        x, y = points[i, 0], points[i, 1]
+        best = max(min(limit, x, y, columns - x, rows - y), 0.0)
+        for k in range(len(starts) - 1):
+            outline = outlines[starts[k] : starts[k + 1]]
+            low_x, high_x, low_y, high_y = extent(outline)
+            if low_x < x + best and high_x > x - best and low_y < y + best and high_y > y - best:
+                best = min(best, polygon_distance(x, y, outline))
+        r, c = min(max(int(y), 0), rows - 1), min(max(int(x), 0), columns - 1)
+        off = math.hypot(x - c - 0.5, y - r - 0.5)
+        reach = min(best, clearance[r, c] + off)
+        for rr in range(max(int(y - reach), 0), min(int(y + reach) + 1, rows)):
+            for cc in range(max(int(x - reach), 0), min(int(x + reach) + 1, columns)):
+                if occupied[rr, cc]:
+                    away_x, away_y = max(cc - x, x - cc - 1.0, 0.0), max(rr - y, y - rr - 1.0, 0.0)
+                    best = min(best, math.hypot(away_x, away_y))
+        found[i] = best
+    return found
+
+
+@kernel
 def extent(polygon: np.ndarray) -> tuple[float, float, float, float]:
     """Minimum and maximum x, minimum and maximum y."""
     x_min, x_max, y_min, y_max = np.inf, -np.inf, np.inf, -np.inf

@@ -171,6 +171,7 @@ class _Cluster(BaseModel):
     radius: tuple[PositiveFloat, PositiveFloat] | None = None
     radius_sigma: NonNegativeFloat | None = None
     height: _Pair | None = None
+    lean: _Pair = (0.0, 0.0)
     evidence: FiniteFloat = 0.0
     rings: list[tuple[FiniteFloat, PositiveFloat, PositiveFloat]] = Field(default=[], max_length=1000)
     rings_sigma: NonNegativeFloat = 0.0
@@ -183,7 +184,7 @@ class _Cluster(BaseModel):
         z_m, radius_m, sigma_m = np.array(self.rings).reshape(-1, 3).T
         rings = OutlineRings(z_m, radius_m, sigma_m, self.rings_sigma)
         place = np.array(axis), np.array(sigma), radius, self.radius_sigma, height
-        return UprightBody(*place, self.evidence, rings)
+        return UprightBody(*place, self.evidence, rings, self.lean)
 
 
 class _RegionsFile(BaseModel):
