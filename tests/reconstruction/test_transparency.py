@@ -112,8 +112,10 @@ def test_region_of_a_box_of_voxels():
     np.testing.assert_allclose(region.centroid_m, [1.075, 2.06, 3.06])
     assert region.volume_m3 == pytest.approx(0.05 * 0.04 * 0.06)
     assert region.score == pytest.approx(0.5)
-    assert region.contains(region.centroid_m)
-    assert not region.contains(region.centroid_m + np.array([0.03, 0, 0]))
+    assert region.contains(region.centroid_m + np.array([[0.0, 0, 0], [0.03, 0, 0]])).tolist() == [
+        True,
+        False,
+    ]
     assert find_regions(score, score > 0, grid, min_voxels=1000) == ()
 
 
