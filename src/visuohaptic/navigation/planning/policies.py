@@ -96,9 +96,7 @@ def _cheapest(domain: SearchDomain, limits: SearchLimits, done: frozenset[str] =
     risky_plan = _planned(domain, _until(deadline, limits), unknown=True)
     explored = next((i for i, task in enumerate(risky_plan.tasks) if task.kind == "explore"), None)
     if not risky_plan.reachable or explored is None:
-        return _with_proof(
-            domain, safe_plan if safe_plan.reachable else risky_plan, _until(deadline, limits)
-        )
+        return _with_proof(domain, safe_plan if safe_plan.reachable else risky_plan, _until(deadline, limits))
     expected_s = _expected(domain, risky_plan, explored, _until(deadline, limits))
     if safe_plan.reachable and safe_plan.cost_s <= expected_s:
         return safe_plan
