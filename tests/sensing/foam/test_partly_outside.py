@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks import foam_evidence
 from tests.worlds import foam_disturbances as disturbances
 
+from benchmarks import foam_evidence
 from visuohaptic.core import CalibrationError, Frame, InputError
 from visuohaptic.sensing.foam import FoamSensor
 
