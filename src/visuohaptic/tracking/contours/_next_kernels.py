@@ -14,8 +14,6 @@ import numpy as np
 from ...core.kernels import kernel
 from ._fit_kernels import BLUR, CURVE, NEXT, NEXT_STEP, SLOPE, T, above, frame
 
-#: Edges closer to each other than this many blurs merge into one.
-APART = 3.0
 #: Prior odds against a second edge, at any of the places, and neighbours on each side that have it in common.
 _RARE, _BESIDE = math.log(100.0), 2
 #: Spacing of the places that are tried [px], and how often it is halved.
@@ -86,13 +84,13 @@ def _single(place, level, count, at, blur, basis):
 
 
 @kernel(nogil=True)
-def _best_next(place, level, count, blur, noise, basis, found):
+def _best_next(place, level, count, blur, nearest, noise, basis, found):
     """Place and step of the most likely second edge of one profile, and its log-likelihood ratio against one edge at either
     place."""
     work = level[:count].copy()
     alone = _single(place, level, count, 0.0, blur, basis)
     found[0], found[1], found[2] = 0.0, 0.0, 0.0
-    first, last, gain = APART * blur, place[count - 1] - 1.0, 0.0
+    first, last, gain = nearest, place[count - 1] - 1.0, 0.0
     step, at, tries = _EVERY, first, int((last - first) / _EVERY) + 1
     for halving in range(_HALVED + 1):
         middle = found[0]
@@ -131,7 +129,7 @@ def next_edges(grey, origin, direction, half, state, near, length, noise_var, mi
     grey, origin, direction, half, state
         As in :func:`~visuohaptic.tracking.contours._refine_kernels.refine`.
     near, length
-        Distance of the plateaus from the edge [blurs], and their length [px].
+        Distance of the plateaus from the edge [blurs], within which two edges merge into one, and their length [px].
     noise_var
         Variance of one pixel [grey levels^2].
     min_contrast
@@ -149,7 +147,8 @@ def next_edges(grey, origin, direction, half, state, near, length, noise_var, mi
             count = _profile(grey, origin[k], direction[k], half[k], state[k], near, length, place, level)
             if count > 6:
                 lanes = max(2.0 * half[k], 1.0)
-                _best_next(place, level, count, state[k, BLUR], noise_var / lanes, basis, found[k])
+                blur = state[k, BLUR]
+                _best_next(place, level, count, blur, near * blur, noise_var / lanes, basis, found[k])
     for k in range(n):
         odds = -_RARE
         for j in range(max(k - _BESIDE, 0), min(k + _BESIDE + 1, n)):

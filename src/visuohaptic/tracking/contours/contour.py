@@ -199,7 +199,8 @@ class ContourTracker:
         contour = self._classified(lines, state, found, noise_var, searched_all=guess is None)
         poor = (contour.reason == PointReason.LOST) | (contour.reason == PointReason.POOR_FIT)
         if self._blur is not None:
-            poor |= state[:, columns.BLUR] > _BLUNT * self._blur
+            # Softer than in the last frame by far more than the noise of its blur.
+            poor |= state[:, columns.BLUR] > (1.0 + 3.0 * _SAME_BLUR) * self._blur
         doubtful = _long_runs(poor)
         if self._blur is not None and doubtful.any():
             again, noise_var = self._fitted(grey, lines, found, doubtful)
@@ -313,8 +314,6 @@ class ContourTracker:
         )  # fmt: skip
 
 
-#: An edge that is softer than in the last frame by this factor may be two.
-_BLUNT = 1.15
 #: Minimum number of neighbouring points without a good fit for which a second edge is searched: kinks have one or two.
 _RUN = 3
 #: Fraction of valid points below which the whole range is searched: three of eighty may be due to dirt.
