@@ -12,6 +12,7 @@ from tests.worlds import foam_disturbances as disturbances
 from benchmarks import foam_evidence
 from visuohaptic.core import CalibrationError, Frame, InputError
 from visuohaptic.sensing.foam import FoamSensor
+from visuohaptic.sensing.foam.strip.geometry import StripGeometry
 
 
 class Cut:
@@ -55,3 +56,15 @@ def test_more_outside_than_could_bear_no_force_is_told_while_zeroing(tmp_path) -
 def test_most_of_the_strip_outside_is_a_wrong_pose(tmp_path) -> None:
     with pytest.raises(InputError, match="outside the image, expected less than half"):
         Cut(tmp_path, 2, 60)
+
+
+@pytest.mark.parametrize(("longer_m", "told"), [(0.0, False), (0.014, True)])
+def test_a_strip_that_is_declared_too_long_is_told_while_zeroing(tmp_path, caplog, longer_m, told) -> None:
+    """Behind both ends of the foam there is floor, where the sensor expects a front."""
+    cut = Cut(tmp_path, 2, 0)
+    setup = cut.sensor.setup
+    length_m = len(setup.geometry.s_m) * float(setup.geometry.cell_m[0]) + longer_m
+    setup.geometry = StripGeometry.straight(length_m, setup.geometry.width_m)
+    cut.sensor = FoamSensor(setup)
+    cut.zero()
+    assert ("mm from an end of the strip" in caplog.text) == told
