@@ -45,6 +45,8 @@ _MIN_LIKELIHOOD_RATIO, _MAX_PROFILES = 0.03, 6
 _MEAN, _BAND = 0.3, 0.003
 #: Correlation of g: length in sizes of the region, and over the angle [rad].
 _OVER_HEIGHT, _OVER_ANGLE_RAD = 0.3, 0.35
+#: Places on a ring, the contact among them.
+_RING = 12
 #: Prior scale of the variance (actual over predicted variance on 48 bottles), and its weight in contacts.
 _SCALE, _SCALE_WEIGHT = 0.2, 8.0
 #: Squared standardised residuals are clipped at this value, so that one contact with another object does not dominate.
@@ -175,13 +177,40 @@ class RadialMixture:
         points_m
             Points (n, 3) of the estimated surface [m].
         """
-        if not len(points_m):
-            return np.zeros(0)
-        rho_m, square_m2 = polar(points_m, self.models[0].prior.axis_m)[1], np.zeros(len(points_m))
-        for model, fraction in zip(self.models, self.fractions, strict=True):
-            expected_m, sigma_m = model.expected(points_m)
-            square_m2 += fraction * ((rho_m - expected_m) ** 2 + sigma_m**2)
-        return np.sqrt(square_m2)
+        expected_m, sigma_m = self.expected(points_m)
+        return np.hypot(polar(points_m, self.models[0].prior.axis_m)[1] - expected_m, sigma_m)
+
+    def expected(
+        self, points_m: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+        """As :meth:`RadialModel.expected`.
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 3) whose angles and heights are used [m].
+        """
+        each = np.array([model.expected(points_m) for model in self.models])
+        mean_m, square_m2 = np.tensordot(self.fractions, [each[:, 0], (each**2).sum(axis=1)], axes=(0, 1))
+        return mean_m, np.sqrt(np.maximum(square_m2 - mean_m**2, 0.0))
+
+    def rings(
+        self, contacts_m: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float[np.ndarray, "n k 3"], Float[np.ndarray, "n k"]]:
+        """Points of the wall at the heights of contacts, at other angles, and their standard deviations [m].
+
+        Parameters
+        ----------
+        contacts_m
+            Contacts (n, 3) [m].
+        """
+        axis_m, turn = self.models[0].prior.axis_m, 2 * np.pi * np.arange(1, _RING) / _RING
+        angle = polar(contacts_m, axis_m)[0][:, None] + turn
+        way = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        points_m = np.dstack([axis_m + way, np.broadcast_to(contacts_m[:, 2:], angle.shape)])
+        rho_m, sigma_m = (part.reshape(angle.shape) for part in self.expected(points_m.reshape(-1, 3)))
+        points_m[..., :2] = axis_m + rho_m[..., None] * way
+        return points_m, sigma_m
 
     def ring_errors(self, outline_m: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k k"]:
         """As :meth:`RadialModel.ring_errors`.
