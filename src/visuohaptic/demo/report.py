@@ -308,7 +308,7 @@ def grasp_figure(plan: GraspPlan, lift: LiftPlan, outline_m: np.ndarray, lifted:
             shown = at.pcolormesh(*at_deg_mm, field, shading="nearest", rasterized=True, **scale)
             bar = at.figure.colorbar(shown, ax=at, extend="both" if scale else "neither")
             if scale:  # the scale is rarely longer than a decade
-                bar.set_ticks(np.geomspace(low, high, 5), minor=False)
+                bar.set_ticks(np.geomspace(low, high, 5).tolist(), minor=False)
                 bar.ax.minorticks_off()
                 bar.ax.yaxis.set_major_formatter("{x:.2g}")
             at.set(xlabel="angle about the axis [deg]", ylabel="height [mm]", title=label)

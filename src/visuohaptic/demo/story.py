@@ -106,9 +106,8 @@ class Mission:
     obstacles: int = 3  #: to touch; one if the chapter runs alone
     quick: bool = False  #: fewer views and frames: for tests
     known: Known = field(default_factory=Known)
-    world: int = (
-        0  #: seed of the house and of the object on its table; 0: the fixed office, the rest from ``seed``
-    )
+    #: seed of the house and of the object on its table; 0: the fixed office, the rest from ``seed``
+    world: int = 0
     visit: int = 0  #: day in this world
     place: int = 0  #: of several containers on the table, see :meth:`at`
     house: House = field(init=False)  #: the true floor
@@ -222,9 +221,8 @@ class Chapter:
     typical_s: float = 1.0  #: on two cores with compiled kernels; for the estimate of the remaining time
     without: Callable[[Mission], None] | None = None  #: fills in its results when it is omitted
     otherwise: str = ""  #: description of the second attempt after a failure; empty: there is none
-    robot_s: float = (
-        0.0  #: expected duration for the robot, of those that are repeated for every container [s]
-    )
+    #: expected duration for the robot, of those that are repeated for every container [s]
+    robot_s: float = 0.0
     tells: tuple[str, ...] = ()  #: properties of a container of a :class:`.FetchRequest` that it measures
 
 

@@ -61,17 +61,11 @@ def run(args: Any) -> dict[str, Any]:
     """Complete; returns the mapping that ``--json`` prints."""
     import numpy as np
 
-    from ....reconstruction.completion import Completion, HoleRegion, load_hole_regions, read_touches
+    from ....reconstruction.completion import Completion, read_touches
     from ....reconstruction.completion.touch_registration import register_touches
 
     model = reconstruction.SurfaceMesh.load(args.model)
-    if (args.region is None) == (args.hidden is None):
-        raise core.InputError("complete", "found none or both of --region and --hidden, expected one of them")
-    if args.hidden:
-        corners_m = np.array(np.meshgrid(*np.reshape(args.hidden, (2, 3)).T)).reshape(3, -1).T
-        regions = [HoleRegion.of_points(corners_m)]
-    else:
-        regions = load_hole_regions(args.region)
+    regions = _regions(args)
     number = args.cluster
     if number is None:
         number = int(np.argmin([abs(float(r.distance_m(model.vertices_m).min())) for r in regions]))
@@ -138,6 +132,20 @@ def _plans(completion: Completion | BodyCompletion, args: Any) -> list[dict[str,
             f"{len(plans)} of {args.fingers} fingers have a target {low_m:g} to {high_m:g} m from the first"
         )
     return [_planned(plan) for plan in plans]
+
+
+def _regions(args: Any) -> list[HoleRegion]:
+    """The transparent regions of a file, or the hidden one of a box."""
+    import numpy as np
+
+    from ....reconstruction.completion import HoleRegion, load_hole_regions
+
+    if (args.region is None) == (args.hidden is None):
+        raise core.InputError("complete", "found none or both of --region and --hidden, expected one of them")
+    if args.region:
+        return load_hole_regions(args.region)
+    corners_m = np.array(np.meshgrid(*np.reshape(args.hidden, (2, 3)).T)).reshape(3, -1).T
+    return [HoleRegion.of_points(corners_m)]
 
 
 def _joined(
