@@ -4,10 +4,8 @@ In cylinder coordinates (rho, theta, z)
 
     log rho = p(z) + e0(theta) + w(z) (e1(theta) - e0(theta)) + g(theta, z)
 
-with the profile ``p``, the cross-sections ``e0`` and ``e1`` of the bands below
-and above the hole (:mod:`.symmetry`), the weight ``w`` of the upper cross-section,
-which is 0 and 1 in the bands and unknown between them, and the residual ``g`` of
-the cross-sections. ``p`` and ``g`` have Matern covariances over the height; ``w``
+with the profile ``p``, the cross-sections ``e0`` and ``e1`` of the bands below and above the hole (:mod:`.symmetry`), the weight ``w`` of
+the upper cross-section, which is 0 and 1 in the bands and unknown between them, and the residual ``g`` of the cross-sections. ``p`` and ``g`` have Matern covariances over the height; ``w``
 is a Brownian bridge around a straight line. Walls are smooth except for kinks, so
 ``p`` has order 3/2 or 5/2. Order, correlation length and deviation are not fixed:
 several processes are averaged with weights proportional to their likelihood, and
@@ -36,6 +34,7 @@ from jaxtyping import Float, Int
 from ...core.resources import one_blas_thread
 from .outline import ANGLES, VisibleWall
 from .symmetry import ShapePrior, polar
+from .uncertainty import matern
 
 #: Grids of correlation lengths (in sizes of the region) and of deviations of p, for both orders.
 _LENGTHS, _DEVIATIONS = (0.15, 0.3, 0.6), (0.01, 0.02, 0.05, 0.1, 0.2)
@@ -365,23 +364,6 @@ def _solved(lower: np.ndarray, right: np.ndarray, *, transposed: bool = False) -
         lower, right, lower=True, trans=1 if transposed else 0, check_finite=False
     )
     return found
-
-
-def matern(gap: np.ndarray, length: float, order: int = 3) -> np.ndarray:
-    """Matern's correlation.
-
-    Parameters
-    ----------
-    gap
-        Distances, of any shape.
-    length
-        Correlation length, in the unit of the distances.
-    order
-        Twice the order: 3 or 5.
-    """
-    reach = np.sqrt(float(order)) / length * np.abs(gap)
-    near: np.ndarray = (1 + reach if order == 3 else 1 + reach + reach**2 / 3) * np.exp(-reach)
-    return near
 
 
 _Places = tuple[np.ndarray, np.ndarray, np.ndarray]  # angles [rad], heights [m], index of the height of each

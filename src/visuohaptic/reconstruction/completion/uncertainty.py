@@ -79,3 +79,20 @@ def calibration(squares: Sequence[float]) -> float:
         Squared standardised residual of every touch before it was added.
     """
     return float(np.sqrt(np.mean([9.0, 9.0, *np.minimum(squares, 100.0)])))
+
+
+def matern(gap: np.ndarray, length: float, order: int = 3) -> np.ndarray:
+    """Matern's correlation.
+
+    Parameters
+    ----------
+    gap
+        Distances, of any shape.
+    length
+        Correlation length, in the unit of the distances.
+    order
+        Twice the order: 3 or 5.
+    """
+    reach = np.sqrt(float(order)) / length * np.abs(gap)
+    near: np.ndarray = (1 + reach if order == 3 else 1 + reach + reach**2 / 3) * np.exp(-reach)
+    return near
