@@ -321,7 +321,7 @@ def test_a_reading_that_most_views_contradict_is_no_surface():
         DepthFrame(0.0, d, None, Pose(np.eye(3), np.array([0.0, 0.0, 1e-4 * k])), camera)
         for k, d in enumerate(depths)
     ]
-    noise = TrackedNoise(SENSOR_NOISE["kinect"], 0.001, 0.0)
+    noise = TrackedNoise(SENSOR_NOISE["kinect"])
     views = [ViewDepth.of_frame(frame, noise) for frame in frames]
     reading = ray_image(views[0], views[1:], noise).reading[patch[1:]]
     assert (reading == 2).mean() > 0.9  # farther than the surface that six views see
