@@ -347,10 +347,20 @@ def test_symmetries_are_told_from_the_bands():
     assert found["round"].p_rotation > 0.9
     assert found["elliptic"].p_rotation < 0.3
     assert found["elliptic"].p_mirror > 0.8
-    points, sigma = found["elliptic"].ring(np.array([0.04, 0.0, 0.1]))
-    wall = bellied("elliptic").radius_m(np.arctan2(points[:, 1], points[:, 0]), points[:, 2])
-    expected = wall * 0.04 / float(bellied("elliptic").radius_m(0.0, 0.1))
-    assert (np.abs(np.hypot(points[:, 0], points[:, 1]) - expected) < 3 * sigma).all()
+    # A contact tells the ring at its height: the cross-section of the bands at the radius that was touched.
+    bottle, contact_m = (
+        bellied("elliptic"),
+        np.array([float(bellied("elliptic").radius_m(0.0, 0.1)), 0.0, 0.1]),
+    )
+    visible, region, _ = scene(bottle)
+    seen = wall_seen(found["elliptic"], support_band(visible, region))
+    process = fit_radial_mixture(found["elliptic"], seen, [(contact_m, 0.0005)], region.size_m)
+    points, sigma = (of_ring[0] for of_ring in process.rings(contact_m[None]))
+    off_m = np.hypot(points[:, 0], points[:, 1]) - bottle.radius_m(
+        np.arctan2(points[:, 1], points[:, 0]), points[:, 2]
+    )
+    assert (np.abs(off_m) < 3 * sigma).all()
+    assert sigma.max() < 0.004 < 0.3 * contact_m[0]
 
 
 def test_rims_and_band_of_a_cut_bottle():

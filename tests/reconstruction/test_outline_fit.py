@@ -481,7 +481,9 @@ def test_a_place_is_tested_with_the_rates_of_the_rays_beside_it(body):
         alone = glass & (body == "mirror") & (rng.random(glass.shape) < 0.5)
         reading = np.where(known & ~alone, read, 0).astype(np.uint8)
         frames.append(DepthFrame(0.0, np.full(glass.shape, np.float32(2.0)), None, pose, CAMERA))
-        images.append(RayImage(reading, reading.astype(np.uint16), 2.0 * known.astype(np.float32), limit_m))
+        images.append(
+            RayImage(reading, reading.astype(np.uint16), 2.0 * known.astype(np.float32), limit_m, known)
+        )
     detector = EvidenceDetector(SpaceGrid.around((-0.08, -0.13, 0.0), (0.12, 0.07, 0.2), 0.01), NOISE)
     limit_m = np.stack([image.limit_m for image in images])
     # At 0.75 m a radius of 15 mm is 3 px.

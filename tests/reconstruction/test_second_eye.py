@@ -32,7 +32,7 @@ def seen(table: Table, eye_m: float, rng: np.random.Generator) -> list[RayImage]
         reading = np.where(lost, DROPPED, SAME).astype(np.uint8)
         # What other views see: windows of three pixels extend what is nearer by one.
         wide_m = cv2.erode(depth_m.astype(np.float32), np.ones((1, 3)))
-        found.append(RayImage(reading, none.astype(np.uint16), wide_m, none))
+        found.append(RayImage(reading, none.astype(np.uint16), wide_m, none, ~lost))
     return found
 
 

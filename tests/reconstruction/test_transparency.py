@@ -214,7 +214,7 @@ def test_drop_outs_beside_a_part_are_the_rate_of_the_surface_behind_it(lost):
     frames, images = [], []
     for rays in through:
         reading = np.where(rng.random((48, 64)) < np.where(rays, 0.5, lost), 4, 1).astype(np.uint8)
-        images.append(RayImage(reading, reading.astype(np.uint16), depth_m, depth_m))
+        images.append(RayImage(reading, reading.astype(np.uint16), depth_m, depth_m, reading > 0))
         frames.append(DepthFrame(0.0, depth_m, None, Pose.identity(), CAMERA))
     tables = reading_tables([np.repeat([1, 4], [9500, 500]).astype(np.uint16)])
     added = surface_ratios(frames, images, through, np.ones_like(through), tables, 0.1)
@@ -321,7 +321,7 @@ def test_a_reading_that_most_views_contradict_is_no_surface():
         DepthFrame(0.0, d, None, Pose(np.eye(3), np.array([0.0, 0.0, 1e-4 * k])), camera)
         for k, d in enumerate(depths)
     ]
-    noise = TrackedNoise(SENSOR_NOISE["kinect"], 0.001, 0.0)
+    noise = TrackedNoise(SENSOR_NOISE["kinect"])
     views = [ViewDepth.of_frame(frame, noise) for frame in frames]
     reading = ray_image(views[0], views[1:], noise).reading[patch[1:]]
     assert (reading == 2).mean() > 0.9  # farther than the surface that six views see

@@ -162,6 +162,7 @@ class RayImage:
     code: UInt16[np.ndarray, "h w"]
     predicted_m: Float32[np.ndarray, "h w"]  #: depth of the opaque surface; 0: unknown [m]
     limit_m: Float32[np.ndarray, "h w"]  #: depth up to which the ray is evidence; 0: no evidence [m]
+    clear: Bool[np.ndarray, "h w"]  #: whether a ray is away from camera failures
 
 
 def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise) -> RayImage:
@@ -206,7 +207,7 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
     code, limit_m = np.empty(shape, np.uint16), np.empty(shape, np.float32)
     rates = (np.float32(number) for number in coefficients)
     ray_codes(reading, predicted_m, votes, empty, distance, *eye, *limits, *rates, code, limit_m)
-    return RayImage(reading, code, predicted_m, limit_m)
+    return RayImage(reading, code, predicted_m, limit_m, distance > 1)
 
 
 def _from_failures(
