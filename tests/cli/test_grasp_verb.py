@@ -59,7 +59,7 @@ def test_a_map_without_sigma_is_as_uncertain_as_that_of_a_class(
     assert grasp["deformation_limit_N"] == pytest.approx(limit_N, rel=1e-3)
     assert 0.9 < grasp["success"] < 1.0
     assert main(["grasp", *words]) == 0
-    assert "note: the map states no standard deviation: 0.67 of the stiffness" in capsys.readouterr().out
+    assert "note: the map states no standard deviation" in capsys.readouterr().out
 
 
 def test_a_sigma_of_the_mass_needs_the_mass_and_is_not_above_it(capsys: pytest.CaptureFixture[str]) -> None:

@@ -22,7 +22,7 @@ MIN_OVERLAP = 0.5
 SPILL_MARGIN = 2.0
 #: Relative standard deviation of the stiffness of a map that states none: that of a class's map for one of its objects, common
 #: and local part, see ``recognition.touch.refinement.CLASS``.
-UNSTATED_SIGMA = float(np.hypot(0.6, 0.3))
+UNSTATED_SIGMA = float(np.hypot(0.5, 0.4))
 
 
 class Verdict(IntEnum):
@@ -183,14 +183,5 @@ def feasibility_map(
         verdict[bad] = why
     # Where the wall does not deform, no error of the position is possible.
     unloaded = gripper.position_sigma_m * np.nan_to_num(k, nan=0.0, posinf=0.0)
-    return FeasibilityMap(
-        verdict,
-        force.copy(),
-        needed,
-        limit,
-        spill_limit,
-        width,
-        task.confidence,
-        unloaded,
-        gripper.max_force_N,
-    )
+    forces = force.copy(), needed, limit, spill_limit
+    return FeasibilityMap(verdict, *forces, width, task.confidence, unloaded, gripper.max_force_N)

@@ -15,15 +15,7 @@ from ..deformation.nonlinear.contents import Contents, enclosed_gradient, tip_ap
 from ..deformation.shells.stiffness_map import DualTips, antipodal_points, opposing_points
 from .approach import ApproachSpace, find_approach
 from .confirm import Confirmation, confirm_grasp
-from .feasibility import (
-    UNSTATED_SIGMA,
-    FeasibilityMap,
-    Spill,
-    Verdict,
-    feasibility_map,
-    relative_sigma,
-    spill_of,
-)
+from .feasibility import FeasibilityMap, Spill, Verdict, feasibility_map, relative_sigma, spill_of
 from .force import Load, object_load, success_probability
 from .grasp_task import Grasp, GraspTask
 from .rim import rim_grasps
@@ -260,9 +252,7 @@ def _plan(
         (f"{blocked} places have no way free of object, scene and table",) if blocked else ()
     )
     if kept and np.isnan(surface.stiffness_sigma_N_per_m[np.isfinite(surface.stiffness_N_per_m)]).any():
-        notes += (
-            f"the map states no standard deviation: {UNSTATED_SIGMA:.2f} of the stiffness is assumed, as of the map of a class",
-        )
+        notes += ("the map states no standard deviation: it is taken to be as uncertain as that of a class",)
     return GraspPlan(tuple(kept), tuple(rejected), surface, scores, found, task, load, notes)
 
 
