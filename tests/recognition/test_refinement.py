@@ -89,3 +89,10 @@ def test_measurements_of_no_stiffness_and_without_error_are_refused(stiffness: f
     found = StiffnessMap(points, np.array([[0, 1, 2]]), np.full(3, 1000.0), np.full(3, 200.0))
     with pytest.raises(InputError, match="above 0"):
         correct_map(found, points[:1], np.array([stiffness]), np.array([sigma]))
+
+
+def test_deviations_of_another_map_are_refused() -> None:
+    points = np.eye(3)
+    found = StiffnessMap(points, np.array([[0, 1, 2]]), np.full(3, 1000.0), np.full(3, 200.0))
+    with pytest.raises(InputError, match=r"correct_map: deviations: found \(4,\) deviations, .* of 3 points"):
+        correct_map(found, points[:1], np.array([1300.0]), np.array([0.1]), np.zeros((5, 4)))

@@ -595,3 +595,24 @@ def test_the_wall_at_rims_is_as_uncertain_as_rims_are_wrong():
     # The likelihood tells which of the two it is.
     assert np.median(curled_fraction) > 0.9
     assert max(exact_fraction) < 0.5
+
+
+def test_the_declared_deviation_of_a_round_hidden_wall_is_that_of_its_radius() -> None:
+    """Where cross-sections are visible all around, the process of the radius gives the sigma."""
+    bottle = bellied()
+    visible, region, hole = scene(bottle)
+    completion = Completion(visible, region)
+    assert completion.radial is not None
+    assert completion.radial is completion.radial  # fitted once
+    found = completion.uncertainty()
+    points, inside = found.mesh.vertices_m, found.missing
+    inside = inside & (points[:, 2] > hole[0]) & (points[:, 2] < hole[1])
+    np.testing.assert_allclose(
+        found.sigma_m[inside], completion.radial.deviation_m(points[inside]), rtol=1e-12
+    )
+    # A touch on the belly: there the wall is known to about the error of the touch, all around.
+    plan = completion.next_touch()
+    contact = bottle.probe(plan.start_m, plan.direction, np.linalg.norm(plan.end_m - plan.start_m))
+    completion.add(Touch(contact, plan.start_m, plan.end_m, SIGMA_M))
+    round_m = contact[2] * np.array([0.0, 0.0, 1.0]) + np.hypot(*contact[:2]) * np.eye(3)[[0, 1]]
+    assert (completion.radial.deviation_m(round_m) < 3 * SIGMA_M).all()

@@ -78,6 +78,11 @@ def correct_map(
         raise InputError("correct_map", f"found shapes {points.shape}, {measured.shape}, {sigma.shape}")
     if not ((measured > 0).all() and (sigma > 0).all()):
         raise InputError("correct_map", "expected stiffness and sigma above 0")
+    if deviations is not None and deviations.shape[1:] != found.stiffness_N_per_m.shape:
+        raise InputError(
+            "correct_map", f"found {deviations.shape[1:]} deviations, expected those of {len(found.stiffness_N_per_m)} "
+            "points of the map", field="deviations",
+        )  # fmt: skip
     from scipy.spatial import cKDTree
 
     stiffness = np.asarray(found.stiffness_N_per_m, dtype=float)
