@@ -60,7 +60,7 @@ class Reconstruction:
             The index is out of range, or there is no surface around the part.
         """
         region = self._region(part)
-        return Completion(self.surface, HoleRegion.of_points(region.hull_m, region.score), settings)
+        return Completion(self.surface, HoleRegion.of_points(region.hull_m), settings)
 
     def body_completion(self, part: int = 0) -> BodyCompletion:
         """Completion of a fully transparent vessel from its outlines; it stands on the surface below it.

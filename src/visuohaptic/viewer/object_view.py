@@ -334,6 +334,8 @@ def _picked_text(picked: Picked, force_N: float) -> str:
     lines = [f"Point ({x:.0f}, {y:.0f}, {z:.0f}) mm, grasp score {picked.score:.2f}"]
     if np.isnan(k):
         lines.append("There is no opposite point: it cannot be pinched.")
+    elif k <= 0:
+        lines.append("The map has no stiffness here.")
     elif np.isinf(k):
         lines.append("The wall is clamped here and does not deform.")
     else:

@@ -19,7 +19,7 @@ from ..shells.shell import ShellMesh, ShellModel, enclosed_volume
 from ..shells.shell_material import material_constants
 from ..shells.stiffness_map import dual_tip_map, opposing_points
 from .coverage import check_container, check_represented, closed_ends, represented_parts
-from .mesh_repair import clamped_foot, repair_mesh, why_not_as_it_is
+from .mesh_repair import clamped_foot, large_faces, repair_mesh, why_not_as_it_is
 from .mesher import ShellObject, mesh_rings, rim_zones, ring_counts, ring_lid
 from .posture import MeshConvention, placed_mesh
 from .resample import Wall, find_wall
@@ -120,9 +120,13 @@ def _suitable(
     state: MeshState, thickness_m: float, around: int, where: str, *, repair: bool
 ) -> tuple[MeshState, list[str]]:
     """The triangles unchanged, or repaired; rejected if that is not sufficient."""
-    suits = why_not_as_it_is(state)
+    suits, large = why_not_as_it_is(state), large_faces(state)
     notes: list[str] = []
-    if suits and repair:
+    if large and not repair:
+        notes.append(
+            f"{large} load-bearing triangles are coarse, near which the stiffness is up to a tenth wrong"
+        )
+    if (suits or large) and repair:
         state, notes = repair_mesh(state, thickness_m, around)
         suits = why_not_as_it_is(state)
     if suits:

@@ -20,15 +20,7 @@ from ..problem import Plan, PlanningProblem, Task, failure_probability
 from ..pushing.push_failure import sampled_pushes
 from .arrays import Point
 from .drive_tasks import drive_tasks
-from .off_centre_rollouts import (
-    Rollout,
-    contacts_after,
-    drive_of,
-    fits,
-    opens_passage,
-    retreat,
-    rollouts,
-)
+from .off_centre_rollouts import Rollout, contacts_after, drive_of, fits, opens_passage, retreat, rollouts
 from .replanning import after_push
 from .search.domain_builder import build_search_domain
 from .search.drives import pull_string
@@ -113,13 +105,8 @@ def via_off_centre(
     found, best_s = Plan(False, reason="off-centre pushes clear no path either"), math.inf
     for push in plan_off_centre_pushes(problem, lambda after: rest(after, ""), among=among):
         turn = push[-1]
-        after = after_push(
-            problem,
-            turn.object,
-            np.array(turn.displacement_m),
-            np.array(turn.path_m[-1]),
-            turn_rad=turn.turn_rad,
-        )
+        moved_m, at_m = np.array(turn.displacement_m), np.array(turn.path_m[-1])
+        after = after_push(problem, turn.object, moved_m, at_m, turn_rad=turn.turn_rad)
         plan = rest(after, turn.object) if left() else Plan(False)
         expected_s = _expected_s(push) + plan.cost_s
         if expected_s < best_s:
@@ -170,13 +157,9 @@ def _tasks(rollout: Rollout, *, opens: bool) -> Tasks:
 def _missed(rollout: Rollout, *, opens: bool) -> float:
     """Fraction of simulated pushes that collide or do not produce the intended result."""
     path = drive_of(rollout.scene, rollout.direction, rollout.approach_at, rollout.length_m)
+    scene, rng = rollout.scene, np.random.default_rng(0)
     _, along, blocked = sampled_pushes(
-        rollout.scene.model,
-        (0.0, 0.0, 0.0),
-        path,
-        rollout.scene.radius_m,
-        np.random.default_rng(0),
-        samples=SAMPLES,
+        scene.model, (0.0, 0.0, 0.0), path, scene.radius_m, rng, samples=SAMPLES
     )
     failed = 0
     for poses in along[~blocked]:

@@ -207,42 +207,26 @@ def _push_tasks(domain: SearchDomain, step: PushStep) -> list[Task]:
     body, costs = domain.bodies[step.body], domain.costs
     contact = body.push(step.contact)
     before, after = step.shifts_before[step.body], step.shifts_after[step.body]
-    grid = np.array(
-        [
-            body.centre + before + contact.contact,
-            body.centre + after,
-            body.centre + before,
-            step.approach,
-            step.touch + after - before,
-            step.retreat,
-        ]
-    )
-    contact_m, goal_m, from_m, stand_m, pushed_m, retreat_m = world_from_grid(domain.map, grid)
+    bodies = body.centre + np.array([before + contact.contact, after, before])
+    contact_m, goal_m, from_m = world_from_grid(domain.map, bodies)
+    way_m = world_from_grid(domain.map, np.array([step.approach, step.touch + after - before, step.retreat]))
     moved_m = goal_m - from_m
     length_m = float(np.hypot(*moved_m))
     turned = turn_probability(domain, step.body, step.contact, step.length) if contact.oblique else 0.0
     push = push_cost(body.obj.tag, length_m, domain.robot, costs, turn_probability=turned)
-    path_m = tuple((float(x), float(y)) for x, y in (stand_m, pushed_m, retreat_m))
-    driven_m = float(np.hypot(*(pushed_m - stand_m)) + np.hypot(*(retreat_m - pushed_m)))
+    driven_m = float(np.hypot(*np.diff(way_m, axis=0).T).sum())
     tasks: list[Task] = []
     if body.allowed.unknown and not np.any(before):
-        tasks.append(
-            Task(
-                "explore",
-                costs.explore_time_s,
-                object=body.obj.id,
-                contact_m=_pair(contact_m),
-                failure_probability=push.failure_probability,
-            )
-        )
+        touch = Task("explore", costs.explore_time_s, object=body.obj.id, contact_m=_pair(contact_m))
+        tasks.append(replace(touch, failure_probability=push.failure_probability))
     cost_s = push.total_s - (push.fail_s if body.allowed.unknown else 0.0)
     known = push.failure_probability
     if body.allowed.unknown:  # once it has been explored, only the risk of a first push remains
         known = costs.prior_failures / (1.0 + costs.prior_failures + costs.prior_successes)
     turn_rad, covariance = end_of_push(domain, step)
     pushed = Task(
-        "push", cost_s, driven_m, path_m, body.obj.id, _pair(contact_m), _pair(goal_m), _pair(moved_m), turn_rad,
-        failure_probability=known, end_covariance=tuple(map(tuple, covariance.tolist())),
+        "push", cost_s, driven_m, tuple(map(_pair, way_m)), body.obj.id, _pair(contact_m), _pair(goal_m), _pair(moved_m),
+        turn_rad, failure_probability=known, end_covariance=tuple(map(tuple, covariance.tolist())),
     )  # fmt: skip
     return [*tasks, pushed]
 

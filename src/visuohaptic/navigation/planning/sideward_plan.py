@@ -117,18 +117,10 @@ def _task(scene: OffCentreScene, push: SidewardPush) -> Task:
     spin = np.eye(3)
     spin[:2, :2] = turn
     return Task(
-        "sideward",
-        push.cost_s,
-        remaining_m(push.path_m, 0),
-        points(path),
-        body.obj.id,
-        points(touched)[0],
-        points(trace.object_m[-1:, :2])[0],
-        (float(dx), float(dy)),
-        float(trace.object_m[-1, 2]),
-        push.failure_probability,
-        tuple(tuple(float(value) for value in row) for row in spin @ covariance @ spin.T),
-    )
+        "sideward", push.cost_s, remaining_m(push.path_m, 0), points(path), body.obj.id, points(touched)[0],
+        points(trace.object_m[-1:, :2])[0], (float(dx), float(dy)), float(trace.object_m[-1, 2]),
+        push.failure_probability, tuple(map(tuple, (spin @ covariance @ spin.T).tolist())),
+    )  # fmt: skip
 
 
 class SidewardCheck:

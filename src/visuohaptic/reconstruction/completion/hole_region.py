@@ -37,21 +37,16 @@ class HoleRegion:
 
     hull_m: Float[np.ndarray, "v 3"]  #: corners of the hull [m]
     planes: Float[np.ndarray, "p 4"]  #: unit outward normals and offsets, n . x + o <= 0 inside
-    score: float = 1.0  #: score of the transparency detector
     body: UprightBody | None = None  #: upright body fitted to its outlines
 
     @classmethod
-    def of_points(
-        cls, points_m: Float[np.ndarray, "n 3"], score: float = 1.0, body: UprightBody | None = None
-    ) -> HoleRegion:
+    def of_points(cls, points_m: Float[np.ndarray, "n 3"], body: UprightBody | None = None) -> HoleRegion:
         """The convex hull of points.
 
         Parameters
         ----------
         points_m
             Points (n, 3) [m].
-        score
-            Score of the transparency detector.
         body
             Upright body fitted to its outlines.
 
@@ -70,7 +65,7 @@ class HoleRegion:
                 "HoleRegion", "its points span no volume, expected corners of a solid"
             ) from error
         # Merge the coplanar facets of the triangulated hull.
-        return cls(points[hull.vertices], np.unique(np.round(hull.equations, 9), axis=0), score, body)
+        return cls(points[hull.vertices], np.unique(np.round(hull.equations, 9), axis=0), body)
 
     def distance_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Growth of the hull at which it contains each point [m]; negative inside.
@@ -141,16 +136,10 @@ class HoleRegion:
         )
         return HoleRegion.of_points(corners_m)
 
-    def core(self, fraction: float = 0.6) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
-        """Corners and centroid of the shrunk hull, and the depth of each inside the hull [m].
-
-        Parameters
-        ----------
-        fraction
-            Size of the shrunk hull relative to the hull.
-        """
+    def core(self) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
+        """Corners and centroid of the hull shrunk to 0.6, and the depth of each inside the hull [m]."""
         middle = self.hull_m.mean(axis=0)
-        points = np.concatenate([[middle], middle + fraction * (self.hull_m - middle)])
+        points = np.concatenate([[middle], middle + 0.6 * (self.hull_m - middle)])
         return points, -self.distance_m(points)
 
     @property
@@ -165,7 +154,6 @@ _Pair = tuple[FiniteFloat, FiniteFloat]
 class _Cluster(BaseModel):
     model_config = ConfigDict(extra="ignore")
     hull: list[tuple[FiniteFloat, FiniteFloat, FiniteFloat]] = Field(min_length=4, max_length=100_000)
-    score: FiniteFloat = 1.0
     axis: _Pair | None = None
     axis_sigma: tuple[NonNegativeFloat, NonNegativeFloat] | None = None
     radius: tuple[PositiveFloat, PositiveFloat] | None = None
@@ -193,7 +181,7 @@ class _RegionsFile(BaseModel):
 
 
 def load_hole_regions(path: Path | str) -> list[HoleRegion]:
-    """Read ``regions.json``: ``clusters`` with ``hull`` (corners [m]), ``score``, and the upright body of the outlines.
+    """Read ``regions.json``: ``clusters`` with ``hull`` (corners [m]) and the upright body of the outlines.
 
     Parameters
     ----------
@@ -217,7 +205,7 @@ def load_hole_regions(path: Path | str) -> list[HoleRegion]:
     regions = []
     for number, cluster in enumerate(found.clusters):
         try:
-            regions.append(HoleRegion.of_points(np.array(cluster.hull), cluster.score, cluster.body()))
+            regions.append(HoleRegion.of_points(np.array(cluster.hull), cluster.body()))
         except InputError as error:
             raise InputError(path, error.problem, field=f"clusters.{number}.hull") from error
     return regions

@@ -34,6 +34,8 @@ KINDS = np.array(
 )
 #: Weight of the prior of a context, in rays; the prior is that glass and no glass have equal rates.
 _PRIOR_RAYS = 50.0
+#: Standard deviation of the position [m] and of the orientation [rad] of a camera.
+_TRACKING_M, _TURN_RAD = 0.003, 0.0015
 #: Number of standard deviations within which depths agree: 1 % of agreeing depths are missed.
 _WIDTH = 2.5
 #: Three views have to see a surface if there are at least this many, otherwise two: two of many agree by chance.
@@ -54,9 +56,6 @@ class TrackedNoise:
     """Standard deviation of a depth against its prediction from another view, from camera and pose errors."""
 
     device: DepthNoise = SENSOR_NOISE["kinect"]
-    tracking_m: float = 0.003  #: standard deviation of the camera position [m]
-    turn_rad: float = 0.0015  #: standard deviation of the camera orientation [rad]
-
     factor: float = 1.0  #: factor on both, estimated from the sequence
     #: measured standard deviation of a depth, median of a pair of views, mean square of pairs; NaN if unknown [m]
     depth_sigma_m: float = np.nan
@@ -100,7 +99,7 @@ class TrackedNoise:
         # The median absolute deviate of a normal distribution is 0.6745 standard deviations.
         factor = float(np.clip(np.median(found) / 0.6745, 1.0, _TRUSTED))
         depth_sigma_m = float(np.sqrt(np.mean(np.square(sigmas_m))))
-        return cls(device, noise.tracking_m, noise.turn_rad, factor, depth_sigma_m)
+        return cls(device, factor, depth_sigma_m)
 
     def sigma_m(self, depth_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
         """Standard deviation of depths of a surface at normal incidence [m].
@@ -110,7 +109,7 @@ class TrackedNoise:
         depth_m
             Depths along the optical axis [m].
         """
-        return self.factor * replace(self.device, tracking_m=self.tracking_m).sigma_m(depth_m)
+        return self.factor * replace(self.device, tracking_m=_TRACKING_M).sigma_m(depth_m)
 
     def pixels(self, focal_px: float) -> float:
         """Standard deviation of the image position of a point, per axis, from rounding and pose errors [px].
@@ -120,7 +119,7 @@ class TrackedNoise:
         focal_px
             Focal length [px].
         """
-        return float(np.hypot(np.sqrt(2 / 12), focal_px * self.turn_rad))
+        return float(np.hypot(np.sqrt(2 / 12), focal_px * _TURN_RAD))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,7 +146,7 @@ class ViewDepth:
         depth_m = ideal_depth(frame)
         sigma_m = np.empty_like(depth_m)
         device = noise.device
-        numbers = (device.quadratic_per_m, device.constant_m, device.offset_m, noise.tracking_m)
+        numbers = (device.quadratic_per_m, device.constant_m, device.offset_m, _TRACKING_M)
         focal_px = frame.camera.focal_px
         reach = noise.pixels(focal_px), _GRAZING_SLOPE / focal_px
         depth_deviation(depth_m, *(np.float32(number) for number in (*numbers, *reach)), sigma_m)
@@ -188,7 +187,7 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
     warp_views(depths, motions(pose, poses), *camera, warped)
     there = back_motions(pose, poses)
     deepest_m = np.float32(noise.factor * replace(noise.device, tracking_m=0.0).sigma_m(np.array(1.0)))
-    numbers = np.float32(_WIDTH), deepest_m, np.float32(noise.factor * noise.tracking_m)
+    numbers = np.float32(_WIDTH), deepest_m, np.float32(noise.factor * _TRACKING_M)
     shape = view.depth_m.shape
     predicted_m = np.empty(shape, np.float32)
     votes, empty, reading = (np.empty(shape, np.uint8) for _ in range(3))
@@ -203,7 +202,7 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
     above = [np.nextafter(np.array(limits, np.float32), beyond) for limits in (_DISTANCES, _VOTES)]
     limits = (*above, np.array(_EMPTY, np.float32), np.array(_DEPTHS_M, np.float32))
     eye = np.float32(focal_px * device.baseline_m), np.float32(0.5 * device.window_px(focal_px))
-    coefficients = device.quadratic_per_m, device.constant_m, device.offset_m, noise.tracking_m, noise.factor
+    coefficients = device.quadratic_per_m, device.constant_m, device.offset_m, _TRACKING_M, noise.factor
     code, limit_m = np.empty(shape, np.uint16), np.empty(shape, np.float32)
     rates = (np.float32(number) for number in coefficients)
     ray_codes(reading, predicted_m, votes, empty, distance, *eye, *limits, *rates, code, limit_m)

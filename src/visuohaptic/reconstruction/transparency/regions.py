@@ -31,29 +31,23 @@ class TransparentRegion:
     score: float  #: mean score of its voxels
     voxels: int  #: number of voxels
     volume_m3: float  #: volume of the hull [m3]
+    #: unit outward normals and offsets of the triangles of the hull, n . x + o <= 0 inside [m]
+    planes: Float[np.ndarray, "faces 4"]
     body: UprightBody | None = None  #: upright body fitted to its outlines
 
-    @property
-    def planes(self) -> Float[np.ndarray, "faces 4"]:
-        """Unit outward normals and offsets of the triangles of the hull, n . x + o <= 0 inside [m]."""
-        a, b, c = (self.hull_m[self.faces[:, k]] for k in range(3))
-        normal = np.cross(b - a, c - a)
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-15)
-        return np.column_stack([normal, -(normal * a).sum(axis=1)])
-
-    def contains(self, points_m: Float[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
+    def contains(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
         """Whether points are in the hull.
 
         Parameters
         ----------
         points_m
-            Points (..., 3) of the world [m].
+            Points (n, 3) of the world [m].
         """
-        points = np.asarray(points_m, dtype=np.float64)
-        inside = np.ones(points.shape[:-1], dtype=bool)
-        for plane in self.planes:
-            inside &= points @ plane[:3] + plane[3] <= 1e-9
-        return inside
+        from .._hull_kernels import hull_distance
+
+        away_m = np.empty(len(points_m))
+        hull_distance(np.ascontiguousarray(points_m), np.ascontiguousarray(self.planes.T), away_m)
+        return np.asarray(away_m <= 1e-9)
 
 
 def find_regions(
@@ -126,6 +120,7 @@ def region_of(
         float(scores.mean()),
         len(cells),
         float(hull.volume),
+        hull.equations,
         body,
     )
 
