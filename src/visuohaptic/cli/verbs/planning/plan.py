@@ -12,8 +12,9 @@ writes
 
 The result is one of: optimal; within N % of the optimum; no plan (proved); no plan found (not proved). Without a
 plan the exit code is 3. cost_s is the sum of the times of all actions, by which plans are compared; expected_duration_s
-adds turns on the spot, braking before corners and the way to each push, as the robot drives them. An object tagged as fixed, or as likely to
-topple, is never pushed. contact_m is the contact point on the outline, goal_m where the object's centre ends.
+adds turns on the spot, braking before corners and the way to each push, as the robot drives them. An object tagged as
+fixed, or as likely to topple, is never pushed. contact_m is the contact point on the outline, goal_m where the object's
+centre ends.
 
 With --explore S, the result is a tour instead: which unknown objects to touch, and in which order, so that the expected
 benefit (passages opened first, then time saved) within S seconds is greatest; it ends at --goal if one is given. Each
