@@ -22,7 +22,7 @@ from visuohaptic.navigation.planning.search import (
     push_states,
     search_pushes,
 )
-from visuohaptic.navigation.problem import MovableObject, PlanningProblem, PushCosts, plan_from_json
+from visuohaptic.navigation.problem import MovableObject, PlanningProblem, PushCosts, PushMode, plan_from_json
 
 from .plan_check import faults
 from .plan_scenes import BIN, ROBOT, STOOL, box, office, random_scene, rooms, with_objects
@@ -112,9 +112,29 @@ def test_what_is_fixed_or_falls_is_never_pushed_and_that_there_is_no_way_is_prov
     plan = make_plan(problem)
     assert not plan.reachable
     assert plan.proved
-    assert plan.reason == "walls and what cannot be pushed separate start and goal"
+    assert plan.reason == "walls and what is not pushed separate start and goal"
     assert plan.tasks == ()
     assert make_plan(corridor(STOOL)).reachable
+
+
+@pytest.mark.parametrize("walled_in", [False, True])
+@pytest.mark.parametrize("mode", [PushMode.SIDEWARD, PushMode.OFF_CENTRE])
+def test_no_plan_is_proved_only_without_what_is_pushed_in_passing_or_beside_its_centre(mode, walled_in):
+    """A block behind the door leaves a box no way out of it: shown by simulation for such pushes, not proved."""
+    problem = corridor(STOOL)
+    cells = problem.map.cells.copy()
+    (low, left), (high, right) = np.rint(np.array([[0.55, 1.7], [1.95, 2.2]]) / problem.map.resolution_m)
+    cells[int(low) : int(high), int(left) : int(right)] = 100
+    if walled_in:
+        cells[:, int(left)] = 100
+    problem = replace(
+        problem,
+        map=OccupancyMap(cells, problem.map.resolution_m),
+        objects=tuple(replace(item, push=mode) for item in problem.objects),
+    )
+    plan = make_plan(problem)
+    assert not plan.reachable
+    assert plan.proved == walled_in
 
 
 @pytest.mark.parametrize("doorway", [(), (box(1.25, 1.25, 0.2),)])

@@ -332,7 +332,7 @@ def _visible(mission: Mission) -> Completion:
     among = (height > hull.min() + 2 * VOXEL_M) & (height < hull.max() - 2 * VOXEL_M)
     return Completion(
         wall.submesh(np.flatnonzero(~among)),
-        HoleRegion.of_points(region.hull_m, region.score),
+        HoleRegion.of_points(region.hull_m),
         CompletionSettings(floor_m=FLOOR_M),
         T_visual_haptic=PLACE.inverse(),
     )

@@ -89,19 +89,26 @@ def _cheapest(domain: SearchDomain, limits: SearchLimits, done: frozenset[str] =
             return planned(after, done | ({id} if id else turned))
 
         plan = via_off_centre(domain.problem, after_turn, turned, lambda: not deadline.passed)
-        # The proof covers straight pushes only.
-        refused = replace(safe_plan, proved=False, notes=(*safe_plan.notes, plan.reason))
+        refused = replace(safe_plan, notes=(*safe_plan.notes, plan.reason))
         safe_plan = plan if plan.reachable else refused
     if not unknown:
-        return safe_plan
+        return _with_proof(domain, safe_plan, _until(deadline, limits))
     risky_plan = _planned(domain, _until(deadline, limits), unknown=True)
     explored = next((i for i, task in enumerate(risky_plan.tasks) if task.kind == "explore"), None)
     if not risky_plan.reachable or explored is None:
-        return safe_plan if safe_plan.reachable else risky_plan
+        return _with_proof(domain, safe_plan if safe_plan.reachable else risky_plan, _until(deadline, limits))
     expected_s = _expected(domain, risky_plan, explored, _until(deadline, limits))
     if safe_plan.reachable and safe_plan.cost_s <= expected_s:
         return safe_plan
     return replace(risky_plan, expected_s=expected_s)
+
+
+def _with_proof(domain: SearchDomain, plan: Plan, limits: SearchLimits) -> Plan:
+    """A plan, or none: proofs cover straight pushes, so that one holds only without the objects that are pushed otherwise."""
+    straight = tuple(body for body in domain.bodies if body.obj.push is PushMode.DIRECT)
+    if not plan.proved or len(straight) == len(domain.bodies):
+        return plan
+    return replace(plan, proved=_planned(replace(domain, bodies=straight), limits, unknown=True).proved)
 
 
 def _until(deadline: Deadline, limits: SearchLimits) -> SearchLimits:

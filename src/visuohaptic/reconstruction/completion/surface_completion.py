@@ -11,6 +11,7 @@ off-surface points along an unmeasured normal.
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -137,8 +138,7 @@ class Completion:
         self._symmetric = self.settings.use_priors and self._symmetry.possible
 
     def _reset(self) -> None:
-        self._plan: tuple[SurfaceMesh, BiharmonicMesh] | None = None
-        self._score: tuple[Float[np.ndarray, "v"], Bool[np.ndarray, "v"]] | None = None
+        self._plan: Any = None
         self._radial: RadialMixture | None = None
         self._uncertainty: SurfaceUncertainty | None = None
 
@@ -262,20 +262,17 @@ class Completion:
         assert self.shell is not None
         return self.shell.inner(self.surface(), self.region, self.band.gap_m)
 
-    def _planned(self) -> tuple[SurfaceMesh, BiharmonicMesh]:
+    def _planned(
+        self,
+    ) -> tuple[SurfaceMesh, BiharmonicMesh, Float[np.ndarray, "v"], Bool[np.ndarray, "v"]]:
+        """The planning mesh with its distances, the score of every vertex, and whether it is in the missing part."""
         if self._plan is None:
             mesh = self._space.surface(self._fit, _PLAN_GRID, self._supports())
-            self._plan = mesh, BiharmonicMesh(mesh.vertices_m, mesh.faces)
-        return self._plan
-
-    def _scored(self) -> tuple[Float[np.ndarray, "v"], Bool[np.ndarray, "v"]]:
-        """Score of every vertex of the planning mesh, and whether it is in the missing part."""
-        if self._score is None:
-            mesh, distances = self._planned()
+            distances = BiharmonicMesh(mesh.vertices_m, mesh.faces)
             heights, z_m = self._outer.hull_m[:, 2], mesh.vertices_m[:, 2]
             missing = self.band.away(mesh.vertices_m) & (z_m >= heights.min()) & (z_m <= heights.max())
-            self._score = distances.score(self._support_vertices(mesh)), missing
-        return self._score
+            self._plan = mesh, distances, distances.score(self._support_vertices(mesh)), missing
+        return self._plan
 
     def _deviation_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Standard deviation of points of the estimated surface [m]."""
@@ -294,8 +291,7 @@ class Completion:
     def uncertainty(self) -> SurfaceUncertainty:
         """Score and standard deviation of every vertex of the planning mesh."""
         if self._uncertainty is None:
-            mesh, _ = self._planned()
-            score, missing = self._scored()
+            mesh, _, score, missing = self._planned()
             self._uncertainty = SurfaceUncertainty(mesh, score, self._deviation_m(mesh.vertices_m), missing)
         return self._uncertainty
 
@@ -354,8 +350,7 @@ class Completion:
             Of each further finger: minimum and maximum distance of its start
             from the start of the first [m]. Fingers without a reachable target are omitted.
         """
-        mesh, distances = self._planned()
-        score, missing = self._scored()
+        mesh, distances, score, missing = self._planned()
         ok = missing & reachable(
             mesh, self.axis_m, self.touches, size_m=self.region.size_m, clear_m=self._d_m
         )

@@ -169,7 +169,7 @@ class FoamSensor:
         )
         zero = replace(zero, encoding=encoding_probability(skews))
         self._check_width(float(np.median(zero.width_m)), "zero")
-        check_known(zero, seen[-1].width_sigma_m, self.setup)
+        check_known(zero, seen[-1].width_sigma_m, self.optics.outside, self.setup)
         if self.optics.stripe is None and abs(zero.contrast) < _MIN_CONTRAST:
             log.warning(
                 "the foam and what is in front of it differ by %.0f grey levels, expected %.0f or more: frames may not be read; "

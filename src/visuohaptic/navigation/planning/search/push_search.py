@@ -320,7 +320,7 @@ class _Search:
         if not self.cells.size:
             return "the robot does not fit at its start", True
         if heuristic.free_field[self.cells].min() >= heuristic.far:
-            what = "walls and what cannot be pushed" if domain.immovable else "walls"
+            what = "walls and what is not pushed" if domain.immovable or still.any() else "walls"
             loose = domain.relaxed
             near, ends = (loose.seeds(heuristic.base, point)[0] for point in (self.start, goal))
             joined = flood(heuristic.base, loose.radius, near, ends)[ends].any()
