@@ -148,7 +148,9 @@ class StripOptics:
         front = plane.project(geometry.back_m + width * geometry.outward)
         size = np.array([plane.camera.width - 1, plane.camera.height - 1])
         #: Points outside the image, which are hidden in every frame.
-        self.outside = ~((origin >= 0) & (origin <= size) & (front >= 0) & (front <= size)).all(axis=1)
+        self.outside: Bool[np.ndarray, "K"] = ~np.all(
+            (origin >= 0) & (origin <= size) & (front >= 0) & (front <= size), axis=1
+        )
         if 2 * self.outside.sum() > len(origin):
             raise InputError(
                 "T_camera_foam",
