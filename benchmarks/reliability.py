@@ -511,7 +511,7 @@ def markdown(
     journal: Journal, apart: dict[str, dict[str, Any]] | None = None, before: str = "", commit: str = ""
 ) -> str:
     """The page of the table; rows that are not in the reports are those of the page ``before``, and say so."""
-    others = f" The others are of commit {commit}." if commit else ""
+    others = f" The others were measured up to commit {commit}." if commit else ""
     kept = {row[0].partition(" ")[0]: row[2:] for row in _cells(before, "owed")}
     lines = [
         "# Reliability",
