@@ -33,14 +33,14 @@ from visuohaptic.demo.bottle import (
     random_table_bottle,
 )
 from visuohaptic.demo.hand_chapters import CONFIDENCE, MAX_SQUEEZES, MIN_SQUEEZES, NO_ROUND, mission_classes
-from visuohaptic.demo.probe_chapters import HEIGHT_SIGMA_M, seen_errors
+from visuohaptic.demo.probe_chapters import seen_errors
 from visuohaptic.recognition import UNKNOWN
 from visuohaptic.recognition.touch import HapticModel, container_outline, with_outline
 from visuohaptic.simulation.tabletop import OvalContainer
 from visuohaptic.tasks.manipulation import BayesSqueezer, Place, SqueezeCurve
 
 #: Noise of a level's force [N], deformation and place of the wall [m]; error of the height, and over which it is smooth [m].
-FORCE_N, DEFORMATION_M, SURFACE_M, TALL_M, SMOOTH_M = 0.03, 1.5e-5, 5e-5, HEIGHT_SIGMA_M, 0.015
+FORCE_N, DEFORMATION_M, SURFACE_M, TALL_M, SMOOTH_M = 0.03, 1.5e-5, 5e-5, 9e-4, 0.015
 LEVELS_N = (0.5, 1.0, 2.0, 4.0, 8.0)
 
 
