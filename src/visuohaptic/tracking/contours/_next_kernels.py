@@ -112,7 +112,8 @@ def _best_next(place, level, count, blur, nearest, noise, basis, found):
     wide, single = blur, np.empty(count)
     for _softer in range(_BLURS):
         for i in range(2):
-            single[:] = work
+            for j in range(count):
+                single[j] = work[j]
             alone = min(alone, _single(place, single, count, found[0] if i else 0.0, wide, basis))
         wide *= _SOFTER
     found[2] = 0.5 * count * math.log(max(alone, floor) / max(left, floor)) - math.log(max(tries, 1))

@@ -274,7 +274,9 @@ def refine(
     state[:, STATUS] = OK
     state[:, NEXT_STEP] = 0.0
     far, searched, beyond = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros((n, 3))
-    single = not doubtful.any()
+    several = False
+    for k in range(n):
+        several |= doubtful[k]
     at = np.full(n, 1e9)
     blur_then = np.zeros(n)
     curve_then = np.zeros(n)
@@ -295,7 +297,7 @@ def refine(
         for k in range(n):
             far[k] = abs(state[k, T] - at[k]) > 0.6 * state[k, BLUR] or state[k, BLUR] > 1.1 * blur_then[k]
             searched[k] = far[k] and going[k] and doubtful[k] and state[k, STATUS] != BORDER
-        if not single:
+        if several:
             next_edges(
                 grey, origin, direction, half, state, NEAR, plateau_px, max(noise_var, 1.0), min_contrast, searched,
                 beyond,
