@@ -1,14 +1,23 @@
 """Typical programming mistakes, applied to the syntax tree of a module one at a time.
 
 Operators: the boundary of a comparison is included or excluded, or the comparison is inverted; ``+ -``, ``* /``, ``and or`` and
-similar pairs are exchanged; ``not`` is removed; True becomes False; an integer is incremented, a float is multiplied by 1.25; a
-call whose result is not used is removed. Texts are not changed: messages of errors and logs, strings, annotations,
+similar pairs are exchanged; ``not`` is removed; True becomes False; an integer is incremented, from 8 on multiplied by 1.25 as
+a float is; a call whose result is not used is removed. Texts are not changed: messages of errors and logs, strings, annotations,
 decorators, ``__all__``. Neither are compiled functions, which are tested against plain twins.
+
+Some changes are no mistakes, because no correct test can tell them from the original. :attr:`Mutation.rule` names the rule:
+
+- *boundary*: of ``<`` and ``<=`` between real numbers of which one is computed: they are never equal. Not where the comparison
+  decides a refusal, which names its limit.
+- *guard*: a positive number of at most 1e-9 that prevents a division by zero or a logarithm of it.
+- *budget*: a constant in bytes, or of a BLOCK or CHUNK of work; a limit of memory a quarter higher is as good.
+- *look*: sizes, colours, limits and grids of a figure, and to how many digits a number is rounded.
 """
 
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -50,6 +59,23 @@ _COUNTED: dict[type[ast.operator], type[ast.operator]] = {
 }
 #: Fields of a node that no test can observe, or that are texts.
 _SILENT = {"annotation", "returns", "decorator_list", "type_params", "type_comment"}
+#: Integers from here on are amounts: one more changes them by less than the fifth that a constant is tested for.
+_COUNTED_UP = 8
+_GUARD = 1e-9
+_BYTES = re.compile(r"_BYTES$|(^|_)(BLOCK|CHUNK)(_|$)")
+_UNIT = re.compile(r"_(m|mm|s|rad|N|Pa|kg|J|px|Nm|mL|g|deg|Hz)\d?$|_per_")
+#: Calls and arguments that only decide how a figure looks.
+_LOOKS = {"alpha", "figsize", "fontsize", "linewidth", "lw", "markersize", "ms", "zorder", "dpi"}
+_LOOKS |= {
+    "grid",
+    "legend",
+    "set_xlim",
+    "set_ylim",
+    "tight_layout",
+    "subplots_adjust",
+    "tick_params",
+    "set_aspect",
+}
 _WORDS = ("_log", "logging", "warnings", "typing", "__")
 
 
@@ -61,6 +87,7 @@ class Mutation:
     statement: int  #: line of the statement that it is in, as coverage tells it
     function: str  #: empty at the level of the module
     title: str  #: before and after
+    rule: str = ""  #: by which it is no mistake
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +96,7 @@ class _Place:
 
     statement: int = 0
     function: str = ""
+    inside: str = ""  #: what it is part of: "refusal", "budget" or "look"
 
 
 _Site = tuple[Mutation, Callable[[], None]]
@@ -105,18 +133,29 @@ def _sites(node: ast.AST, place: _Place) -> Iterator[_Site]:
     if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
         place = _Place(node.lineno, node.name)
     elif isinstance(node, ast.stmt):
-        place = _Place(node.lineno, place.function)
+        place = _Place(node.lineno, place.function, _part(node))
     yield from _of(node, place)
     for name, value in ast.iter_fields(node):
         if name in _SILENT:
             continue
         # Default values are evaluated when the module is imported.
         here = _Place(place.statement) if isinstance(node, ast.arguments) else place
+        if isinstance(node, ast.keyword) and node.arg in _LOOKS:
+            here = _Place(place.statement, place.function, "look")
         for number, child in enumerate(value if isinstance(value, list) else [value]):
             if not isinstance(child, ast.AST):
                 continue
+            if (
+                isinstance(node, ast.Call)
+                and name == "args"
+                and number == 1
+                and ast.unparse(node.func) in ("round", "np.round")
+            ):
+                here = _Place(place.statement, place.function, "look")
             if (new := _replacement(child)) is not None:
-                there = _Place(child.lineno, place.function) if isinstance(child, ast.stmt) else here
+                there = here
+                if isinstance(child, ast.stmt):
+                    there = _Place(child.lineno, place.function, _part(child))
                 yield _told(child, new, there), _setter(node, name, number, new)
             yield from _sites(child, here)
 
@@ -167,7 +206,7 @@ def _replacement(node: ast.AST) -> ast.AST | None:
         if isinstance(node.value, bool):
             return ast.Constant(not node.value)
         if isinstance(node.value, int):
-            return ast.Constant(node.value + 1)
+            return ast.Constant(node.value + 1 if node.value < _COUNTED_UP else node.value * 5 // 4)
         if isinstance(node.value, float) and node.value:
             return ast.Constant(1.25 * node.value)
     return None
@@ -183,7 +222,45 @@ def _is_text(node: ast.BinOp) -> bool:
 
 def _told(old: Any, new: ast.AST, place: _Place) -> Mutation:
     title = f"{ast.unparse(old)} -> {'' if isinstance(new, ast.Pass) else ast.unparse(new)}"
-    return Mutation(old.lineno, place.statement, place.function, " ".join(title.split()))
+    rule = place.inside if place.inside in ("budget", "look") else ""
+    if isinstance(old, ast.Constant) and isinstance(old.value, float) and 0 < old.value <= _GUARD:
+        rule = "guard"
+    if isinstance(old, ast.Compare) and isinstance(new, ast.Compare) and place.inside != "refusal":
+        rule = "boundary" if _is_boundary(old, new) else rule
+    return Mutation(old.lineno, place.statement, place.function, " ".join(title.split()), rule)
+
+
+def _part(statement: ast.stmt) -> str:
+    """What the expressions of a statement are part of."""
+    if isinstance(statement, ast.If) and any(isinstance(one, ast.Raise) for one in statement.body):
+        return "refusal"
+    if isinstance(statement, ast.Assign) and _BYTES.search(ast.unparse(statement.targets[0])):
+        return "budget"
+    call = statement.value if isinstance(statement, ast.Expr) else None
+    if isinstance(call, ast.Call) and isinstance(call.func, ast.Attribute) and call.func.attr in _LOOKS:
+        return "look"
+    return ""
+
+
+def _is_boundary(old: ast.Compare, new: ast.Compare) -> bool:
+    """Whether only a boundary of real numbers changes, at least one of which is computed."""
+    for left, a, b, right in zip(
+        [old.left, *old.comparators], old.ops, new.ops, old.comparators, strict=False
+    ):
+        if type(a) is not type(b):
+            same = {type(a), type(b)} in ({ast.Lt, ast.LtE}, {ast.Gt, ast.GtE})
+            computed = isinstance(left, ast.BinOp) or isinstance(right, ast.BinOp)
+            return same and computed and (_is_real(left) or _is_real(right))
+    return False
+
+
+def _is_real(node: ast.AST) -> bool:
+    """Whether a real number is part of an expression: by its fraction, or by the unit in its name."""
+    for one in ast.walk(node):
+        name = one.id if isinstance(one, ast.Name) else one.attr if isinstance(one, ast.Attribute) else ""
+        if _UNIT.search(name) or (isinstance(one, ast.Constant) and isinstance(one.value, float)):
+            return True
+    return False
 
 
 def _setter(owner: ast.AST, field: str, number: int, new: ast.AST) -> Callable[[], None]:

@@ -65,6 +65,8 @@ STOPPING = (
 FAULTS = ("none", "frames dropped", "frames late", "force outliers", "pose wrong", "bumped", *STOPPING)
 #: Friction and stiffness are right within this fraction or three declared sigmas, places within this [m].
 FRACTION, PLACE_M = 0.12, 0.1
+#: Mass of the platform [kg], and its deceleration when it is pushed over the floor: a coefficient of friction of 0.5 [m/s^2].
+PLATFORM_KG, SLIDE_M_S2 = PlatformConfig().mass_kg, 0.5 * 9.81
 
 
 @dataclass(slots=True)
@@ -261,6 +263,7 @@ class Travel(Rig):
         item = FloorObject("stool", stool.footprint_m, self.friction_N / (9.81 * 0.3), 0.3)
         self.world = FloorWorld(walls, [item], (0.7, 1.4, 0.3))
         self.senses = FloorSenses(self.world, self.rng)
+        self._slide_m_s = np.zeros(2)  #: velocity of a platform that was bumped
 
     def now_s(self) -> float:
         return self.world.t_s
@@ -271,7 +274,20 @@ class Travel(Rig):
         return abs(float(self.world._back[0])), bool(base.target_speed_m_s or base.target_turn_rate_rad_s)
 
     def bump(self) -> None:
-        self.world._pose[:2] += 0.03 * self.rng.standard_normal(2).clip(-1, 1)
+        way_m = 0.03 * self.rng.standard_normal(2).clip(-1, 1)
+        self._slide_m_s = way_m * math.sqrt(2.0 * SLIDE_M_S2 / float(np.hypot(*way_m)))
+
+    def step(self, duration_s: float) -> None:
+        """Advance the world; a bumped platform slides until friction, or what it meets, has stopped it."""
+        step_s, end_s = float(self.world._model.opt.timestep), self.world.t_s + duration_s
+        while (speed := float(np.hypot(*self._slide_m_s))) > 0.0 and self.world.t_s < end_s - 0.5 * step_s:
+            self.world._pose[:2] += step_s * self._slide_m_s
+            self.world.step(step_s)
+            met_N = self.world.touch.force_N if self.world.touch else 0.0
+            slower = (SLIDE_M_S2 + met_N / PLATFORM_KG) * step_s
+            self._slide_m_s *= max(0.0, 1.0 - slower / speed)
+        if (left_s := end_s - self.world.t_s) > 0.5 * step_s:
+            self.world.step(left_s)
 
     def attempt(self, guard: Supervisor, fault: Fault, record: Record) -> Claim:
         senses = self.senses
@@ -294,7 +310,7 @@ class Travel(Rig):
                 return fault.force(force_N), point_m
 
         def wait(duration_s: float) -> None:
-            self.world.step(duration_s)
+            self.step(duration_s)
             self.watch(guard, fault, record)
 
         base = guard.base(_Device(self.world.base, fault))

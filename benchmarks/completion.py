@@ -193,10 +193,11 @@ def speeds() -> list[dict[str, Any]]:
     from scipy.interpolate import RBFInterpolator
     from scipy.spatial import cKDTree
 
-    from visuohaptic.reconstruction.surfaces import BiharmonicMesh, Grid, RbfSurface, isosurface
+    from visuohaptic.reconstruction.fusion import SpaceGrid
+    from visuohaptic.reconstruction.surfaces import BiharmonicMesh, RbfSurface, isosurface
 
     centers, values = _band_surface()
-    grid = Grid.over(np.array([-0.06, -0.06, 0.03]), np.array([0.06, 0.06, 0.15]), 0.12 / 63)
+    grid = SpaceGrid.around(np.array([-0.06, -0.06, 0.03]), np.array([0.06, 0.06, 0.15]), 0.12 / 64)
     fitted = RbfSurface(centers, values, 1e-8)
     contact = np.array([[0.037, 0.0, 0.09]])
     full_s = harness.cpu_seconds(lambda: isosurface(RbfSurface(centers, values, 1e-8), grid))
@@ -206,7 +207,7 @@ def speeds() -> list[dict[str, Any]]:
         from skimage.measure import marching_cubes
 
         model = RBFInterpolator(centers, values, kernel="cubic", degree=1)
-        return marching_cubes(model(grid.all_nodes_m).reshape(grid.shape), 0.0)
+        return marching_cubes(model(grid.all_centres_m).reshape(grid.shape), 0.0)
 
     started_s = time.process_time()
     peer()
@@ -220,7 +221,7 @@ def speeds() -> list[dict[str, Any]]:
     for count, floor, aim in ((2000, 140.0, 40.0), (5000, 330.0, 100.0)):
         # Vertices of the surface grow with the square of the nodes.
         step = 0.12 / 63 * np.sqrt(len(isosurface(fitted, grid)[0]) / count)
-        vertices, faces = isosurface(fitted, Grid.over(grid.low_m, grid.low_m + 0.12, float(step)))
+        vertices, faces = isosurface(fitted, SpaceGrid.around(grid.low_m, grid.low_m + 0.12, float(step)))
         supports = cKDTree(vertices).query(centers[:300])[1]
         spent_s = harness.cpu_seconds(lambda v=vertices, f=faces, s=supports: BiharmonicMesh(v, f).score(s))
         rows.append(

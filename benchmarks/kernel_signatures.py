@@ -168,7 +168,7 @@ def run_reconstruction() -> None:
     from visuohaptic.reconstruction import reconstruct
     from visuohaptic.reconstruction._hull_kernels import hull_distance, mask_through, seen_fraction
     from visuohaptic.reconstruction.fusion import SENSOR_NOISE, SpaceGrid
-    from visuohaptic.reconstruction.surfaces import Grid, RbfSurface, isosurface
+    from visuohaptic.reconstruction.surfaces import RbfSurface, isosurface
     from visuohaptic.reconstruction.transparency.outline_fit import OutlineView, fit_bodies
     from visuohaptic.reproduce.worlds import PublishedDetector
 
@@ -193,8 +193,7 @@ def run_reconstruction() -> None:
     surface = RbfSurface(corners_m, np.zeros(8))
     surface(corners_m)
     surface.on_grid(corners_m)
-    surface.gradient(corners_m)
-    isosurface(surface, Grid(np.zeros(3), (8, 8, 8), 0.01))
+    isosurface(surface, SpaceGrid(np.zeros(3), (8, 8, 8), 0.01))
     rows = np.array([0, 59])
     planes = np.array([[0.0, 0.0, -1.0, 0.5], [0.0, 0.0, 1.0, -0.6]])
     numbers = (camera.matrix[0, 0], camera.matrix[1, 1], camera.matrix[0, 2], camera.matrix[1, 2])

@@ -13,7 +13,8 @@ process that has the libraries loaded, and the tests that execute the line run, 
   and so are those of other packages, those marked slow and those that need real data: the score is a lower bound;
 - *uncovered*: no test executes the line in its own process.
 
-The score is the fraction that was killed. Some survivors are equivalent to the original code. A larger ``--sample`` with the
+The score is the fraction that was killed. Changes that no correct test can notice are not drawn; how many, and by which rule of
+:mod:`benchmarks._mutations`, is printed. Other survivors may still be equivalent to the original code. A larger ``--sample`` with the
 same seed contains the smaller one, and continues it.
 """
 
@@ -41,7 +42,7 @@ from typing import Any
 from . import _mutant
 from ._journal import Journal
 from ._mutations import Mutation, mutate, mutations
-from .house import ROOT, Module, read_modules
+from .house import ROOT, Module, imported_modules, read_modules
 
 __all__ = ["counts", "judge", "main", "map_tests", "score"]
 
@@ -222,7 +223,11 @@ def _sample(packages: list[str], modules: dict[str, Module], count: int, seed: i
         own = _own(package, modules)
         places = [(one, number, found) for one in own for number, found in enumerate(mutations(one.tree))]
         random.Random(f"{seed} {package}").shuffle(places)
-        for module, number, found in places[:count]:
+        drawn = [place for place in places if not place[2].rule]
+        rules = Counter(found.rule for *_, found in places if found.rule)
+        told = ", ".join(f"{rules[rule]} {rule}" for rule in sorted(rules))
+        print(f"{package}: {len(places)} changes, {rules.total()} of them no mistakes ({told})", flush=True)
+        for module, number, found in drawn[:count]:
             yield package, module, number, found
 
 
@@ -276,10 +281,22 @@ def _maps(
     return found
 
 
-def _names(module: Module) -> set[str]:
-    """The module's own name, and those of its functions and classes."""
+def _names(module: Module, modules: dict[str, Module]) -> set[str]:
+    """Names of a module and its functions and classes, and of those of its folder that import it.
+
+    What is private to a folder is tested through its public functions.
+    """
     kinds = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
-    return {module.path.stem} | {one.name for one in module.tree.body if isinstance(one, kinds)}
+    users = [
+        one
+        for one in modules.values()
+        if one.path.parent == module.path.parent and module.name in imported_modules(one, modules)
+    ]
+    return {
+        name
+        for one in (module, *users)
+        for name in (one.path.stem, *(part.name for part in one.tree.body if isinstance(part, kinds)))
+    }
 
 
 def main() -> None:
@@ -291,7 +308,7 @@ def main() -> None:
     parser.add_argument("--sample", type=int, default=20, help="mistakes per package")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=30.0, metavar="S", help="of tests for one mistake")
-    near = "only test files that name the mistake's module or what it defines: cheaper, and a lower score"
+    near = "only test files that name the mistake's module, what it defines, or what uses it: cheaper, and a lower score"
     parser.add_argument("--near", action="store_true", help=near)
     parser.add_argument("--report", type=Path, default=Path("results/mutants.jsonl"))
     parser.add_argument("--list", action="store_true", help="only say which mistakes there are")
@@ -308,7 +325,7 @@ def main() -> None:
     sample = list(_sample(args.packages, modules, args.sample, args.seed))
     maps = {}
     for name in args.packages:
-        named = {one for package, module, *_ in sample if package == name for one in _names(module)}
+        named = {one for package, module, *_ in sample if package == name for one in _names(module, modules)}
         maps[name] = _maps(name, modules, calls, named if args.near else None)
     rows = {}
     for package, module, number, found in sample:

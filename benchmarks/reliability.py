@@ -428,7 +428,8 @@ def _of_tests(apart: dict[str, dict[str, Any]], before: str = "") -> list[str]:
             "",
             "Small mistakes drawn at random and put into the code one at a time (`python -m benchmarks.mutants`); the score",
             "is killed of all, by the tests of the package alone, so a lower bound. Owed: 0.75. *Near*: only by files of tests",
-            "that name the module or what it defines, a still lower bound.",
+            "that name the module, what it defines or what uses it, a still lower bound. Changes that no correct test can tell from",
+            "the original are not drawn, by four rules (boundaries of computed numbers, guards against zero, budgets, looks of figures).",
             "",
             "| package | mistakes | killed | survived | not executed | score |",
             "|---|---|---|---|---|---|",
@@ -506,8 +507,11 @@ def _figures(figures: dict[str, Any], kept: list[str]) -> list[str]:
     return [*("-" if figures[name] is None else f"{figures[name]:,}" for name in FIGURES), note]
 
 
-def markdown(journal: Journal, apart: dict[str, dict[str, Any]] | None = None, before: str = "") -> str:
+def markdown(
+    journal: Journal, apart: dict[str, dict[str, Any]] | None = None, before: str = "", commit: str = ""
+) -> str:
     """The page of the table; rows that are not in the reports are those of the page ``before``, and say so."""
+    others = f" The others were measured up to commit {commit}." if commit else ""
     kept = {row[0].partition(" ")[0]: row[2:] for row in _cells(before, "owed")}
     lines = [
         "# Reliability",
@@ -516,7 +520,7 @@ def markdown(journal: Journal, apart: dict[str, dict[str, Any]] | None = None, b
         "`python -m benchmarks.reliability --report rows.jsonl --also OTHER.jsonl ... --page docs/reliability.md`, with the",
         "reports of the commands in the last column; a dash stands for a figure that a row does not have. *Wrong* are wrong",
         "results, refusals that are not one clear line, and attacks that were not refused. *Earlier code*: the figures are of",
-        "an earlier state of the library and were not measured again for this page.",
+        f"an earlier state of the library and were not measured again for this page.{others}",
         "",
         "| item | owed | tried | crashed | hung | wrong | lost | remarks |",
         "|---|---|---|---|---|---|---|---|",
@@ -547,7 +551,9 @@ def main() -> None:
                 journal.put(key, run())
                 print(key, journal.rows[key], flush=True)
     before = args.page.read_text(encoding="utf-8") if args.page is not None and args.page.exists() else ""
-    text = markdown(journal, take_in(args.also, journal), before)
+    words = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
+    commit = subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip()
+    text = markdown(journal, take_in(args.also, journal), before, commit)
     if args.page is not None:
         args.page.write_text(text, encoding="utf-8")
     print(text)

@@ -38,6 +38,7 @@ from visuohaptic.reconstruction.transparency import (
     ray_image,
     refine_poses,
 )
+from visuohaptic.reconstruction.transparency.evidence import RADIUS_M
 from visuohaptic.reconstruction.transparency.ray_evidence import RayEvidence
 from visuohaptic.reconstruction.transparency.ray_readings import (
     FAR,
@@ -187,11 +188,13 @@ def speed() -> list[dict[str, Any]]:
     own, others = frames[-1], [frames[i] for i in (0, 2, 4, 6, 8, 10, 12, 14)]
     tracked = TrackedNoise(SENSOR_NOISE["simulated"])
     known = [ViewDepth.of_frame(frame, tracked) for frame in others]
-    detector = EvidenceDetector(grid)
+    window_px = tracked.device.window_px(own.camera.focal_px)
+    away_m = float(np.linalg.norm(own.T_world_camera.translation_m - 0.5 * (grid.low_m + grid.high_m)))
+    radius_px = max(0.5 * (window_px - 1), own.camera.focal_px * RADIUS_M / away_m)
+    sizes = window_px, 2 * round(radius_px) + 1
 
     def weighed() -> None:
         rays = ray_image(ViewDepth.of_frame(own, tracked), known, tracked)
-        sizes = detector._matching_px(own), detector._window_px(own)
         ratios = window_ratios(rays, reading_tables([rays.code]), *sizes)[None]
         weights = np.ones(1, np.float32)
         RayEvidence.of_ratios([own], weights, rays.limit_m[None], ratios, 0.05).sums(grid)

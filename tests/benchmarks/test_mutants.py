@@ -66,6 +66,46 @@ def test_each_mistake_is_one_and_words_are_left_alone():
     assert len(set(changed)) == len(changed)
 
 
+RULED = """
+MAX_FILE_BYTES = 64 * 1024
+_HEIGHTS = 24
+
+
+def drawn(axes, length_m, count, limit):
+    axes.plot([0, 1], alpha=0.3)
+    axes.grid(True)
+    if length_m < 2 * limit:
+        raise ValueError
+    if length_m < 2 * limit or count < 2 * limit:
+        return 0
+    if count <= limit and length_m <= limit:
+        return 1
+    return max(round(length_m - 0.5, 3), 1e-12)
+"""
+
+
+def test_what_no_test_can_tell_is_named_by_its_rule():
+    found = {one.title: one.rule for one in mutations(ast.parse(RULED)) if one.statement != 9}
+    ruled = {title: rule for title, rule in found.items() if rule}
+    assert ruled == {
+        "64 -> 80": "budget",
+        "1024 -> 1280": "budget",
+        "64 * 1024 -> 64 / 1024": "budget",
+        "0.3 -> 0.375": "look",
+        "axes.grid(True) ->": "look",
+        "True -> False": "look",
+        "3 -> 4": "look",
+        # Exactly twice the limit long is nothing; exactly twice as many may well occur.
+        "length_m < 2 * limit -> length_m <= 2 * limit": "boundary",
+        "1e-12 -> 1.25e-12": "guard",
+    }
+    assert {"24 -> 30", "axes.plot([0, 1], alpha=0.3) ->", "count <= limit -> count < limit"} <= set(found)
+    # Whether exactly the limit is refused is said by its message.
+    refused = [one for one in mutations(ast.parse(RULED)) if one.statement == 9]
+    assert refused
+    assert not any(one.rule for one in refused)
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="tests run in forks with limits")
 def test_noticed_and_unnoticed_mistakes_are_told_apart(tmp_path, monkeypatch):
     for name, text in {

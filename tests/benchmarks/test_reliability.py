@@ -46,7 +46,9 @@ def test_rows_and_packages_without_report_are_marked_as_earlier(tmp_path: Path) 
     )  # marked once; measured again, not any more
     assert [third.count(part) for part in ("code) (earlier", "| database (", "| database |")] == [0, 0, 1]
     journal.rows["8: cut"] = {"tried": 1, "lost": 0}
-    fourth = reliability.markdown(journal, {}, third)
+    assert "commit" not in third
+    fourth = reliability.markdown(journal, {}, third, "1a2b3c4")
+    assert "for this page. The others were measured up to commit 1a2b3c4.\n" in fourth
     assert "| 1 | - | - | - | 0 | with earlier code 3 tried, 0 failed |" in fourth
     # The largest sample stays told, also when the last one is not larger than that before.
     assert "| 1 | - | - | - | 0 | with earlier code 3 tried, 0 failed |" in reliability.markdown(

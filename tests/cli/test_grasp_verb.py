@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
 
 from visuohaptic.cli.main import main
+from visuohaptic.recognition.touch.refinement import CLASS
 
 
 def run(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, object]:
@@ -41,7 +43,7 @@ def test_a_map_gives_the_grasps_of_its_object(tmp_path: Path, capsys: pytest.Cap
         assert a["first_m"] == pytest.approx(b["first_m"])
 
 
-def test_a_map_without_sigma_leaves_that_of_the_deformation_unknown(
+def test_a_map_without_sigma_is_as_uncertain_as_that_of_a_class(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "map.npz"
@@ -50,12 +52,21 @@ def test_a_map_without_sigma_leaves_that_of_the_deformation_unknown(
     words = [str(out), "--force", "4", "--count", "1", "--mass", "0.1"]
     (grasp,) = run(capsys, *words)["grasps"]
     assert grasp["deformation_m"] > 0
-    assert grasp["deformation_sigma_m"] is None
-    assert grasp["success"] is None
+    share = math.hypot(*CLASS[:2])
+    assert grasp["deformation_sigma_m"] == pytest.approx(share * grasp["deformation_m"])
+    # 5 mm are not exceeded with 95 %.
+    limit_N = 0.005 * math.exp(-1.6449 * share) * 4.0 / grasp["deformation_m"]
+    assert grasp["deformation_limit_N"] == pytest.approx(limit_N, rel=1e-3)
+    assert 0.9 < grasp["success"] < 1.0
     assert main(["grasp", *words]) == 0
-    said = capsys.readouterr().out
-    assert "± unknown mm" in said
-    assert "note: the map has no standard deviation" in said
+    assert "note: the map states no standard deviation" in capsys.readouterr().out
+
+
+def test_a_sigma_of_the_mass_needs_the_mass_and_is_not_above_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["grasp", "cup", "--mass-sigma", "0.1"]) == 2
+    assert "--mass-sigma: found without --mass" in capsys.readouterr().err
+    assert main(["grasp", "cup", "--mass", "0.1", "--mass-sigma", "0.3"]) == 2
+    assert "--mass-sigma: found 0.3 kg, expected 0 to the --mass of 0.1 kg" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.recognition.test_contents import felt
 
 from visuohaptic import deformation
 from visuohaptic.cli.main import main
 from visuohaptic.deformation.maps import GraspCurve, SqueezeResult
+from visuohaptic.deformation.shapes import tube_mesh
 
 TUBE = """\
 name: tube
@@ -223,3 +225,85 @@ def test_a_curve_without_any_point_says_why(
     assert f"4000 N/m ± 10 % at rest\nno point of the curve was reached\nends early: {reason}" in said
     assert "elastic" not in said
     assert (tmp_path / "curve.png").stat().st_size > 1000
+
+
+@pytest.fixture(scope="module")
+def squeezes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Firm squeezes by the laws of another test, which share nothing with the model: open, and closed with 0.65 of water."""
+    folder, paths = tmp_path_factory.mktemp("squeezes"), {}
+    for name, fill, closed in (("open", 0.2, False), ("closed", 0.65, True)):
+        _model, curves, mass = felt(fill, closed, np.random.default_rng(0))
+        rows = [
+            f"{one.height_m},{d},{f}"
+            for one in curves
+            for d, f in zip(one.deformation_m, one.force_N, strict=True)
+        ]
+        paths[name] = folder / f"{name}.csv"
+        paths[name].write_text("\n".join(["height_m,deformation_m,force_N", *rows]) + "\n")
+        paths[f"{name} weighed"] = folder / f"{mass[0]}"
+    return paths
+
+
+def round_tube(radius_m: float, folder: Path, flat: float = 1.0) -> Path:
+    mesh = tube_mesh(radius_m, 0.2, 4e-4, around=64, along=40, crossed=False)
+    points = mesh.vertices_m * np.array([1.0, flat, 1.0])
+    pytest.importorskip("trimesh").Trimesh(points, mesh.faces, process=False).export(folder / "tube.ply")
+    return folder / "tube.ply"
+
+
+@pytest.mark.parametrize(("lid", "fill"), [("open", 0.2), ("closed", 0.65)])
+def test_squeezes_of_a_user_tell_lid_and_fill(
+    lid: str, fill: float, squeezes: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mesh = round_tube(0.033, tmp_path)
+    weighed = ["--mass", squeezes[f"{lid} weighed"].name, "--mass-sigma", "0.003"]
+    found = run(capsys, "squeeze", str(mesh), "--measured", str(squeezes[lid]), *weighed)
+    assert found["squeezes"] == 2
+    assert found["lid"][lid] > 0.98
+    assert sum(found["lid"].values()) == pytest.approx(1.0)
+    assert sum(found["filling"].values()) == pytest.approx(1.0)
+    assert found["filling"]["empty"] < 0.01
+    mean, sigma = found["fill"]["mean"], found["fill"]["sigma"]
+    assert sigma < 0.15
+    assert abs(mean - fill) < min(3.0 * sigma, 0.1)
+    # Without its weight, what an open container holds is the prior's: 0.4 of them are empty.
+    alone = run(capsys, "squeeze", str(mesh), "--measured", str(squeezes[lid]))
+    assert alone["lid"][lid] > 0.98
+    assert (alone["filling"]["empty"] > 0.3) == (lid == "open")
+
+
+def test_an_ellipse_is_round_as_far_as_the_model_knows_its_air(
+    squeezes: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Half-axes of 33 and 33 s mm differ by 33 (1 - s), less a hundredth for their higher harmonics: .84 mm are 12 % of the area that 7 mm of deformation take."""
+    words = ["--measured", str(squeezes["open"])]
+    assert run(capsys, "squeeze", str(round_tube(0.033, tmp_path, 0.98)), *words)["lid"]["open"] > 0.9
+    assert main(["squeeze", str(round_tube(0.033, tmp_path, 0.97)), *words]) == 2
+    assert "is not round: its half-axes differ by 0.98 mm, expected up to 0.84 mm" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "words", "said"),
+    [
+        ("height_m,deformation_m,force_N\n", [], "has a header but no rows"),
+        ("height_m,deformation_m,force_N\n0.1,-0.001,3\n", [], "line 2: found 0.1 m, -0.001 m and 3 N, expected more than 0"),
+        ("height_m,deformation_m,force_N\n0.3,0.001,3\n", [], "a squeeze at 0.3 m, expected less than the height"),
+        ("height_m,force_N\n0.1,3\n", [], "deformation_m"),
+        ("", ["--points", "3"], "--points: found with --measured"),
+        ("", ["--closed"], "--closed: found with --measured"),
+    ],
+)  # fmt: skip
+def test_squeezes_that_cannot_be_read_are_one_line(
+    text: str, words: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "squeezes.csv"
+    path.write_text(text)
+    assert main(["squeeze", "bottle", "--measured", str(path), *words]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+
+
+def test_a_mass_needs_squeezes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["squeeze", "bottle", "--mass", "0.3"]) == 2
+    assert "--mass: found without --measured" in capsys.readouterr().err

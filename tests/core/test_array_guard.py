@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -81,6 +82,10 @@ def test_what_cannot_be_computed_names_the_array_and_mistakes_of_ours_stay_visib
         raise KeyError("ours")
 
     @guarded
+    def shade(image: UInt8[np.ndarray, "rows columns"], gain: float) -> Fraction:
+        return Fraction(int(image.max()), int(gain))
+
+    @guarded
     def pick(values: Float[np.ndarray, " n"], index: Int[np.ndarray, " m"]) -> np.ndarray:
         return values[index]
 
@@ -88,6 +93,9 @@ def test_what_cannot_be_computed_names_the_array_and_mistakes_of_ours_stay_visib
         solve(np.zeros((3, 3)))
     with pytest.raises(InputError, match=r"solve: cannot be computed from these arrays \(Singular matrix\)"):
         solve(np.diag([1.0, 1.0, 0.0]))
+    # Grey levels and cells may all be equal: another argument is at fault.
+    with pytest.raises(InputError, match=r"shade: cannot be computed from these arrays \(Fraction"):
+        shade(np.zeros((4, 4), np.uint8), 0.0)
     with pytest.raises(InputError, match="pick: values: found no values"):
         pick(np.zeros(0), np.zeros(2, int))
     with pytest.raises(InputError, match="pick: index: found integers from 1 to 9, which are not indices"):

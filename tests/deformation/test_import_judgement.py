@@ -107,8 +107,11 @@ def test_a_clamped_foot_of_slivers_changes_nothing(
         )
         away, _ = cKDTree(container.mesh.vertices_m).query(mesh.vertices)
         # A PLY file has single precision: 4e-9 m at 0.11 m.
-        assert away.max() < 1e-8
-        assert len(container.mesh.vertices_m) == len(mesh.vertices)
+        # The fan of a top carries load: its needles, as long as the radius, are divided unless that is forbidden, and the
+        # narrow ones about its middle are contracted.
+        divided = top and remesh == "auto"
+        assert np.count_nonzero(away > 1e-8) <= divided
+        assert (len(container.mesh.vertices_m) > len(mesh.vertices)) == divided
         found.append(stiffness_at(container, heights))
     # Triangles with three clamped corners have no stiffness: all that differs is rounding.
     np.testing.assert_allclose(found[0], found[1], rtol=1e-6)
@@ -234,8 +237,15 @@ def test_a_punt_is_joined_to_the_wall_by_the_foot(tmp_path: Path) -> None:
     fan = np.stack([np.roll(k, -1), k, np.full(96, len(points))], axis=1)
     points = np.concatenate([points, [[0, 0, 0.006]]])
     trimesh.Trimesh(points, np.concatenate([faces, fan]), process=False).export(tmp_path / "punt.ply")
-    container = import_container(tmp_path / "punt.ply", wall=WallProperties(thickness_m=WALL_m))
-    assert len(container.mesh.vertices_m) == len(points)
+    wall = WallProperties(thickness_m=WALL_m)
+    as_it_is = import_container(tmp_path / "punt.ply", wall=wall, convention=MeshConvention(remesh="never"))
+    assert len(as_it_is.mesh.vertices_m) == len(points)
+    assert any(note.startswith("96 load-bearing triangles are coarse") for note in as_it_is.notes)
+    container = import_container(tmp_path / "punt.ply", wall=wall)
+    # Rings .1 mm apart within the foot are contracted where the fan is divided. Cells of 2.4 mm: 2 %.
+    np.testing.assert_allclose(
+        stiffness_at(container, (0.03, 0.08)), stiffness_at(as_it_is, (0.03, 0.08)), rtol=0.02
+    )
 
 
 def test_a_hole_is_closed_as_round_as_the_wall(tmp_path: Path) -> None:
@@ -536,3 +546,39 @@ def test_an_uneven_foot_is_clamped_all_round() -> None:
         points[:, 2] < 1e-9, 4e-4 * (1 + np.cos(np.arctan2(points[:, 1], points[:, 0]))), 0
     )
     assert clamped_foot(points).sum() >= 96
+
+
+def box_with_a_lid(rings: int) -> trimesh.Trimesh:
+    """A box of 95 by 63 by 180 mm on 160 columns, whose lid is one fan, or rings about its middle."""
+    corner = 0.5 * np.array([[0.095, -0.063], [0.095, 0.063], [-0.095, 0.063], [-0.095, -0.063]])
+    along = np.interp(np.arange(160) / 160, [0, 0.2, 0.5, 0.7, 1], [0, 1, 2, 3, 4])
+    section = np.column_stack([np.interp(along, range(5), [*corner[:, k], corner[0, k]]) for k in range(2)])
+    height = np.linspace(0, 0.18, 91)
+    _, faces = revolved(np.ones(91), height, 160)
+    points = [np.column_stack([section, np.full(160, z)]) for z in height]
+    ring, parts = 90 * 160 + np.arange(160), [faces]
+    for scale in np.linspace(1, 0, rings + 1)[1:-1]:
+        inner, points = ring + 160, [*points, np.column_stack([scale * section, np.full(160, 0.18)])]
+        after, beside = np.roll(inner, -1), np.roll(ring, -1)
+        parts += [np.stack([ring, beside, after], axis=1), np.stack([ring, after, inner], axis=1)]
+        ring = inner
+    count = sum(map(len, points))
+    parts.append(np.stack([ring, np.roll(ring, -1), np.full(160, count)], axis=1))
+    return trimesh.Trimesh(np.concatenate([*points, [[0, 0, 0.18]]]), np.concatenate(parts), process=False)
+
+
+def test_the_fan_of_a_lid_holds_the_rim_as_a_fine_one_does(tmp_path: Path) -> None:
+    """As it is, the fan makes the box 6 % too soft at nine tenths of its height."""
+    found = []
+    for rings, remesh in ((16, "auto"), (1, "auto"), (1, "never")):
+        box_with_a_lid(rings).export(tmp_path / "box.ply")
+        box = import_container(
+            tmp_path / "box.ply",
+            wall=WallProperties(thickness_m=WALL_m),
+            convention=MeshConvention(remesh=remesh),
+        )
+        middle = np.argmin(np.linalg.norm(box.mesh.vertices_m - [0.0475, 0, 0.162], axis=1))
+        tips = opposing_points(box.mesh, np.array([middle]), axis_point_m=box.axis_point_m)
+        found.append(float(dual_tip_map(box.model(), tips)[0]))
+    assert found[1] == pytest.approx(found[0], rel=0.01)
+    assert found[2] < 0.97 * found[0]

@@ -15,6 +15,7 @@ from visuohaptic.deformation.shapes import (
     coverage,
     import_container,
     import_mesh,
+    posture,
     tube_mesh,
 )
 from visuohaptic.deformation.shells import dual_tip_map
@@ -266,7 +267,7 @@ def test_what_is_told_to_be_up_is_up(tmp_path: Path, reference: float) -> None:
 
 @pytest.mark.parametrize("up", ["x", "y", "z", "-x", "-y", "-z"])
 def test_the_named_axis_is_turned_up_and_nothing_is_mirrored(up: str) -> None:
-    turned = import_mesh._turned_up(np.eye(3), up)  # row k: where axis k goes
+    turned = posture._turned_up(np.eye(3), up)  # row k: where axis k goes
     np.testing.assert_array_equal(turned["xyz".index(up[-1])], [0, 0, -1 if up[0] == "-" else 1])
     assert np.linalg.det(turned) == pytest.approx(1.0)
 

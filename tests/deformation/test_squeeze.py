@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -87,6 +88,29 @@ def test_curves_are_written(cup: ShellObject, tmp_path: Path) -> None:
     np.testing.assert_allclose(table["force_N"], [0, *found.curve.force_N])
     plot_squeeze(tmp_path / "curve.png", found)
     assert (tmp_path / "curve.png").stat().st_size > 5000
+
+
+def test_the_plot_shows_the_curve_and_one_sigma_of_the_wall(
+    cup: ShellObject, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found, drawn = squeeze(cup, force_N=2.0, points=3), []
+    monkeypatch.setattr(
+        sys.modules[squeeze.__module__], "save_figure", lambda path, figure: drawn.append(figure)
+    )
+    plot_squeeze("never written", found, "cup")
+    (axes,) = drawn[0].axes
+    force, linear = (line.get_xydata() for line in axes.lines[:2])
+    np.testing.assert_allclose(
+        force[1:], np.column_stack([1e3 * found.curve.deformation_m, found.curve.force_N])
+    )
+    np.testing.assert_allclose(force[0], 0.0)
+    np.testing.assert_allclose(linear[:, 1], 1e-3 * found.stiffness_N_per_m * linear[:, 0])
+    # The band at the last point: the force and one standard deviation of the wall's stiffness on both sides.
+    (band,) = axes.collections
+    corners = band.get_paths()[0].vertices
+    last = np.sort(np.unique(corners[np.isclose(corners[:, 0], force[-1, 0]), 1]))
+    spread = found.stiffness_sigma_N_per_m / found.stiffness_N_per_m
+    np.testing.assert_allclose([last[0], last[-1]], force[-1, 1] * np.array([1 - spread, 1 + spread]))
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,11 @@ from visuohaptic.deformation.shapes import ContainerDescription, ShellObject, me
 
 
 def tube_map(radius_m: float, height_m: float, stiffness: float, around: int = 96) -> StiffnessMap:
-    """A round tube with one stiffness everywhere."""
+    """A round tube with one stiffness everywhere, exactly known."""
     along = max(2, round(height_m / (2 * np.pi * radius_m / around)))
     mesh = tube_mesh(radius_m, height_m, 1e-3, around=around, along=along, crossed=False)
     count = len(mesh.vertices_m)
-    return StiffnessMap(mesh.vertices_m, mesh.faces, np.full(count, stiffness), np.full(count, np.nan))
+    return StiffnessMap(mesh.vertices_m, mesh.faces, np.full(count, stiffness), np.zeros(count))
 
 
 def box_map(half_m: float, height_m: float, stiffness: float, cells: int = 40) -> StiffnessMap:
@@ -27,7 +27,7 @@ def box_map(half_m: float, height_m: float, stiffness: float, cells: int = 40) -
     points = np.concatenate([np.stack([np.full_like(y, s * half_m), y, z], 1) for s in (1, -1)])
     faces = np.concatenate([faces, faces[:, ::-1] + len(y)])
     count = len(points)
-    return StiffnessMap(points, faces, np.full(count, stiffness), np.full(count, np.nan))
+    return StiffnessMap(points, faces, np.full(count, stiffness), np.zeros(count))
 
 
 def container(around: int = 32, even: bool = False, **changes: object) -> ShellObject:

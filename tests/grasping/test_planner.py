@@ -304,7 +304,6 @@ def test_the_probability_is_that_of_drawn_frictions_and_masses():
 def test_the_finger_that_an_error_of_the_position_unloads_holds_as_well():
     """An empty bottle of 30 g and 8 N/mm: drawn positions of the hand, of which each presses one finger less."""
     found, load = tube_map(0.03, 0.1, 8000.0, around=48), Load(0.03, (0.0, 0.0, 0.05), mass_spread=0.05)
-    found = replace(found, stiffness_sigma_N_per_m=np.zeros(len(found.vertices_m)))
     task = GraspTask(load=load, gripper=GripperModel(position_sigma_m=2e-4), pairs="axis")
     (exact,) = plan_map(found, GraspTask(load=load, pairs="axis"), count=1).grasps
     (best,) = plan_map(found, task, count=1).grasps

@@ -45,6 +45,10 @@ def test_a_slanting_box_is_turned_out_of_the_way():
     for drive, turn in pushes:
         assert 0.0 <= turn.failure_probability <= 1.0
         assert np.allclose(drive.path_m[0], asked.start_m)
+        # The way there, at a speed between those beside and far from obstacles; sqrt(2) for the grid's diagonals.
+        assert (
+            drive.length_m / ROBOT.v_max_m_s / 1.01 < drive.cost_s < 1.42 * drive.length_m / ROBOT.v_min_m_s
+        )
         start, contact, end, retreat = np.array(turn.path_m)
         assert np.allclose(drive.path_m[-1], start)
         # Straight through the contact, and back on the same line.

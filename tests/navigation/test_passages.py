@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.worlds.door_world import DoorWorld
+from tests.worlds.plan_checks import Floor, drive_seconds
 from visuohaptic.core import Estimate, InputError
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.planning import make_plan
@@ -105,6 +106,13 @@ def test_a_plan_leads_through_a_passage_as_a_step_of_its_own(kind, step):
     assert DOOR_M[0] - 0.3 < before.path_m[-1][0] < DOOR_M[0] - ROBOT.radius_m
     begins = through.path_m[-1] if step == "door" else before.path_m[-1]
     assert after.path_m[0] == pytest.approx(begins)
+    # Each drive states its own cost: the free room before the door is fast, the doorway slow.
+    free = problem.map.cells.copy()
+    (low, left), (high, right) = np.rint(np.array([DOOR_M[1::2], DOOR_M[::2]]).T / problem.map.resolution_m)
+    free[int(low) : int(high), int(left) : int(right)] = 0
+    floor = Floor.of_cells(free, problem.map.resolution_m, {})
+    for drive in (before, after):
+        assert drive.cost_s == pytest.approx(drive_seconds(floor, np.array(drive.path_m), ROBOT), rel=5e-3)
     driven_m = sum(task.length_m for task in plan.tasks)
     assert driven_m == pytest.approx(3.0, abs=0.05)
     assert plan_from_json(plan.to_json()).tasks[1].sigma_s == pytest.approx(cost.sigma_s, abs=1e-6)

@@ -100,3 +100,34 @@ def test_contacts_follow_the_learnt_centre_of_friction():
         off = centre - robot
         # The push goes through the learnt centre, not through the centroid.
         assert abs(off[0] * push.direction[1] - off[1] * push.direction[0]) < 1e-9
+
+
+def test_a_push_ends_at_the_same_distance_from_a_body_wherever_both_were_moved():
+    """In a room whose walls are far away only the bodies count: moved together, they stop the same push at the same length."""
+    from visuohaptic.navigation.planning.search.push_lengths import free_length, push_step
+    from visuohaptic.navigation.problem.push_costs import PushCosts
+
+    items = (
+        MovableObject("crate", box(2.0, 2.0, 0.4), STOOL),
+        MovableObject("stool", box(3.1, 2.0, 0.4), STOOL),
+    )
+    grid = rooms(10.0, 4.0, [])
+    problem = PlanningProblem(
+        with_objects(grid, list(items)), ROBOT, np.array([0.7, 2.0]), np.array([9.0, 2.0]), items
+    )
+    domain = build_search_domain(problem)
+    heuristic = PushHeuristic(domain, PushCosts(), (0, 1))
+    cell_m, far = problem.map.resolution_m, 40.0
+    ahead = [
+        np.dot(domain.bodies[0].push(k).direction, [1.0, 0.0]) for k in range(len(domain.bodies[0].contacts))
+    ]
+    contact = int(np.argmax(ahead))
+    assert ahead[contact] == pytest.approx(1.0)
+    for shift in (0.0, 30.0, 80.0):
+        step = push_step(heuristic, np.array([[shift, 0.0], [shift, 0.0]]), 0, contact, far)
+        # Between the faces there are 1.1 m less two halves of 0.4 m; lengths are sampled in steps of half a cell.
+        found_m = free_length(heuristic, step, far) * cell_m
+        assert 0.7 - 0.5 * cell_m - 1e-6 < found_m < 0.7 + 1e-6, shift
+    # Alone it goes on.
+    apart = push_step(heuristic, np.array([[80.0, 0.0], [0.0, 0.0]]), 0, contact, far)
+    assert free_length(heuristic, apart, far) == pytest.approx(far)

@@ -62,3 +62,7 @@ def test_scatter_of_curvatures_between_places_and_objects_is_found(
     found = few_curves._curvature_scatter(model, squeezed)
     # Standard deviations of 2,340 and 59 degrees of freedom are known to 1.5 and 9 %: no candidate beside the true one is likely.
     np.testing.assert_allclose(found, (along, across), rtol=0.05)
+    # Two objects already show how far one differs from another, one alone does not.
+    two = few_curves._curvature_scatter(model, squeezed[:2])
+    assert two[0] == pytest.approx(along, rel=0.3)  # 78 degrees of freedom
+    assert few_curves._curvature_scatter(model, squeezed[:1]) == (np.inf, 0.0)

@@ -152,3 +152,13 @@ def test_distances_are_to_the_plane_on_the_surface_and_to_the_rim_beside_it() ->
     surface = _Surface(cKDTree(sheet), sheet, np.tile([0.0, 0.0, 1.0], (len(sheet), 1)))
     seen = np.array([[0.0525, 0.05, 0.003], [0.109, 0.05, 0.003], [0.111, 0.05, 0.003]])
     assert surface.distances(seen) == pytest.approx([0.003, 0.003, np.hypot(0.011, 0.003)])
+
+
+def test_a_sheet_is_as_thick_as_it_is_from_two_millimetres_on() -> None:
+    """Half of the resolution of pairs, 4 mm, is the least standard deviation across a sheet: noise of a camera is more than less."""
+    flat = _box(np.random.default_rng(1), (0.2, 0.15, 1.0), 400)
+    found = [describe_cloud(flat * [1.0, 1.0, 1e-3 * t_mm])[-3:] for t_mm in (0.5, 2.0, 12.0, 18.0)]
+    assert found[0][0] == pytest.approx(found[1][0], abs=1e-6)  # .2 and 1 mm across: not told apart
+    assert found[2][0] > found[1][0] + 0.1
+    # The logarithm of the thickness counts, .6 of it.
+    assert found[3][0] - found[2][0] == pytest.approx(0.6 * np.log(1.5), rel=0.1)  # of thinned points

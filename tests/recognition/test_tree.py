@@ -224,3 +224,20 @@ def test_a_tree_survives_its_file(tmp_path: Path) -> None:
         (tmp_path / "broken.json").write_text(text)
         with pytest.raises(InputError):
             load_tree(tmp_path / "broken.json")
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("threshold", float("inf")), ("feature", 16 * 4), ("feature", 10**6), ("counts", [-1.0, 2.0, 3.0])],
+)
+def test_a_node_that_asks_for_what_cannot_be_touched_is_refused(
+    tmp_path: Path, field: str, value: object
+) -> None:
+    content = tree_mapping(train_tree(synthetic(12)))
+    assert content["feature"][0] >= 0
+    (tmp_path / "tree.json").write_text(json.dumps(content))
+    load_tree(tmp_path / "tree.json")
+    content[field][0] = value
+    (tmp_path / "tree.json").write_text(json.dumps(content).replace("Infinity", "1e999"))
+    with pytest.raises(InputError, match=r"tree\.json: .*(finite number|is not a classification tree)"):
+        load_tree(tmp_path / "tree.json")

@@ -30,6 +30,12 @@ def test_classes_are_most_like_themselves(tmp_path: Path, monkeypatch: pytest.Mo
     assert (np.abs(found) <= 1.0).all()
     assert (np.diag(found) > 0.5).all()
     plot_correlation(tmp_path / "classes.png", data)
+    middle = (len(data.classes) - 1) / 2
+    told = figures[0].axes[0].texts
+    assert np.mean([text.get_position() for text in told], axis=0) == pytest.approx([middle, middle])
+    for text in told:
+        column, row = map(round, text.get_position())
+        assert float(text.get_text()) == pytest.approx(found[row, column], abs=0.0051)
     tree = train_tree(data)
     plot_tree(tmp_path / "tree.png", tree, data)
     plot_tree(tmp_path / "alone.svg", tree)

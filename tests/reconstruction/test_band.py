@@ -11,7 +11,8 @@ from visuohaptic.core.camera import Camera
 from visuohaptic.io.depth import DepthFrame
 from visuohaptic.reconstruction import pipeline
 from visuohaptic.reconstruction.fusion import SENSOR_NOISE, SpaceGrid, TsdfVolume
-from visuohaptic.reconstruction.transparency import EvidenceSettings, TrackedNoise, view_graph
+from visuohaptic.reconstruction.transparency import TrackedNoise, view_graph
+from visuohaptic.reconstruction.transparency.evidence import MIN_ANGLE_RAD
 from visuohaptic.simulation.tabletop import disturb_pose
 
 from .scenes import view
@@ -74,7 +75,7 @@ def outside_m(points, spheres=(), half_m=None):
 
 def measured(frames) -> TrackedNoise:
     """Noise of camera and poses, as the detector measures it."""
-    graph, apart_rad = view_graph(frames), EvidenceSettings().min_angle_rad
+    graph, apart_rad = view_graph(frames), MIN_ANGLE_RAD
     near = [graph.neighbours(i, 1, apart_rad) for i in range(len(frames))]
     return TrackedNoise.measured(frames, near, SENSOR_NOISE["kinect"])
 

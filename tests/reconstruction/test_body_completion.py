@@ -166,7 +166,7 @@ def test_touches_on_the_command_line_complete_a_clear_glass(tmp_path, capsys):
     """The files of `reconstruct`, and a table of touches that grows by the planned line's contact."""
     inside = np.ones((4, 4, 6), dtype=bool)
     grid = SpaceGrid.around((-0.04, -0.04, 0.03), (0.04, 0.04, 0.15), 0.02)
-    (region,) = find_regions(inside.astype(float), inside, inside, grid, min_voxels=1)
+    (region,) = find_regions(inside.astype(float), inside, grid, min_voxels=1)
     save_regions(tmp_path / "regions.json", (replace(region, body=BODY),))
     TABLE.save(tmp_path / "surface.ply")
     table, rows, found = tmp_path / "touches.csv", [], []
@@ -212,7 +212,7 @@ def test_radii_of_the_outlines_are_saved_and_tell_the_profile_before_a_touch(tmp
     body = replace(cone, rings=OutlineRings(z_m, radius_m(z_m), np.full(8, 0.001), 0.0006))
     inside = np.ones((4, 4, 6), dtype=bool)
     grid = SpaceGrid.around((-0.04, -0.04, 0.03), (0.04, 0.04, 0.15), 0.02)
-    (region,) = find_regions(inside.astype(float), inside, inside, grid, min_voxels=1)
+    (region,) = find_regions(inside.astype(float), inside, grid, min_voxels=1)
     save_regions(tmp_path / "regions.json", (replace(region, body=body),))
     loaded = load_hole_regions(tmp_path / "regions.json")[0].body
     assert loaded is not None

@@ -347,10 +347,20 @@ def test_symmetries_are_told_from_the_bands():
     assert found["round"].p_rotation > 0.9
     assert found["elliptic"].p_rotation < 0.3
     assert found["elliptic"].p_mirror > 0.8
-    points, sigma = found["elliptic"].ring(np.array([0.04, 0.0, 0.1]))
-    wall = bellied("elliptic").radius_m(np.arctan2(points[:, 1], points[:, 0]), points[:, 2])
-    expected = wall * 0.04 / float(bellied("elliptic").radius_m(0.0, 0.1))
-    assert (np.abs(np.hypot(points[:, 0], points[:, 1]) - expected) < 3 * sigma).all()
+    # A contact tells the ring at its height: the cross-section of the bands at the radius that was touched.
+    bottle, contact_m = (
+        bellied("elliptic"),
+        np.array([float(bellied("elliptic").radius_m(0.0, 0.1)), 0.0, 0.1]),
+    )
+    visible, region, _ = scene(bottle)
+    seen = wall_seen(found["elliptic"], support_band(visible, region))
+    process = fit_radial_mixture(found["elliptic"], seen, [(contact_m, 0.0005)], region.size_m)
+    points, sigma = (of_ring[0] for of_ring in process.rings(contact_m[None]))
+    off_m = np.hypot(points[:, 0], points[:, 1]) - bottle.radius_m(
+        np.arctan2(points[:, 1], points[:, 0]), points[:, 2]
+    )
+    assert (np.abs(off_m) < 3 * sigma).all()
+    assert sigma.max() < 0.004 < 0.3 * contact_m[0]
 
 
 def test_rims_and_band_of_a_cut_bottle():
@@ -595,3 +605,24 @@ def test_the_wall_at_rims_is_as_uncertain_as_rims_are_wrong():
     # The likelihood tells which of the two it is.
     assert np.median(curled_fraction) > 0.9
     assert max(exact_fraction) < 0.5
+
+
+def test_the_declared_deviation_of_a_round_hidden_wall_is_that_of_its_radius() -> None:
+    """Where cross-sections are visible all around, the process of the radius gives the sigma."""
+    bottle = bellied()
+    visible, region, hole = scene(bottle)
+    completion = Completion(visible, region)
+    assert completion.radial is not None
+    assert completion.radial is completion.radial  # fitted once
+    found = completion.uncertainty()
+    points, inside = found.mesh.vertices_m, found.missing
+    inside = inside & (points[:, 2] > hole[0]) & (points[:, 2] < hole[1])
+    np.testing.assert_allclose(
+        found.sigma_m[inside], completion.radial.deviation_m(points[inside]), rtol=1e-12
+    )
+    # A touch on the belly: there the wall is known to about the error of the touch, all around.
+    plan = completion.next_touch()
+    contact = bottle.probe(plan.start_m, plan.direction, np.linalg.norm(plan.end_m - plan.start_m))
+    completion.add(Touch(contact, plan.start_m, plan.end_m, SIGMA_M))
+    round_m = contact[2] * np.array([0.0, 0.0, 1.0]) + np.hypot(*contact[:2]) * np.eye(3)[[0, 1]]
+    assert (completion.radial.deviation_m(round_m) < 3 * SIGMA_M).all()

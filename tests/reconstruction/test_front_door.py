@@ -25,7 +25,6 @@ from visuohaptic.reconstruction import (
 )
 from visuohaptic.reconstruction.completion import Touch
 from visuohaptic.reconstruction.fusion import SpaceGrid
-from visuohaptic.reconstruction.surfaces import Grid
 from visuohaptic.reconstruction.transparency import find_regions
 
 from .test_completion import bellied, scene
@@ -54,8 +53,8 @@ def bottle(wall):
     visible, hole, _ = scene(bellied())
     low_m, high_m = hole.hull_m.min(axis=0), hole.hull_m.max(axis=0)
     grid = SpaceGrid.around(low_m, high_m, 0.005)
-    inside = hole.within(Grid(grid.low_m + 0.0025, grid.shape, 0.005).all_nodes_m).reshape(grid.shape)
-    regions = find_regions(inside.astype(float), inside, inside, grid)
+    inside = hole.within(grid.all_centres_m).reshape(grid.shape)
+    regions = find_regions(inside.astype(float), inside, grid)
     return replace(reconstruct(wall[1], grid=GRID), surface=visible, regions=regions)
 
 

@@ -143,7 +143,7 @@ def test_a_reading_through_a_hull_is_dropped_and_one_before_it_is_kept():
     cube = np.array([[x, y, z] for x in (-0.05, 0.05) for y in (-0.05, 0.05) for z in (0.95, 1.05)])
     cells = np.ones((4, 4, 4), dtype=bool)
     grid = SpaceGrid.around(cube.min(axis=0), cube.max(axis=0), 0.025)
-    (region,) = find_regions(cells.astype(float), cells, cells, grid, min_voxels=1)
+    (region,) = find_regions(cells.astype(float), cells, grid, min_voxels=1)
     for depth_m, dropped in ((2.0, True), (0.9, False), (0.955, False)):
         frame = DepthFrame(0.0, np.full((30, 40), depth_m, np.float32), None, Pose.identity(), camera)
         kept = np.isfinite(mask_refracted_rays(frame, [region]).depth_m)

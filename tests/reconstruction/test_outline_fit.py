@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from visuohaptic.core.camera import Camera
 from visuohaptic.io.depth import DepthFrame
 from visuohaptic.reconstruction.fusion import DepthNoise, SpaceGrid
-from visuohaptic.reconstruction.transparency import _outline_kernels, body_pairs, evidence
+from visuohaptic.reconstruction.transparency import body_pairs, evidence
 from visuohaptic.reconstruction.transparency._outline_kernels import outline_sums
 from visuohaptic.reconstruction.transparency.body_pairs import disjoint_bodies, fit_pair, without_body
 from visuohaptic.reconstruction.transparency.evidence import EvidenceDetector
@@ -21,7 +22,6 @@ from visuohaptic.reconstruction.transparency.outline_fit import (
     _Outlines,
     body_evidence,
     fit_bodies,
-    second_eye_m,
 )
 from visuohaptic.reconstruction.transparency.outline_rings import outline_rings
 from visuohaptic.reconstruction.transparency.ray_readings import (
@@ -32,9 +32,8 @@ from visuohaptic.reconstruction.transparency.ray_readings import (
     NEAR,
     SAME,
     RayImage,
-    agreement_evidence,
-    passing_evidence,
 )
+from visuohaptic.reconstruction.transparency.regions import agreement_evidence, passing_evidence
 
 #: x, y of the axis, radius and height of the body, which stands at z = 0.05 [m].
 AXIS_M, RADIUS_M, LOW_M, HIGH_M = np.array([0.02, -0.03]), 0.035, 0.05, 0.17
@@ -115,31 +114,6 @@ def test_the_axis_follows_from_the_outlines(count, arc_rad):
     assert body.evidence > 50
 
 
-@pytest.mark.parametrize("eye_m", [-0.06, 0.0, 0.05])
-def test_the_second_eye_of_an_unknown_camera_follows_from_the_outlines(eye_m):
-    """A wrong one moves the axis to the side: from one side, no other view contradicts it."""
-    seen = views(np.random.default_rng(5), np.linspace(0, 1.5, 8), 0.7, eye_m=eye_m, told_m=0.075)
-    box = np.array([-0.05, -0.08, 0.08]), np.array([0.08, 0.05, 0.2])
-    body = fit(seen, *box)
-    assert body is not None
-    found_m = second_eye_m(seen, [body])
-    # 10 mm move the second outline by 1.4 px, a quarter of a window; its two sides in eight views are known to a fourth of one.
-    assert found_m == pytest.approx(eye_m, abs=0.01)
-    better = fit([replace(view, baseline_m=found_m) for view in seen], *box)
-    assert better is not None
-    assert np.linalg.norm(better.axis_m - AXIS_M) < 0.005
-    assert better.evidence > body.evidence
-
-
-@pytest.mark.parametrize(("eye_m", "limit_m"), [(0.095, (0.085, 0.105)), (0.14, (0.0, 0.105))])
-def test_the_second_eye_is_within_the_widest_of_common_cameras(eye_m, limit_m):
-    """A second vessel behind the first must not pass for an eye far to the side."""
-    seen = views(np.random.default_rng(5), np.linspace(0, 1.5, 8), 0.7, eye_m=eye_m, told_m=0.075)
-    body = fit(seen, np.array([-0.05, -0.08, 0.08]), np.array([0.08, 0.05, 0.2]))
-    assert body is not None
-    assert limit_m[0] < second_eye_m(seen, [body]) < limit_m[1]
-
-
 def test_noise_without_outline_holds_no_body():
     """As many lost readings inside a body as beside it are no evidence for one: ln(places / rate) is about 12."""
     seen = views(np.random.default_rng(1), np.linspace(0, 6, 12), 0.02)
@@ -163,11 +137,12 @@ def test_a_search_is_repeated_on_both_sides_in_turns_until_it_gains_nothing(monk
     """A simplex collapses on a ridge: here after 10 mm, so that only one from the other side goes on."""
     sides = []
 
-    def step(simplex, *_):
-        sides.append(int(np.sign(simplex[1, 0] - simplex[0, 0])))
-        simplex[0] -= 0.01 if simplex[0, 0] > 0.025 and sides[-2:] != [sides[-1]] * 2 else 0.0
+    def step(cost, best, *_, options):
+        sides.append(int(np.sign(options["initial_simplex"][1, 0] - best[0])))
+        end = best - (0.01 if best[0] > 0.025 and sides[-2:] != [sides[-1]] * 2 else 0.0)
+        return SimpleNamespace(x=end, fun=cost(end))
 
-    monkeypatch.setattr(_outline_kernels, "search_outline", step)
+    monkeypatch.setattr("scipy.optimize.minimize", step)
     monkeypatch.setattr(_Outlines, "cost", lambda self, body, *_: 100.0 * body[0])
     outlines, start, rest = object.__new__(_Outlines), np.full(6, 0.05), (0.0, np.zeros(3))
     outlines._told = ()
@@ -372,12 +347,12 @@ def test_no_two_views_alone_show_a_body(showing, found):
     seen += views(np.random.default_rng(3), turns[showing:], 0.02)
     place = np.full(2, 0.002), (RADIUS_M, RADIUS_M), 0.002, (LOW_M, HIGH_M), 90.0
     body = UprightBody(AXIS_M, *place)
-    detector = EvidenceDetector(SpaceGrid.around((-0.1, -0.1, 0.0), (0.1, 0.1, 0.2), 0.01))
-    detector._outlines, detector._rays = seen, replace(detector._rays, weights=np.ones(9, np.float32))
-    assert body_evidence(seen, body).sum() > 30
+    none, each = np.zeros((9, 1, 1), np.float32), body_evidence(seen, body)
+    bounded = evidence.RayEvidence((), np.ones(9, np.float32), none, none, none).bounded(each, 0.05)
+    assert each.sum() > 30
     # At most ln((.9 R + .1) / (.95 + .05 R)) of each view, 2.9 for a large R.
-    assert (detector._bounded(body, seen) > 12.0) is found
-    assert detector._bounded(body, seen) < 2.9 * showing
+    assert (bounded > 12.0) is found
+    assert bounded < 2.9 * showing
 
 
 def test_a_piece_of_a_rim_is_no_body_of_its_own(monkeypatch):
@@ -458,9 +433,9 @@ def test_a_second_body_by_the_rays_that_miss_the_first_is_a_region_of_its_own():
     detector.threshold, detector._outlines = 12.0, seen
     detector._rays = replace(detector._rays, weights=np.ones(12, np.float32))
     rest = without_body(seen, first.shape_m)
-    alone, beside_first = (detector._bounded(second, of) for of in (seen, rest))
+    alone, beside_first = (detector._rays.bounded(body_evidence(of, second), 0.05) for of in (seen, rest))
     assert 12.0 < beside_first < alone
-    assert detector._bounded(hidden, rest) < 12.0
+    assert detector._rays.bounded(body_evidence(rest, hidden), 0.05) < 12.0
     part = np.ones(grid.shape, bool)
     box = tuple(slice(0, n) for n in grid.shape)
     assert np.array_equal(detector._accept(part, [first, second], box), part)
@@ -511,7 +486,8 @@ def test_a_place_is_tested_with_the_rates_of_the_rays_beside_it(body):
         )
     detector = EvidenceDetector(SpaceGrid.around((-0.08, -0.13, 0.0), (0.12, 0.07, 0.2), 0.01), NOISE)
     limit_m = np.stack([image.limit_m for image in images])
-    detector._images = images
+    # At 0.75 m a radius of 15 mm is 3 px.
+    detector._images, detector._matching_px, detector._object_px = images, NOISE.window_px(140.0), [7] * 8
     detector._rays = replace(detector._rays, frames=frames, weights=np.ones(8, np.float32), limit_m=limit_m)
     detector._sum(limit_m > 0, first=True)
     peak = tuple(int(k) for k in np.unravel_index(detector.evidence.argmax(), detector.grid.shape))

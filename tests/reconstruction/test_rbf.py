@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.interpolate import RBFInterpolator
 
 from visuohaptic.core import InputError
-from visuohaptic.reconstruction.surfaces import Grid, RbfSurface, isosurface
+from visuohaptic.reconstruction.fusion import SpaceGrid
+from visuohaptic.reconstruction.surfaces import RbfSurface, isosurface
 
 
 def sphere(rng, count=60, radius=0.05, d=0.005):
@@ -98,12 +99,12 @@ def test_the_narrow_band_has_the_surface_of_the_whole_grid():
     from skimage.measure import marching_cubes
 
     surface = RbfSurface(*sphere(np.random.default_rng(4), 150))
-    grid = Grid.over(np.full(3, -0.07), np.full(3, 0.07), 0.14 / 40)
+    grid = SpaceGrid.around(np.full(3, -0.07175), np.full(3, 0.07175), 0.14 / 40)
     vertices, faces = isosurface(surface, grid)
-    whole = surface.on_grid(grid.all_nodes_m).reshape(grid.shape)
+    whole = surface.on_grid(grid.all_centres_m).reshape(grid.shape)
     expected, triangles, _, _ = marching_cubes(whole, 0.0)
     assert (len(vertices), len(faces)) == (len(expected), len(triangles))
-    np.testing.assert_allclose(vertices, expected * grid.step_m + grid.low_m, atol=1e-8)
+    np.testing.assert_allclose(vertices, grid.centres_m(expected), atol=1e-8)
     # On the sphere: linear interpolation in a cell leaves step^2 / 8 / radius = 0.03 mm, the fit more.
     assert np.abs(np.linalg.norm(vertices, axis=1) - 0.05).max() < 0.0005
     corners = vertices[faces]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.core import Primitive, PrimitiveKind
+from visuohaptic.core import InputError, Primitive, PrimitiveKind
 from visuohaptic.report import FrameNotes, annotated_frame, gradient_image, primitive_outline
 from visuohaptic.report.annotation import FRONT_BGR, REFERENCE_BGR
 
@@ -67,3 +67,9 @@ def test_outlines_satisfy_their_equation(kind, parameters, distance):
     values = np.array(parameters, dtype=float)
     outline = primitive_outline(Primitive(kind, values, np.eye(len(values)), 1.0))
     np.testing.assert_allclose(distance(*outline.T), 0, atol=1e-12)
+
+
+def test_validities_of_other_points_are_refused(edge):
+    notes = FrameNotes(front_px=np.full((3, 2), 5.0), front_valid=np.ones(2, bool))
+    with pytest.raises(InputError, match="FrameNotes: front_valid: found 2, expected 3"):
+        annotated_frame(edge, notes)

@@ -130,6 +130,26 @@ def test_what_cannot_be_compared_is_one_line(offset_s, max_offset_s, words) -> N
     assert "\n" not in str(caught.value)
 
 
+def test_too_few_readings_of_the_reference_are_no_matter_of_clocks() -> None:
+    run, scale = records()
+    keep = np.arange(0, 400, 70)  # one reading a second
+    slow = replace(
+        scale,
+        t_s=scale.t_s[keep],
+        force_N=scale.force_N[keep],
+        sigma_N=scale.sigma_N[keep],
+        valid=scale.valid[keep],
+    )
+    with pytest.raises(
+        InputError, match=r"foam: found 5 valid samples at the readings of scale.*; record longer"
+    ):
+        compare_forces(run, slow, offset_s=0.0)
+    with pytest.raises(
+        InputError, match=r"foam: found 0 valid samples while scale was recorded.*; check the clocks"
+    ):
+        compare_forces(run, scale, offset_s=60.0)
+
+
 def test_a_reference_out_of_order_is_not_interpolated() -> None:
     run, scale = records()
     order = np.random.default_rng(0).permutation(len(scale.t_s))

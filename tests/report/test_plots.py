@@ -113,6 +113,10 @@ def test_traces_have_a_panel_for_each_unit_and_crosses_where_a_sample_is_not_val
 
 
 def test_arrays_that_do_not_belong_together_are_refused():
+    with pytest.raises(InputError, match="ForceRun: found arrays of shapes"):
+        experiments.force_against_truth(
+            [experiments.ForceRun("box", np.zeros(3), np.zeros(3), np.ones(2, bool))]
+        )
     with pytest.raises(InputError, match=r"found shape \(4,\) with n = 3"):
         experiments.force_over_time(np.arange(3.0), np.arange(4.0), np.arange(3.0))
 

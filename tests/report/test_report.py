@@ -119,3 +119,19 @@ def test_the_same_report_is_the_same_file(tmp_path):
 def test_a_folder_that_is_not_there_is_named(tmp_path):
     with pytest.raises(InputError, match="its folder does not exist"):
         Report("t").write(tmp_path / "no" / "a.html")
+
+
+@pytest.mark.parametrize(("shape", "kind"), [((20, 20_000), "png"), ((600, 500), "webp"), ((20, 30), "png")])
+def test_large_images_are_webp_unless_they_are_too_long_for_it(shape, kind):
+    image = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
+    (address,) = parsed(Report("strip").image(image)).addresses
+    head, data = address.split(",")
+    assert head == f"data:image/{kind};base64"
+    shown = cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert shown.shape == shape
+
+
+@pytest.mark.parametrize("colours", [2, 5])
+def test_an_image_of_no_colours_is_refused(colours):
+    with pytest.raises(InputError, match=rf"Report: image: found uint8 of shape \(9, 9, {colours}\)"):
+        Report("a").image(np.zeros((9, 9, colours), np.uint8))

@@ -16,6 +16,12 @@ from visuohaptic.report import estimate_text, primitive_text, tag_text
         (Estimate(3.2123, 0.04), "3.21 ± 0.04"),
         (Estimate(3.2123, 0.12), "3.21 ± 0.12"),
         (Estimate(312.3, 40.0), "312 ± 40"),
+        # From 3 on one digit, below it two; what is rounded up to 3 or 10 counts as that.
+        (Estimate(3.2123, 0.3), "3.2 ± 0.3"),
+        (Estimate(3.2123, 0.29), "3.21 ± 0.29"),
+        (Estimate(3.2123, 0.298), "3.2 ± 0.3"),
+        (Estimate(3.2123, 0.0998), "3.21 ± 0.10"),
+        (Estimate(3.2123, 2.1), "3.2 ± 2.1"),
         (Estimate(0.0, 0.0), "0.000 ± 0.000"),
         (Estimate(3.2123, 0.04, spread=0.613), "3.21 ± 0.04 (spread 0.61)"),
     ],

@@ -188,7 +188,22 @@ def test_no_node_is_unprotected_where_protection_is_asked_for(
         monkeypatch.setenv("CYCLONEDDS_URI", uri)
         assert cyclone_node._is_protected()
     path = tmp_path / "session.json5"
-    path.write_text('{mode: "peer", scouting: {multicast: {enabled: false}}, listen: {endpoints: []}}')
+    head = 'mode: "peer", scouting: {multicast: {enabled: false}}, listen: {endpoints: []}'
+    for link in (
+        "",
+        ', connect: {endpoints: ["tls/localhost:7447"]}',
+        ", transport: {link: {tls: {enable_mtls: true}}}",
+        ', transport: {link: {protocols: ["tls"]}}',
+        ', transport: {link: {protocols: ["tls", "tcp"], tls: {enable_mtls: true}}}',
+        ', transport: {link: {protocols: ["tls"], tls: {enable_mtls: false}}}',
+        ", transport: {link: {protocols: [], tls: {enable_mtls: true}}}",
+    ):
+        path.write_text(f"{{{head}{link}}}")
+        with pytest.raises(InputError, match="would be unprotected; name a zenoh_config with transport/link"):
+            RosNode("filed", RosOptions(zenoh_config=path))
+    path.write_text(
+        f'{{{head}, transport: {{link: {{protocols: ["tls", "quic"], tls: {{enable_mtls: true}}}}}}}}'
+    )
     with RosNode("filed", RosOptions(zenoh_config=path)) as filed:
         assert [e.node for e in filed.graph(0.2)] == ["filed"]
     monkeypatch.setenv("ROS_SECURITY_ENABLE", "false")

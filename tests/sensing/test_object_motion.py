@@ -172,6 +172,25 @@ def test_what_leans_goes_on_leaning_when_its_face_is_looked_at_again():
     assert found.tilt_rad == pytest.approx(0.2, abs=0.02)
 
 
+def test_nothing_is_kept_of_points_that_are_no_longer_tracked():
+    rng = np.random.default_rng(9)
+    tracker, points, ids = ObjectTracker(CAMERA, VIEW), face_points(rng), np.arange(60)
+    tracker.start(FACE)
+    held = []
+    for frame in range(60):
+        pixels = look(points) + rng.normal(0, 0.1, (60, 2))
+        pixels[:2] += 30.0  # two points that do not move with the body are given up
+        found, _ = tracker.update(step_of(look(points), pixels, ids), frame / 30)
+        assert found.valid
+        held.append(sum(len(kept) for kept in vars(tracker).values() if isinstance(kept, dict | set | list)))
+        # The oldest are lost, others are found in their place, as in a push that goes on for hours.
+        points, ids = np.roll(points, -4, axis=0), np.roll(ids, -4)
+        points[-4:], ids[-4:] = face_points(rng, 4), ids.max() + 1 + np.arange(4)
+    # A point has its place on the body and its ray, or is rejected.
+    assert max(held) <= 2 * 60
+    assert found.points > 40
+
+
 def test_jacobian_against_finite_differences():
     rng = np.random.default_rng(6)
     fitter = BodyFitter(CAMERA, VIEW, 4.0, 8)

@@ -238,3 +238,16 @@ def test_bad_input_is_named() -> None:
     few = fit_primitive(np.zeros((3, 2)), np.ones(3))
     assert few.best is None
     assert few.candidates == ()
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.02])
+def test_the_place_of_a_line_is_the_middle_of_what_is_touched(lean: float) -> None:
+    """There its position is known best: at its end, the error of its direction would add up."""
+    rng, y = np.random.default_rng(2), np.arange(-0.08, 0.0401, 0.003)
+    delta = 0.004 + lean * y + 2e-5 * rng.standard_normal(len(y))
+    points = np.column_stack([0.02 - delta, y])
+    best = fit_primitive(points, np.full(len(y), 2e-5), delta_m=delta).best
+    assert best is not None
+    assert best.kind == "line"
+    assert best.parameters[1] == pytest.approx(y.mean(), abs=0.003)  # a point of the strip
+    assert best.parameters[0] == pytest.approx(0.02 - 0.004 - lean * best.parameters[1], abs=1e-4)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.tasks.mobile import fit_outlines, heading_across, join_sides
+from visuohaptic.tasks.mobile import doorways, fit_outlines, heading_across, join_sides
 
 from .laser_hits import VIEWS_M, box, scans
 
@@ -40,3 +40,16 @@ def test_objects_are_approached_across_their_near_side(depths_m: tuple[float, ..
     turns = [fit.pose[2] for fit in fits]
     # 150 points of 9.3 mm along 20 cm: 0.76 degrees each.
     assert np.sqrt(np.mean(np.square(np.degrees(turns)))) < 1.5
+
+
+def test_an_object_elsewhere_does_not_turn_the_row_in_a_door() -> None:
+    """House 712: a bin 4 m away turned the direction of passage by 65 degrees, and the approach led into a neighbour."""
+    rng = np.random.default_rng(0)
+    row = [np.add(scans(box(0.2, 0.15, 0.0), rng), (2.0, 1.7 + 0.3 * k)) for k in range(3)]
+    bin_m = np.add(scans(box(0.2, 0.2, 0.0), rng), (0.2, 0.6))
+    path = np.column_stack([np.linspace(0.0, 3.5, 36), np.full(36, 2.0), np.zeros(36)])
+    rows = doorways([row[0], bin_m, row[2], row[1]], 0.34)
+    assert sorted(map(len, rows)) == [1, 3]
+    headings = np.degrees([heading_across(one, path) for one in rows])
+    assert abs(headings).max() < 8.0
+    assert abs(np.degrees(heading_across([*row, bin_m], path))) > 30.0

@@ -77,6 +77,14 @@ def test_only_a_local_host_name_with_the_secret_is_answered(page):
     assert ask(page, f"/{secret}/../../etc/passwd", host) == 404
 
 
+def test_a_path_of_other_bytes_is_refused_as_any_without_the_secret(page):
+    port, secret = place(page)
+    for path in (b"/\xff\xfe", b"/" + secret.encode() + b"\xff", b"/%ff/"):
+        with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S) as connection:
+            connection.sendall(b"GET " + path + b" HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n\r\n" % port)
+            assert connection.recv(4096).startswith(b"HTTP/1.1 403"), path
+
+
 def test_no_foreign_page_reads_the_stream(page):
     from websockets.exceptions import InvalidStatus
 

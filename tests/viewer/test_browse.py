@@ -6,6 +6,7 @@ import json
 import re
 import time
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from visuohaptic.grasping import GraspTask
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.io.meshes import PlyMesh, write_ply
 from visuohaptic.navigation.problem import Plan, Task
+from visuohaptic.navigation.problem.path_plan import Kind
 from visuohaptic.viewer import (
     BrowsePage,
     MapView,
@@ -253,6 +255,7 @@ def picked(stiffness: float, **change) -> str:
         (lambda: picked(1000.0), r"Point \(10, 0, 20\) mm, grasp score 0.50  \nStiffness \*\*1.00 ± 0.05 N/mm\*\*: 1.50 mm"),
         (lambda: picked(1000.0, sigma_N_per_m=np.inf), r"\*\*1.00 N/mm\*\*"),
         (lambda: picked(np.nan), "There is no opposite point: it cannot be pinched.$"),
+        (lambda: picked(0.0), "The map has no stiffness here.$"),
         (lambda: picked(np.inf), "The wall is clamped here and does not deform.$"),
         (lambda: picked(1000.0, nonlinear=True), "Nonlinear: 1.50 mm.$"),
         (lambda: picked(1000.0, nonlinear=True, note="it snaps"), "Nonlinear: it snaps.$"),
@@ -291,6 +294,30 @@ def test_a_plan_without_a_map_and_a_map_without_an_object_are_drawn():
         for shade in ("grasp score", "height", "stiffness"):
             bare.paint(shade)
             assert f"**bare**: {shade} from" in page.stage.get("legend").content
+
+
+def test_every_task_of_a_plan_has_a_colour():
+    way = ((0.0, 0.0), (1.0, 0.2))
+    plan = Plan(True, tuple(Task(kind, 1.0, 1.0, way) for kind in get_args(Kind)))
+    with BrowsePage([MapView("all", grid(), plan)], port=0) as page:
+        text = page.stage.get("tasks").content
+        assert all(page.stage.get(f"way{number}") is not None for number in range(len(plan.tasks)))
+    assert all(f"| {kind} |" in text for kind in get_args(Kind))
+
+
+def test_no_view_is_lost_because_another_has_its_number_in_its_title():
+    with BrowsePage([StepsView(title) for title in ("a", "a", "a (1)", "b")], port=0) as page:
+        assert len(page.names) == 4
+        assert page.names[:2] == ("a (1)", "a (2)")
+
+
+@pytest.mark.parametrize("force_N", [0.3, 12.3])
+def test_the_slider_begins_at_the_force_of_the_task_however_small(cup, force_N):
+    gentle = ObjectView("gentle", cup.surface, task=GraspTask(force_N=force_N))
+    with BrowsePage([gentle], port=0) as page:
+        slider = page.stage.get("force")
+        assert slider.value == pytest.approx(force_N)
+        assert slider.min <= force_N <= slider.max
 
 
 def wait_until_drawn(page: BrowsePage) -> None:

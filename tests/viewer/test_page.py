@@ -88,6 +88,16 @@ def test_updates_without_a_browser(page):
     page.set_tags({"box": HapticTag(dynamic_friction_N=Estimate(3.2, 0.1)), "wall": "fixed"})
 
 
+def test_an_obstacle_has_the_colour_of_what_is_known_of_it(page):
+    square, colours = np.array([[0, 0], [0.2, 0], [0.2, 0.2], [0, 0.2]]), []
+    for fixed in (None, False, None, True):
+        page.set_obstacle("crate", square, Pose.identity(), fixed=fixed)
+        colours.append(tuple(page._obstacles["crate"].color))
+    unknown, movable, kept, immovable = colours
+    assert kept == movable
+    assert len({unknown, movable, immovable}) == 3
+
+
 def test_a_tag_is_told_in_one_line():
     tag = HapticTag(
         fixed=False, dynamic_friction_N=Estimate(3.2, 0.1), min_static_friction_N=20.0, falls=True

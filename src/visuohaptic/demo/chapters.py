@@ -85,15 +85,13 @@ log = logging.getLogger(__name__)
 class Visit:
     """World of the mission, and prior knowledge."""
 
-    world: int = (
-        0  #: seed of a random house with its obstacles and the object on its table; 0: the fixed office
-    )
+    #: seed of a random house with its obstacles and the object on its table; 0: the fixed office
+    world: int = 0
     day: int = 0  #: people have moved objects since the previous one
     memory: Path | str | None = None  #: database of learnt objects, a folder or a URL
     apart: bool = False  #: the worlds at the table run in processes of their own
-    bring: str = (
-        ""  #: request for containers, see :meth:`.FetchRequest.parse`; on the table stand two or three
-    )
+    #: request for containers, see :meth:`.FetchRequest.parse`; on the table stand two or three
+    bring: str = ""
 
 
 def run_mission(

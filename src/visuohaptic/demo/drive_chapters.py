@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 
@@ -21,7 +20,7 @@ from ..simulation.mobile import DriftingBase, SimulatedLaser
 from ..tasks.framework.supervised_parts import Supervisor
 from ..tasks.manipulation.hand import as_vector
 from ..tasks.memory import MOVED_M
-from ..tasks.mobile.travel import Travel, TravelRecord, TravelSettings, TravelState, travel
+from ..tasks.mobile.travel import Travel, TravelRecord, TravelSettings, travel
 from .floor_chapters import (
     MIN_FIT,
     SEEN_SIGMA_M,
@@ -123,7 +122,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
     estimated = senses.pose()
     parts = (
         Measure("distance from the place at the table [m]", math.dist(estimated[:2], known.goal_m), error_m),
-        Measure("planned duration [s]", _planned_s(found)),
+        Measure("expected duration of its plan [s]", _first_expected_s(found.records)),
         Measure("duration of the drive [s]", found.duration_s),
         Measure(
             "length of a path without a push [m]", detour.length_m if detour.reachable else "none exists"
@@ -180,10 +179,9 @@ def pushed_text(records: Sequence[TravelRecord]) -> str:
     return ", ".join(texts) or "nothing had to be pushed"
 
 
-def _planned_s(found: Travel) -> float | None:
-    """Expected duration [s] of the plan on which the drive set out: with margins, it is slower than the shortest one."""
-    made = itertools.takewhile(lambda record: record.state == TravelState.PLAN, found.records)
-    return next((one.values["cost_s"] for one in reversed([*made]) if one.values.get("reachable")), None)
+def _first_expected_s(records: Sequence[TravelRecord]) -> float | None:
+    """Expected duration [s] of the plan on which the drive set out; ``None`` without one."""
+    return next((record.values["expected_s"] for record in records if record.event == "set out"), None)
 
 
 def _travelled(
@@ -205,9 +203,7 @@ def _travelled(
         made = make_plan(problem)
         for task in made.tasks:
             what = f"{task.kind} {task.object}".strip()
-            mission.log(
-                f"  plan: {what}, {task.length_m:.2f} m, {task.cost_s:.0f} s{_why(task.object, mission)}"
-            )
+            mission.log(f"  plan: {what}, {task.length_m:.2f} m{_why(task.object, mission)}")
         return made
 
     guard = Supervisor(clock=lambda: world.t_s)
@@ -220,8 +216,10 @@ def _travelled(
         plan=plan,
     )
     for record in found.records:
-        if record.event in ("pushed", "brushed", "explored", "bumped", "stalled", "arrived"):
+        if record.event in ("set out", "pushed", "brushed", "explored", "bumped", "stalled", "arrived"):
             more = f" {record.object}" if record.object else ""
+            if record.event == "set out":
+                more = f", expected to take {record.values['expected_s']:.0f} s"
             mission.log(f"  {record.t_s - start_s:5.0f} s  {record.event}{more}")
     place_objects(mission, world)
     return found, np.array(track).reshape(-1, 3)

@@ -25,9 +25,9 @@ from ..simulation.houses.guided_platform import GuidedPlatform
 from ..simulation.mobile.obstacles import ObstacleKind, SimulatedObstacle
 from ..tasks.manipulation.hand import as_vector
 from ..tasks.memory import RememberedMap
-from ..tasks.mobile.doorway_objects import heading_across, join_sides
+from ..tasks.mobile.doorway_objects import doorways, heading_across, join_sides
 from ..tasks.mobile.floor_outline import SIDE_M, FloorOutline, fit_outlines
-from ..tasks.mobile.travel import map_with_footprints
+from ..tasks.mobile.travel import expected_duration_s, map_with_footprints
 from .judge import Claim
 from .results import ChapterResult, Illustration, Measure, done, failed
 from .story import Mission
@@ -170,16 +170,21 @@ def map_route(mission: Mission) -> ChapterResult:
 
 def _recall_the_map(mission: Mission, recalled: RememberedMap) -> ChapterResult:
     """The map of an earlier visit, if it matches the laser scan at the start."""
-    known, house = mission.known, mission.house
-    known.map = known.map_now = recalled.grid
-    known.goal_m, known.pose = recalled.goal_m, recalled.home
-    mission.platform = GuidedPlatform(house, house.start, mission.rng(2), mission.rng(3))
-    mission.mapper = OccupancyMapper.from_map(
-        recalled.grid, recalled.home, mission.platform.odometry(), hits_m=recalled.hits_m
-    )
+    _start_with(mission, recalled)
     return done(
         "the map of an earlier visit fits the laser scan",
-        Claim("place", "table", known.goal_m, house.table_m, sigma=SEEN_SIGMA_M),
+        Claim("place", "table", recalled.goal_m, mission.house.table_m, sigma=SEEN_SIGMA_M),
+    )
+
+
+def _start_with(mission: Mission, given: RememberedMap) -> None:
+    """Map, goal and pose that are known before the start."""
+    known, house = mission.known, mission.house
+    known.map = known.map_now = given.grid
+    known.goal_m, known.pose = given.goal_m, given.home
+    mission.platform = GuidedPlatform(house, house.start, mission.rng(2), mission.rng(3))
+    mission.mapper = OccupancyMapper.from_map(
+        given.grid, given.home, mission.platform.odometry(), hits_m=given.hits_m
     )
 
 
@@ -193,10 +198,12 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     """
     known, grid = mission.known, mission.known.map
     mission.platform.see(world_map(mission))
-    plan = without_pushing(route_problem(mission, grid))
+    problem = route_problem(mission, grid)
+    plan = without_pushing(problem)
     if not plan.reachable:
         return failed(f"on the map of the first round there is no path to the table: {plan.reason}")
-    mission.log(f"  on the map the path to the table is free: {plan.length_m:.1f} m, {plan.cost_s:.0f} s")
+    seconds = expected_duration_s(plan, problem, known.pose[2])
+    mission.log(f"  on the map the path to the table is free: {plan.length_m:.1f} m, {seconds:.0f} s")
     for turn in (0.5, -0.5, 0.0) if mission.attempt else ():
         _look_from(mission, compose_2d(known.pose, (0.0, 0.0, turn * math.pi)))
     if fit_fraction(mission, grid, mission.platform.pose, known.pose) < MIN_FIT:
@@ -205,25 +212,31 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     since_s = mission.platform.t_s
     groups, views_m = _drive_until_blocked(mission, path)
     mission.record_cost(mission.platform.t_s - since_s)
-    near = [one for one in groups if _distance(one, path) < BESIDE_M]
+    near, known.obstacles = [one for one in groups if _distance(one, path) < BESIDE_M], ()
     known.map_now = mark_points(grid, groups)
     blocked = without_pushing(route_problem(mission, known.map_now))
     if blocked.reachable:
         return done(f"no new object blocks the path, {len(groups)} near it")
-    ahead_rad = heading_across(near, path)
-    known.obstacles = tuple(fit_outlines(one, views_m, ahead_rad) for one in join_sides(near, ahead_rad))
-    for one, _ in known.obstacles:
-        (x, y), turned = one.centre_m, math.degrees(one.pose[2] - ahead_rad)
-        shape = "round" if one.round else f"a box turned by {turned:.0f} degrees"
-        mission.log(f"  new object at ({x:.2f}, {y:.2f}) m, {100 * one.size_m[0]:.0f} cm wide, {shape}")
+    for row in doorways(near, 2 * ROBOT.radius_m):
+        ahead_rad = heading_across(row, path)
+        for points_m in join_sides(row, ahead_rad):
+            one, other = fit_outlines(points_m, views_m, ahead_rad)
+            known.obstacles += ((one, other),)
+            (x, y), turned = one.centre_m, math.degrees(one.pose[2] - ahead_rad)
+            shape = "round" if one.round else f"a box turned by {turned:.0f} degrees"
+            mission.log(f"  new object at ({x:.2f}, {y:.2f}) m, {100 * one.size_m[0]:.0f} cm wide, {shape}")
+    claims = [_place_claim(mission, one) for one, _ in known.obstacles]
     return done(
         f"{len(known.obstacles)} objects block every path to the table",
-        *(_place_claim(mission, one) for one, _ in known.obstacles),
+        *claims,
         Measure("new objects that block the path", len(known.obstacles)),
         map_picture(
             known.map_now,
             path[:, :2],
-            [MapObject(f"new {k + 1}", one.corners_m) for k, (one, _) in enumerate(known.obstacles)],
+            [
+                MapObject(its.what, one.corners_m)
+                for its, (one, _) in zip(claims, known.obstacles, strict=True)
+            ],
             "The planned path to the table on the map, and the new objects that block it",
         ),
     )
@@ -279,25 +292,10 @@ def _distance(group: Float[np.ndarray, "k 2"], path: Float[np.ndarray, "n 3"]) -
 
 def _place_claim(mission: Mission, outline: FloorOutline) -> Claim:
     """Centre of an object, compared with the nearest true one."""
-    true, (x, y) = nearest_obstacle(mission, outline.centre_m), outline.centre_m
+    true, (x, y) = mission.nearest_obstacle(outline.centre_m), outline.centre_m
     # Half of the error of the depth, along one of two axes.
     sigma = math.hypot(SEEN_SIGMA_M, 0.5 * outline.sigma_m[1] / math.sqrt(2.0))
     return Claim("place", true.name, (float(x), float(y)), mission.placed[true.name][:2], sigma=sigma)
-
-
-def nearest_obstacle(mission: Mission, point_m: Float[np.ndarray, "2"]) -> SimulatedObstacle:
-    """The true obstacle at a point of the map, from the simulated world.
-
-    Parameters
-    ----------
-    mission
-        Mission with the poses of all obstacles.
-    point_m
-        Observed point [m].
-    """
-    return min(
-        mission.house.obstacles, key=lambda one: math.dist(mission.placed[one.name][:2], tuple(point_m))
-    )
 
 
 def fit_fraction(
@@ -355,9 +353,8 @@ def map_picture(
     """
     from ..report.floor_chart import floor_map
 
-    x, y, _ = grid.origin
     figure = floor_map(
-        grid.cells, grid.resolution_m, (x, y), path_world_m=path_m, objects=objects,
+        grid.cells, grid.resolution_m, grid.origin[:2], path_world_m=path_m, objects=objects,
         robot_radius_m=ROBOT.radius_m,
     )  # fmt: skip
     return Illustration(figure, caption)
@@ -371,13 +368,10 @@ def default_map(mission: Mission) -> None:
     mission
         State of the mission; what the chapter would have found is set.
     """
-    house, known, grid = mission.house, mission.known, mission.house.grid
+    house, grid = mission.house, mission.house.grid
     if mission.fault is FaultKind.WRONG_MAP:
         grid = OccupancyMap(wrong_map(grid.cells, mission.rng(4)), grid.resolution_m, grid.origin)
-    known.map = known.map_now = grid
-    known.goal_m, known.pose = house.table_m, house.start
-    mission.platform = GuidedPlatform(house, house.start, mission.rng(2), mission.rng(3))
-    mission.mapper = OccupancyMapper.from_map(grid, house.start, mission.platform.odometry())
+    _start_with(mission, RememberedMap(grid, house.table_m, house.start))
 
 
 def default_door(mission: Mission) -> None:

@@ -195,10 +195,11 @@ class _Push:
         times = [profile.t_s for profile in found.profiles]
         late = float(np.interp(touched, times, found.travel_m)) - found.expected_m if times else math.nan
         if math.isfinite(found.seen_ahead_m):
-            self.log(
-                f"  seen {1e3 * found.seen_ahead_m:.0f} mm ahead, "
+            contact = (
                 f"contact {1e3 * abs(late):.1f} mm {'after' if late > 0 else 'before'} the predicted place"
             )
+            contact = contact if math.isfinite(late) else "no contact"
+            self.log(f"  seen {1e3 * found.seen_ahead_m:.0f} mm ahead, {contact}")
         return DemoObject(path.obstacle.name, path, found, tuple(self.samples), picture, strip, place)
 
     def _step(self, step: ExploreStep) -> None:

@@ -110,10 +110,12 @@ def _claim_row(claim: Claim) -> dict[str, Any]:
         # Adding 0 turns a rounded -0 into 0.
         return ", ".join(f"{round(factor * number, decimals) + 0.0:.{decimals}f}" for number in numbers)
 
-    sigma = f" \u00b1 {shown(claim.sigma)}" if math.isfinite(claim.sigma) else ""
+    reported = shown(claim.value) + (f" \u00b1 {shown(claim.sigma)}" if math.isfinite(claim.sigma) else "")
+    if claim.kind in ("shape", "force"):  # claimed is how large the error is
+        reported = f"{shown(claim.sigma)} expected"
     return {
         "claim": f"{claim.what}: {what}" + (f" [{unit}]" if unit else ""),
-        "reported": shown(claim.value) + sigma,
+        "reported": reported,
         "probability": f"{claim.forecast:.3f}",
         "truth": shown(claim.truth),
         "correct": _YES_NO[claim.correct],
@@ -304,7 +306,11 @@ def grasp_figure(plan: GraspPlan, lift: LiftPlan, outline_m: np.ndarray, lifted:
         for at, (values, label, scale) in zip(axes, fields, strict=False):
             field = griddata((around, height_mm), values, at_deg_mm, method="nearest", rescale=True)
             shown = at.pcolormesh(*at_deg_mm, field, shading="nearest", rasterized=True, **scale)
-            at.figure.colorbar(shown, ax=at, extend="both" if scale else "neither")
+            bar = at.figure.colorbar(shown, ax=at, extend="both" if scale else "neither")
+            if scale:  # the scale is rarely longer than a decade
+                bar.set_ticks(np.geomspace(low, high, 5).tolist(), minor=False)
+                bar.ax.minorticks_off()
+                bar.ax.yaxis.set_major_formatter("{x:.2g}")
             at.set(xlabel="angle about the axis [deg]", ylabel="height [mm]", title=label)
             at.grid(visible=False)
             for place in (plan.grasps[0].first_m, plan.grasps[0].second_m):

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from ..sensing.beam.tracked import TrackedBeam
     from ..sensing.foam.sensor import FoamSensor
     from ..simulation.houses.guided_platform import GuidedPlatform
+    from ..simulation.mobile.obstacles import SimulatedObstacle
     from ..tasks.manipulation.squeeze_task import SqueezeCurve
     from ..tasks.memory import PlaceMemory, RememberedContainer
     from ..tasks.mobile.floor_outline import FloorOutline
@@ -105,9 +106,8 @@ class Mission:
     obstacles: int = 3  #: to touch; one if the chapter runs alone
     quick: bool = False  #: fewer views and frames: for tests
     known: Known = field(default_factory=Known)
-    world: int = (
-        0  #: seed of the house and of the object on its table; 0: the fixed office, the rest from ``seed``
-    )
+    #: seed of the house and of the object on its table; 0: the fixed office, the rest from ``seed``
+    world: int = 0
     visit: int = 0  #: day in this world
     place: int = 0  #: of several containers on the table, see :meth:`at`
     house: House = field(init=False)  #: the true floor
@@ -180,6 +180,16 @@ class Mission:
         day = [self.visit] if self.visit else []
         return np.random.default_rng([self.world or self.seed, part + PLACE_PARTS * self.place, *day])
 
+    def nearest_obstacle(self, point_m: Float[np.ndarray, "2"]) -> SimulatedObstacle:
+        """The true obstacle at a point of the map, from the simulated world.
+
+        Parameters
+        ----------
+        point_m
+            Observed point [m].
+        """
+        return min(self.house.obstacles, key=lambda one: math.dist(self.placed[one.name][:2], tuple(point_m)))
+
     def at(self, place: int) -> Mission:
         """The same robot before another place of the table, of whose container it knows nothing.
 
@@ -211,9 +221,8 @@ class Chapter:
     typical_s: float = 1.0  #: on two cores with compiled kernels; for the estimate of the remaining time
     without: Callable[[Mission], None] | None = None  #: fills in its results when it is omitted
     otherwise: str = ""  #: description of the second attempt after a failure; empty: there is none
-    robot_s: float = (
-        0.0  #: expected duration for the robot, of those that are repeated for every container [s]
-    )
+    #: expected duration for the robot, of those that are repeated for every container [s]
+    robot_s: float = 0.0
     tells: tuple[str, ...] = ()  #: properties of a container of a :class:`.FetchRequest` that it measures
 
 

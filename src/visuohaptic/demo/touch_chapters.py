@@ -27,7 +27,7 @@ from ..tasks.mobile.floor_outline import FloorOutline
 from ..tasks.mobile.footprint_after_push import footprint_after_push
 from ..tasks.mobile.known_objects import recognise
 from .drive_chapters import TIMEOUT_S
-from .floor_chapters import default_door, map_picture, nearest_obstacle, outline_m, route_problem
+from .floor_chapters import default_door, map_picture, outline_m, route_problem
 from .judge import Claim
 from .push_demo import (
     SLOW_EXPLORATION,
@@ -74,7 +74,7 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
             unknown.append(seen)
             continue
         objects.append(recalled)
-        claims += tag_claims(nearest_obstacle(mission, seen.centre_m), recalled.tag)
+        claims += tag_claims(mission.nearest_obstacle(seen.centre_m), recalled.tag)
     if not unknown:
         known.objects = tuple(objects)
         return done(f"all {len(objects)} objects are known from an earlier visit", *claims)
@@ -155,10 +155,10 @@ def _tour_picture(
 ) -> Illustration:
     """The planned tour on the map, with the place of each object in the order and its benefit."""
     benefits = {step.object: f"opens a passage ({step.opens:.2f})" for step in tour.steps} | tour.left_out
-    objects = [
-        MapObject(f"{place}. new {k + 1}: {benefits[f'new {k + 1}']}", unknown[k].corners_m)
-        for place, k in enumerate(order, 1)
-    ]
+    objects = []
+    for place, k in enumerate(order, 1):
+        name = mission.nearest_obstacle(unknown[k].centre_m).name
+        objects.append(MapObject(f"{place}. {name}: {benefits[f'new {k + 1}']}", unknown[k].corners_m))
     paths_m = [np.array(task.path_m) for task in tour.tasks if task.path_m]
     return map_picture(
         mission.known.map_now,
@@ -223,7 +223,7 @@ def _take(mission: Mission, one: DemoObject, seen: FloorOutline) -> MovableObjec
 
 def _approach(mission: Mission, seen: FloorOutline) -> ApproachPath:
     """Drive to the near side by the laser; the object there and its true pose are taken from the simulated world."""
-    true = nearest_obstacle(mission, seen.centre_m)
+    true = mission.nearest_obstacle(seen.centre_m)
     here = relative_2d(mission.known.pose, seen.pose)
     here = compose_2d(here, (0.0, 0.25 * seen.size_m[0] * mission.attempt, 0.0))
     before = ROBOT.radius_m + START_M
@@ -284,7 +284,7 @@ def _recall(mission: Mission) -> list[MovableObject | None]:
             found.append(None)
             continue
         one, probability, outline = match
-        name = nearest_obstacle(mission, seen.centre_m).name
+        name = mission.nearest_obstacle(seen.centre_m).name
         mission.remembered[name] = one.id.removeprefix(f"{mission.memory.place}.")
         assert one.tag is not None
         mission.tags[name] = one.tag
@@ -322,23 +322,16 @@ def _against_truth(one: DemoObject) -> list[Measure]:
 
 
 def _pictures(result: DemoResult, *objects: DemoObject) -> list[Illustration]:
+    """Camera image and force of every object that was touched, as measured or in truth."""
     found = []
     for one in objects:
         picture = annotated_push(result, one)
-        if picture is not None:
-            found.append(
-                Illustration(
-                    picture,
-                    f"{one.name}: what the camera sees at the largest force, and what is read from it",
-                )
-            )
-        if not any(true_N > 0.05 for _, true_N in one.samples):
-            continue
-        found.append(
-            Illustration(
-                force_of_push(one), f"{one.name}: force over time with two sigma, the truth, and the events"
-            )
-        )
+        if one.exploration.events and picture is not None:
+            what = "what the camera sees at the largest force, and what is read from it"
+            found.append(Illustration(picture, f"{one.name}: {what}"))
+        if one.exploration.events or any(true_N > 0.05 for _, true_N in one.samples):
+            what = "force over time with two sigma, the truth, and the events"
+            found.append(Illustration(force_of_push(one), f"{one.name}: {what}"))
     return found
 
 
@@ -354,7 +347,7 @@ def default_tags(mission: Mission) -> None:
         default_door(mission)
     rng = mission.rng(9)
     objects = []
-    near = [nearest_obstacle(mission, seen.centre_m) for seen, _ in mission.known.obstacles]
+    near = [mission.nearest_obstacle(seen.centre_m) for seen, _ in mission.known.obstacles]
     for true in near:
         outline = outline_m(mission, true, math.pi / 8)
         tag = HapticTag(fixed=not true.movable, explored=1, failed=0)

@@ -20,6 +20,9 @@ MIN_OVERLAP = 0.5
 #: The volume displaced by a pinch grows faster than the force: in nonlinear simulations of flat
 #: sides twice as fast within the allowed deformation.
 SPILL_MARGIN = 2.0
+#: Relative standard deviation of the stiffness of a map that states none: that of a class's map for one of its objects, common
+#: and local part, see ``recognition.touch.refinement.CLASS``.
+UNSTATED_SIGMA = float(np.hypot(0.5, 0.4))
 
 
 class Verdict(IntEnum):
@@ -104,6 +107,20 @@ def spill_of(container: ShellObject, model: ShellModel, scores: GraspScores, fil
     return Spill((1 - fill) * container.volume_m3, -tip_approach(scores.tips, w, model.mesh.vertices_m))
 
 
+def relative_sigma(surface: StiffnessMap) -> Float[np.ndarray, "v"]:
+    """Relative standard deviation of the stiffness; :data:`UNSTATED_SIGMA` where the map has none, 0 where the wall does not deform.
+
+    Parameters
+    ----------
+    surface
+        Stiffness map.
+    """
+    k = surface.stiffness_N_per_m
+    with np.errstate(invalid="ignore", divide="ignore"):
+        relative = np.nan_to_num(surface.stiffness_sigma_N_per_m / k, nan=UNSTATED_SIGMA, posinf=0.0)
+    return np.where(np.isinf(k), 0.0, relative)
+
+
 def feasibility_map(
     surface: StiffnessMap,
     scores: GraspScores,
@@ -123,7 +140,7 @@ def feasibility_map(
         Applied force of each finger [N]; one number, or one per vertex.
     task
         Gripper, handling, bound of the deformation and the confidence with which it is respected. The stiffness is
-        log-normal with the map's relative standard deviation; where that is NaN, the best estimate is used.
+        log-normal, see :func:`relative_sigma`.
     load
         The lifted load; without it, no force is rejected as too weak.
     spill
@@ -139,8 +156,8 @@ def feasibility_map(
     width = np.where(tips.valid, np.linalg.norm(second - first, axis=1), np.nan)
     k = surface.stiffness_N_per_m
     with np.errstate(invalid="ignore", divide="ignore"):
-        relative = np.nan_to_num(surface.stiffness_sigma_N_per_m / k, nan=0.0, posinf=0.0)
-        limit = k * np.exp(-float(ndtri(task.confidence)) * relative) * task.parameters.max_deformation_m
+        limit = k * np.exp(-float(ndtri(task.confidence)) * relative_sigma(surface))
+        limit *= task.parameters.max_deformation_m
     slant = scores.slant_rad
     needed = np.zeros(len(points))
     if load is not None:
@@ -166,14 +183,5 @@ def feasibility_map(
         verdict[bad] = why
     # Where the wall does not deform, no error of the position is possible.
     unloaded = gripper.position_sigma_m * np.nan_to_num(k, nan=0.0, posinf=0.0)
-    return FeasibilityMap(
-        verdict,
-        force.copy(),
-        needed,
-        limit,
-        spill_limit,
-        width,
-        task.confidence,
-        unloaded,
-        gripper.max_force_N,
-    )
+    forces = force.copy(), needed, limit, spill_limit
+    return FeasibilityMap(verdict, *forces, width, task.confidence, unloaded, gripper.max_force_N)

@@ -56,10 +56,10 @@ class Grasp:
     deformation_limit_N: float
     spill_limit_N: float
     deformation_m: float  #: expected, of one side
-    deformation_sigma_m: float  #: NaN if the map of the stiffness has no sigma
+    deformation_sigma_m: float  #: log-normal, with the relative standard deviation of the stiffness
     width_m: float  #: distance of the fingers
     steadiness: float  #: smallest S_G within the neighbourhood, for a misaligned arm
-    success: float  #: probability that it neither slips nor deforms too much; NaN if no load, or no sigma of the stiffness, is known
+    success: float  #: probability that it neither slips nor deforms too much; NaN if no load is known
     work_J: float  #: minimum work of both fingers to hold the load (Xu et al. 2020), by the linear stiffness
     rim: bool = False  #: the wall itself is pinched at the mouth, one finger inside
     arm_cost: float = 0.0

@@ -15,7 +15,7 @@ from ..deformation.nonlinear.contents import Contents, enclosed_gradient, tip_ap
 from ..deformation.shells.stiffness_map import DualTips, antipodal_points, opposing_points
 from .approach import ApproachSpace, find_approach
 from .confirm import Confirmation, confirm_grasp
-from .feasibility import FeasibilityMap, Spill, Verdict, feasibility_map, spill_of
+from .feasibility import FeasibilityMap, Spill, Verdict, feasibility_map, relative_sigma, spill_of
 from .force import Load, object_load, success_probability
 from .grasp_task import Grasp, GraspTask
 from .rim import rim_grasps
@@ -251,10 +251,8 @@ def _plan(
     notes: tuple[str, ...] = (
         (f"{blocked} places have no way free of object, scene and table",) if blocked else ()
     )
-    if any(not (goal.rim or np.isfinite(goal.deformation_sigma_m)) for goal in kept):
-        notes += (
-            "the map has no standard deviation: the limit of the deformation has no margin, and is exceeded with a probability of up to one half",
-        )
+    if kept and np.isnan(surface.stiffness_sigma_N_per_m[np.isfinite(surface.stiffness_N_per_m)]).any():
+        notes += ("the map states no standard deviation: it is taken to be as uncertain as that of a class",)
     return GraspPlan(tuple(kept), tuple(rejected), surface, scores, found, task, load, notes)
 
 
@@ -274,6 +272,7 @@ def _goals(
     from scipy.spatial import cKDTree
 
     points, tips, score = surface.vertices_m, scores.tips, scores.pair
+    spreads = relative_sigma(surface)
     used = np.zeros(len(points), dtype=bool)
     used[np.asarray(surface.faces)] = True
     open_: Int[np.ndarray, "g"] = np.flatnonzero(used & found.feasible & (score >= task.min_score))
@@ -290,9 +289,8 @@ def _goals(
             taken[tree.query_ball_point(place, APART * reach)] = True
         near = [i for i in tree.query_ball_point(points[vertex], reach) if used[i]]
         k = float(surface.stiffness_N_per_m[vertex])
-        sigma = float(surface.stiffness_sigma_N_per_m[vertex])  # NaN: the map has none
         deformation = float(scores.deformation_m[vertex])
-        spread = sigma / k if np.isfinite(k) else 0.0
+        spread = float(spreads[vertex])
         success = (
             float("nan") if load is None else _success(vertex, scores, found, task, load, deformation, spread)
         )
@@ -333,10 +331,7 @@ def _success(
     deformation_m: float,
     spread: float,
 ) -> float:
-    """Probability that a grasp holds its load, times that of staying below the bound of the deformation.
-
-    NaN if the spread of the deformation is unknown.
-    """
+    """Probability that a grasp holds its load, times that of staying below the bound of the deformation."""
     from scipy.special import ndtr
 
     holds = success_probability(

@@ -17,6 +17,7 @@ from ..core.measurement import GRAVITY_M_S2
 from ..core.objects import StiffnessMap
 from ..deformation import ShellObject, liquid_level_m
 from .confirm import mouth_edges
+from .feasibility import relative_sigma
 from .force import Load, required_force_N, success_probability
 from .grasp_task import Grasp, GraspTask
 from .score import GraspScores, deformation_score
@@ -52,7 +53,7 @@ def rim_grasps(
     if task.closed or not len(container.lid):
         return []
     points, faces = container.mesh.vertices_m, container.mesh.faces
-    normal, used = vertex_normals(points, faces), np.unique(faces)
+    normal, used, spread = vertex_normals(points, faces), np.unique(faces), relative_sigma(surface)
     wet_m = points[:, 2].min() + (liquid_level_m(container, task.fill) if task.fill else 0.0)
     mouth = np.unique(mouth_edges(container))
     angle = np.arctan2(
@@ -86,13 +87,10 @@ def rim_grasps(
         first, second = points[vertex] - wall, points[vertex] + wall
         args = np.array([force]), np.array([needed]), np.zeros(1)
         success = float(success_probability(*args, load, gripper, task.handling)[0])
-        spread = float(
-            np.nan_to_num(surface.stiffness_sigma_N_per_m[vertex] / surface.stiffness_N_per_m[vertex])
-        )
         out.append(
             Grasp(
                 vertex, first, second, inward, score, parts, force, needed, float("inf"), float("inf"), bend_m,
-                bend_m * spread, 2 * float(np.linalg.norm(wall)), score, success, weight_N * lever_m / radius * bend_m,
+                bend_m * spread[vertex], 2 * float(np.linalg.norm(wall)), score, success, weight_N * lever_m / radius * bend_m,
                 rim=True,
             )
         )  # fmt: skip

@@ -4,8 +4,10 @@ from .classifier_file import save_classifier as save_classifier
 from .data.compressions import Compression as Compression
 from .data.compressions import read_compressions as read_compressions
 from .data.curve_file import SqueezedObject as SqueezedObject
+from .data.curve_file import SqueezeSamples as SqueezeSamples
 from .data.curve_file import read_curves as read_curves
 from .data.curve_file import read_squeezed as read_squeezed
+from .data.curve_file import read_squeezes as read_squeezes
 from .data.data_set import FeatureSet as FeatureSet
 from .data.data_set import join_feature_sets as join_feature_sets
 from .data.data_set import load_feature_set as load_feature_set
@@ -31,7 +33,6 @@ from .touch.belief import update_belief as update_belief
 from .touch.calibration import calibrate as calibrate
 from .touch.contents import ContentsModel as ContentsModel
 from .touch.contents import ContentsPosterior as ContentsPosterior
-from .touch.contents import SqueezeSamples as SqueezeSamples
 from .touch.contents import wall_from_stiffness as wall_from_stiffness
 from .touch.haptic_model import UNKNOWN as UNKNOWN
 from .touch.haptic_model import HapticModel as HapticModel

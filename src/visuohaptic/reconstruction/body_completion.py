@@ -98,8 +98,14 @@ class BodyCompletion:
         Raises
         ------
         InputError
-            No visible surface below the body.
+            No visible surface below the body, or the body leans.
         """
+        if any(body.lean_m):
+            raise InputError(
+                "BodyCompletion",
+                f"the vessel leans by {np.degrees(body.lean_rad):.0f} degrees, expected an upright one",
+                remedy="stand it up and reconstruct again",
+            )
         away_m = np.hypot(*(visual.vertices_m[:, :2] - body.axis_m).T)
         below = visual.vertices_m[
             (away_m < 2 * max(body.radius_m)) & (visual.vertices_m[:, 2] < body.height_m[0]), 2

@@ -19,7 +19,8 @@ from .body_completion import BodyCompletion
 from .completion import Completion, CompletionSettings, HoleRegion
 from .fusion import SENSOR_NOISE, DepthNoise, SpaceGrid, TsdfVolume, sensor_noise, space_of_interest
 from .mesh import SurfaceMesh
-from .transparency import EvidenceDetector, EvidenceSettings, SearchReport, TrackedNoise, view_graph
+from .transparency import EvidenceDetector, SearchReport, TrackedNoise, view_graph
+from .transparency.evidence import MIN_ANGLE_RAD
 from .transparency.pose_refinement import common_sigma_m, refine_poses
 from .transparency.regions import TransparentRegion, mask_refracted_rays, outer_voxels, save_regions
 
@@ -59,7 +60,7 @@ class Reconstruction:
             The index is out of range, or there is no surface around the part.
         """
         region = self._region(part)
-        return Completion(self.surface, HoleRegion.of_points(region.hull_m, region.score), settings)
+        return Completion(self.surface, HoleRegion.of_points(region.hull_m), settings)
 
     def body_completion(self, part: int = 0) -> BodyCompletion:
         """Completion of a fully transparent vessel from its outlines; it stands on the surface below it.
@@ -184,7 +185,7 @@ def reconstruct(
     reported = frames
     if refine:
         frames = refine_poses(frames, noise)
-    detector = EvidenceDetector(grid, noise, EvidenceSettings(false_alarm_rate), model)
+    detector = EvidenceDetector(grid, noise, false_alarm_rate, model)
     detector.run(frames)
     regions = detector.regions()
     if refine and len(frames) > 1:
@@ -252,7 +253,7 @@ def measured_noise(frames: Sequence[DepthFrame], name: str = "") -> DepthNoise:
     """Noise of an unknown camera, by the agreement of neighbouring views: proportional to the squared depth.
 
     The agreement contains the errors of the poses and of rounding to pixels on slopes, so that the noise is an upper bound. The matching window is the largest
-    of the known cameras; the baseline is that of a Kinect until glass is found (:func:`.outline_fit.second_eye_m`). Views that show no common surface have the noise of a Kinect.
+    of the known cameras; the baseline is inferred with the evidence (:func:`.ray_readings.second_eye_m`). Views that show no common surface have the noise of a Kinect.
 
     Parameters
     ----------
@@ -261,11 +262,11 @@ def measured_noise(frames: Sequence[DepthFrame], name: str = "") -> DepthNoise:
     name
         Name of the camera, for the log.
     """
-    graph, apart_rad = view_graph(frames), EvidenceSettings().min_angle_rad
-    near = [graph.neighbours(k, 1, apart_rad) for k in range(len(frames))]
+    graph = view_graph(frames)
+    near = [graph.neighbours(k, 1, MIN_ANGLE_RAD) for k in range(len(frames))]
     kinect = SENSOR_NOISE["kinect"]
     edge_rad = max(known.edge_rad for known in SENSOR_NOISE.values())
-    device = replace(kinect, edge_rad=edge_rad, baseline_known=False, source="measured")
+    device = replace(kinect, edge_rad=edge_rad, baseline_m=0.0, baseline_known=False, source="measured")
     middle_m = float(np.nanmedian([np.nanmedian(frame.depth_m) for frame in frames]))
     # Pairs of readings count within 5 deviations: a noisier camera is measured again with what was found.
     for _ in range(_MEASURED_ROUNDS):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from .completion.radial_model import matern
+from .completion.uncertainty import matern
 from .vessel_shapes import UprightBody, drawn_vessels, vessel_profiles
 
 #: Correlation length of the profile in heights of the body, and of the deviation from a circular section over the angle [rad].

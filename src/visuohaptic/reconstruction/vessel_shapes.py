@@ -29,20 +29,26 @@ class OutlineRings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UprightBody:
-    """An upright truncated cone, with the standard deviations of its axis and radius."""
+    """A truncated cone that stands, or leans on something, with the standard deviations of its axis and radius."""
 
-    axis_m: Float[np.ndarray, "2"]  #: x, y of its axis [m]
+    axis_m: Float[np.ndarray, "2"]  #: x, y of its axis at half of its height [m]
     axis_sigma_m: Float[np.ndarray, "2"]  #: standard deviations of the axis [m]
     radius_m: tuple[float, float]  #: lower and upper radius [m]
     radius_sigma_m: float  #: standard deviation of a common change of both radii [m]
     height_m: tuple[float, float]  #: z of its lower and upper end [m]
     evidence: float  #: log-likelihood ratio against no body [nat]
     rings: OutlineRings = field(default_factory=OutlineRings)  #: its radius at single heights
+    lean_m: tuple[float, float] = (0.0, 0.0)  #: x, y of the upper end of its axis less those of the lower [m]
 
     @property
-    def shape_m(self) -> Float[np.ndarray, "6"]:
-        """x, y of the axis, lower and upper radius, lower and upper height [m]."""
-        return np.array([*self.axis_m, *self.radius_m, *self.height_m])
+    def shape_m(self) -> Float[np.ndarray, "8"]:
+        """x, y of the axis, lower and upper radius, lower and upper height, lean [m]."""
+        return np.array([*self.axis_m, *self.radius_m, *self.height_m, *self.lean_m])
+
+    @property
+    def lean_rad(self) -> float:
+        """Angle between its axis and the vertical [rad]."""
+        return float(np.arctan2(np.hypot(*self.lean_m), self.height_m[1] - self.height_m[0]))
 
     def meets(self, other: UprightBody) -> bool:
         """Whether two bodies intersect, with the means of their radii.
@@ -63,7 +69,7 @@ class UprightBody:
         voxel_m
             Spacing of the points along each axis [m].
         """
-        reach = max(self.radius_m)
+        reach = max(self.radius_m) + 0.5 * float(np.hypot(*self.lean_m))
         side = np.arange(-reach, reach + voxel_m, voxel_m)
         x, y, z = np.meshgrid(
             self.axis_m[0] + side, self.axis_m[1] + side, np.arange(*self.height_m, voxel_m), indexing="ij"
@@ -82,7 +88,8 @@ class UprightBody:
             Growth of its radii and of its height at both ends [m].
         """
         z_m, (low_m, high_m) = points_m[:, 2], self.height_m
-        away_m = np.hypot(*(points_m[:, :2] - self.axis_m).T)
+        above = (z_m - 0.5 * (low_m + high_m)) / (high_m - low_m)
+        away_m = np.hypot(*(points_m[:, :2] - self.axis_m - above[:, None] * self.lean_m).T)
         inside: Bool[np.ndarray, "n"] = away_m <= np.interp(z_m, self.height_m, self.radius_m) + margin_m
         return inside & (z_m >= low_m - margin_m) & (z_m <= high_m + margin_m)
 

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from ..core.errors import InputError
 from ..core.objects import Primitive, PrimitiveKind
 
 #: Colours in OpenCV's order blue, green, red.
@@ -71,6 +72,11 @@ def annotated_frame(
         First row that shows gradients; by default the middle of the image.
     split
         Whether to show gradients.
+
+    Raises
+    ------
+    InputError
+        There is not one validity for each point of the front.
     """
     import cv2
 
@@ -88,6 +94,10 @@ def annotated_frame(
     if notes.front_px is not None:
         _polyline(canvas, notes.front_px, FRONT_BGR, thickness)
         valid = np.ones(len(notes.front_px), bool) if notes.front_valid is None else notes.front_valid
+        if len(valid) != len(notes.front_px):
+            raise InputError(
+                "FrameNotes", f"found {len(valid)}, expected {len(notes.front_px)}", field="front_valid"
+            )
         for point, good in zip(notes.front_px, valid, strict=True):
             _dot(canvas, point, FRONT_BGR if good else INVALID_BGR, thickness + 1)
     for outline in notes.primitives_px:

@@ -64,9 +64,9 @@ def force_against_truth(runs: Sequence[ForceRun]) -> Figure:
     max_N = 1e-3
     for index, run in enumerate(runs):
         colour = CYCLE[index % len(CYCLE)]
-        truth_N, measured_N = _same_length("ForceRun", run.truth_N, run.measured_N)
-        valid = np.ones(len(truth_N), dtype=bool) if run.valid is None else np.asarray(run.valid, dtype=bool)
-        good = valid & np.isfinite(truth_N) & np.isfinite(measured_N)
+        given = np.ones(len(run.truth_N)) if run.valid is None else run.valid
+        truth_N, measured_N, valid = _same_length("ForceRun", run.truth_N, run.measured_N, given)
+        good = (valid > 0) & np.isfinite(truth_N) & np.isfinite(measured_N)
         max_N = max(max_N, float(truth_N[good].max(initial=0)), float(measured_N[good].max(initial=0)))
         upper.plot(truth_N[good], measured_N[good], "x", color=colour, ms=4, mew=0.8, alpha=0.55)
         lower.plot(

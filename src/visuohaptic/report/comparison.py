@@ -143,13 +143,17 @@ def compare_forces(
     expected_N, expected_sigma_N = (
         _at(run.t_s + offset_s, reference.t_s, values) for values in (truth_N, reference.sigma_N)
     )
+    read = run.valid & np.isfinite(run.force_N)
     covered = np.isfinite(expected_N) & _nearest(run.t_s + offset_s, reference.t_s)
-    good = covered & run.valid & np.isfinite(run.force_N)
+    good = covered & read
     if good.sum() < 10:
+        # A run may be long enough, and its reference have too few readings to compare it at.
+        few = (np.isfinite(expected_N) & read).sum() >= 10
+        where = f"at the readings of {reference.name}" if few else f"while {reference.name} was recorded"
         raise InputError(
             run.name,
-            f"found {good.sum()} valid samples while {reference.name} was recorded, expected ten or more; "
-            "check the clocks",
+            f"found {good.sum()} valid samples {where}, expected ten or more",
+            remedy="record longer, or with more readings a second" if few else "check the clocks",
         )
     error_N = (run.force_N - expected_N)[good]
     declared = bool((np.hypot(run.sigma_N, expected_sigma_N)[good] > 0).all())

@@ -73,8 +73,8 @@ footer { margin-top: 4rem; color: var(--soft); font-size: .85rem; }
 #: Makes the browser refuse to load any external content.
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
-#: Images with more pixels are stored as JPEG.
-_LARGE_PX = 200_000
+#: Images with more pixels are stored as WebP, unless they are longer than this format allows.
+_LARGE_PX, _WEBP_PX = 200_000, 16_383
 
 
 class Report:
@@ -215,11 +215,13 @@ class Report:
         InputError
             It is not an 8-bit image.
         """
-        if image.dtype != np.uint8 or image.ndim not in (2, 3) or 0 in image.shape:
+        colours = image.shape[2:] or (1,)
+        if image.dtype != np.uint8 or 0 in image.shape or colours not in ((1,), (3,), (4,)):
             raise InputError(
                 "Report", f"found {image.dtype} of shape {image.shape}, expected 8-bit pixels", field="image"
             )
-        kind = "webp" if image.shape[0] * image.shape[1] > _LARGE_PX else "png"
+        large = image.shape[0] * image.shape[1] > _LARGE_PX and max(image.shape) <= _WEBP_PX
+        kind = "webp" if large else "png"
         quality = 80 if kind == "webp" else None
         data = base64.b64encode(encode_image(image, kind, quality=quality, where="Report")).decode("ascii")
         alternative = html.escape(caption, quote=True)

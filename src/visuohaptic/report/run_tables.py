@@ -21,7 +21,10 @@ def estimate_text(estimate: Estimate | None) -> str | None:
     """
     if estimate is None:
         return None
-    decimals = 3 if estimate.sigma <= 0 else int(np.clip(np.ceil(-np.log10(estimate.sigma) + 0.48), 0, 6))
+    decimals = 3
+    if 0 < estimate.sigma < np.inf:
+        lead, exponent = f"{estimate.sigma:.1e}".split("e")
+        decimals = int(np.clip((lead < "3") - int(exponent), 0, 6))
     text = f"{estimate.value:.{decimals}f} ± {estimate.sigma:.{decimals}f}"
     return f"{text} (spread {estimate.spread:.{decimals}f})" if estimate.spread > 0 else text
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
-from ..core.errors import needs
+from ..core.errors import InputError, needs
 from ..core.files import atomic_path, write_csv
 from ..simulation.foam import FoamStripGeometry, PressShape, calibration_press, press
 from ..simulation.foam.strip_law import write_calibration_csv
@@ -93,6 +93,12 @@ def write_video(
         Grey images (rows, columns).
     crf
         Quality, smaller is better.
+
+    Raises
+    ------
+    InputError
+        There is no image, or they differ in size, or are not 8-bit with an even number of rows and columns; an older
+        file is kept.
     """
     with needs("av", "recording", "writing a video"):
         import av
@@ -100,6 +106,17 @@ def write_video(
     with atomic_path(path) as temporary, av.open(str(temporary), "w", format="mp4") as container:
         stream = None
         for image in images:
+            size = image.shape if stream is None else (stream.height, stream.width)
+            if (
+                image.dtype != np.uint8
+                or image.shape != size
+                or len(size) != 2
+                or any(n % 2 or not n for n in size)
+            ):
+                found = f"found {image.dtype} {image.shape}"
+                raise InputError(
+                    path, f"{found}, expected uint8 (rows, columns), both even and always the same"
+                )
             if stream is None:
                 stream = container.add_stream("libx264", rate=30)
                 stream.height, stream.width = image.shape
@@ -112,6 +129,7 @@ def write_video(
             frame = av.VideoFrame.from_ndarray(image, format="gray")
             for packet in stream.encode(frame.reformat(format="yuv420p", dst_color_range="JPEG")):
                 container.mux(packet)
-        if stream is not None:
-            for packet in stream.encode():
-                container.mux(packet)
+        if stream is None:
+            raise InputError(path, "found no image, expected one or more")
+        for packet in stream.encode():
+            container.mux(packet)

@@ -50,9 +50,8 @@ class RememberedMap:
     grid: OccupancyMap
     goal_m: tuple[float, float]  #: position from which the table is reached
     home: tuple[float, float, float]  #: start of the tasks
-    hits_m: Float[np.ndarray, "k 2"] | None = (
-        None  #: mean laser hits of its cells, for localisation finer than a cell
-    )
+    #: mean laser hits of its cells, for localisation finer than a cell
+    hits_m: Float[np.ndarray, "k 2"] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

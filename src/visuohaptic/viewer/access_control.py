@@ -70,7 +70,8 @@ class AccessControl:
         if origin is not None and origin != f"http://{host}":
             return "the request comes from another page"
         given = path.partition("?")[0].split("/")[1:2]
-        if not given or not secrets.compare_digest(given[0].encode(), self.token.encode()):
+        # A path of bytes that are no ASCII has lone surrogates.
+        if not given or not secrets.compare_digest(given[0].encode(errors="replace"), self.token.encode()):
             return "the address lacks the printed secret"
         return ""
 

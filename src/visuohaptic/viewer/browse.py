@@ -37,7 +37,13 @@ class BrowsePage(Page):
         if not views:
             raise InputError("BrowsePage", "found no views, expected at least one")
         super().__init__(port, title)
-        self._views = {_unique(view.title, number, views): view for number, view in enumerate(views)}
+        titles = [view.title for view in views]
+        self._views: dict[str, View] = {}
+        for number, view in enumerate(views, 1):
+            title = view.title if titles.count(view.title) == 1 else f"{view.title} ({number})"
+            while title in self._views:  # another one is called so
+                title = f"{title} ({number})"
+            self._views[title] = view
         self._stage = Stage(self._server)
         self._lock = threading.RLock()
         gui = self._server.gui
@@ -82,8 +88,3 @@ class BrowsePage(Page):
                 _log.warning("%s", error)
                 self._trouble.content = markdown_text(str(error))
                 self._trouble.visible = True
-
-
-def _unique(title: str, number: int, views: Sequence[View]) -> str:
-    alike = [other.title for other in views].count(title) > 1
-    return f"{title} ({number + 1})" if alike else title

@@ -159,10 +159,10 @@ class ObjectView:
         gui = stage.gui
         stage.keep("legend", gui.add_markdown("", order=10))
         shade = stage.keep("shade", gui.add_dropdown("colours", _SHADES, order=11))
-        max_N = max(30.0, 2 * self.force_N)
+        low_N, max_N = min(0.5, self.force_N), max(30.0, 2 * self.force_N)
         force = stage.keep(
             "force",
-            gui.add_slider("force [N]", min=0.5, max=max_N, step=0.5, initial_value=self.force_N, order=12),
+            gui.add_slider("force [N]", low_N, max_N, low_N, self.force_N, order=12),
         )
         deep = stage.keep(
             "deep",
@@ -334,6 +334,8 @@ def _picked_text(picked: Picked, force_N: float) -> str:
     lines = [f"Point ({x:.0f}, {y:.0f}, {z:.0f}) mm, grasp score {picked.score:.2f}"]
     if np.isnan(k):
         lines.append("There is no opposite point: it cannot be pinched.")
+    elif k <= 0:
+        lines.append("The map has no stiffness here.")
     elif np.isinf(k):
         lines.append("The wall is clamped here and does not deform.")
     else:

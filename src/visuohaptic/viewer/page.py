@@ -20,8 +20,7 @@ PICTURE_WIDTH = 800
 #: Points of the force plot; older points are thinned out.
 HISTORY = 1200
 
-_FIXED_RGB = (70, 78, 90)
-_MOVABLE_RGB = (222, 130, 62)
+_OBSTACLE_RGB = {True: (70, 78, 90), False: (222, 130, 62), None: (160, 160, 160)}  #: fixed, movable, unknown
 _PLATFORM_RGB = (62, 98, 150)
 #: Body of the platform behind the foam, and default foam without a contour [m]; pressure shown in full red [Pa].
 _PLATFORM_M = (0.35, 0.3, 0.18)
@@ -131,14 +130,15 @@ class LivePage(Page):
         height_m
             Displayed height [m].
         fixed
-            Determines the colour: fixed, movable, or unknown (``None``).
+            Determines the colour: fixed, movable, or unknown (``None``, which keeps that of an existing one).
         """
         position, wxyz = T_world_object.translation_m, np.roll(T_world_object.quaternion_xyzw, 1)
         if (handle := self._obstacles.get(name)) is not None:
             handle.position, handle.wxyz = position, wxyz
+            if fixed is not None:
+                handle.color = _OBSTACLE_RGB[fixed]
             return
         vertices, faces = prism(outline_m, height_m)
-        colour = _FIXED_RGB if fixed else _MOVABLE_RGB
         scene = self._server.scene
         number = len(self._obstacles)
         path = f"/obstacles/{number}"
@@ -146,7 +146,7 @@ class LivePage(Page):
             path,
             vertices.astype(np.float32),
             faces.astype(np.uint32),
-            color=colour,
+            color=_OBSTACLE_RGB[fixed],
             flat_shading=True,
             side="double",
             position=position,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +24,7 @@ from visuohaptic.sensing.foam._texture_kernels import (
     level_odds,
 )
 from visuohaptic.sensing.foam._texture_kernels import texture_odds as foam_texture_odds
-from visuohaptic.sensing.foam.posterior import DECAY_PER_WIDTH
+from visuohaptic.sensing.foam.posterior import DECAY_PER_WIDTH, EdgePosterior
 from visuohaptic.sensing.foam.strip._rectify_kernels import rectify
 
 ENTER = np.log([0.05, 0.01, 0.01, 0.01])
@@ -401,3 +403,38 @@ def test_a_slow_camera_costs_the_foam_nothing_but_frames_out_of_sight_do() -> No
     # At thirty, an edge that was something else for 0.4 s is the less likely the foam again.
     assert foam_odds(0.4, 1.0 / 30.0) < foam_odds(0.2, 1.0 / 30.0) < foam_odds(0.1, 1.0 / 30.0)
     assert foam_odds(0.4, 1.0 / 30.0) < foam_odds(0.4, 0.4) - 0.4
+
+
+def end_of_strip(*, usable: bool, pressed: bool) -> float:
+    """Probability that the last point is foam, where its pixels look like an occluder or its line meets no edge."""
+    count = 12
+    every = np.ones(count)
+    seen = np.arange(count) < count - (not usable)
+    delta = 0.003 * (np.arange(count) >= 6) if pressed else np.zeros(count)
+    strip: Any = SimpleNamespace(
+        t_s=0.1, usable=seen, low_confidence=~every.astype(bool), pixel_m=2e-4 * every, common_sigma_m=1e-5,
+        stripe=every.astype(bool), lens_px=1.0, front=SimpleNamespace(blur_px=every, level=every, contrast=every),
+    )  # fmt: skip
+    edges: Any = SimpleNamespace(
+        delta_m=delta, sigma_m=1e-5 * every, systematic_m=0.0 * every, encoding_m=0.0 * every
+    )
+    posterior = EdgePosterior(0.003 * np.arange(count), 0.02, 1.0)
+    posterior.start(0.0)
+    with pytest.MonkeyPatch.context() as patch:
+
+        def look(*given: Any) -> tuple[np.ndarray, ...]:
+            unary = np.zeros((count, 4))
+            unary[-1, FOAM] = -20.0
+            return unary, np.zeros((count, 6)), np.zeros(count), every
+
+        patch.setattr(posterior, "_look", look)
+        return float(posterior.infer(strip, strip, edges).probability[-1, FOAM])
+
+
+def test_only_beside_a_contact_may_the_last_line_meet_no_edge() -> None:
+    """There the corner of a free end moves inwards; elsewhere a last line without an edge, or of an occluder, is no foam."""
+    # Foam without an edge there is half as likely as no foam, but no frame before has shown anything else than foam.
+    assert 0.01 < end_of_strip(usable=False, pressed=True) < 0.5
+    # Pixels that are e^20 times less likely for foam leave it 2e-9 of the odds at most, no edge at all e^-60.
+    assert end_of_strip(usable=False, pressed=False) < 1e-9
+    assert end_of_strip(usable=True, pressed=True) < 1e-8

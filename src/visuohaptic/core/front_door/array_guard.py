@@ -108,7 +108,7 @@ class _ArraySpec:
             return InputError(
                 self.where, "found a read-only array, expected a writable array", field=self.field
             )
-        if value.ndim and (len(value) == 1 or (value == value.flat[0]).all()):
+        if value.dtype.kind == "f" and value.ndim and (len(value) == 1 or (value == value.flat[0]).all()):
             text = f"found {len(value)} equal rows, expected a shape with an extent"
             return InputError(self.where, text, field=self.field)
         return None

@@ -226,23 +226,29 @@ def represented_parts(state: MeshState, wall: Wall, *, closed: bool) -> tuple[Me
     ]
 
 
-def has_top(state: MeshState, wall: Wall) -> bool:
-    """Whether a mesh is closed at the top: vertical rays near the axis hit it close below the top.
+def closed_ends(state: MeshState, wall: Wall) -> tuple[bool, bool]:
+    """Whether a mesh has a floor, and a top, which vertical rays near the axis hit.
 
     Parameters
     ----------
     state, wall
         As of :func:`check_represented`.
+
+    Returns
+    -------
+    tuple
+        A floor is in the lower half, however far it is recessed; a top within a twentieth of the height below the wall's end.
     """
     corners = state.vertices[state.faces] - np.array([*wall.axis_point_m, 0.0])
     reach = 0.35 * float(np.ptp(state.vertices[:, :2], axis=0).min()) / 2
     height = float(np.ptp(state.vertices[:, 2]))
-    hits = 0
+    floors = tops = 0
     for turn in np.arange(8) * 2 * np.pi / 8 + 0.1:
         a, b, c = ((corners[:, k, :2] - reach * np.array([np.cos(turn), np.sin(turn)])) for k in range(3))
         areas = np.stack([p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in ((b, c), (c, a), (a, b))], axis=1)
         inside = (areas > 0).all(axis=1) | (areas < 0).all(axis=1)
         if inside.any():
             z = np.einsum("fk,fk->f", areas[inside], corners[inside][:, :, 2]) / areas[inside].sum(axis=1)
-            hits += bool(z.max() > wall.high_m - 0.05 * height)
-    return hits > 4
+            floors += bool(z.min() < wall.high_m - 0.5 * height)
+            tops += bool(z.max() > wall.high_m - 0.05 * height)
+    return floors > 4, tops > 4

@@ -7,31 +7,24 @@ A mesh whose triangles suit a shell is used unchanged, any other is repaired on 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...core import InputError, check_choice
+from ...core import InputError
 from ...io.meshes.mesh import load_mesh
-from ...io.meshes.mesh_state import MeshState, boundary_loops, face_parts, inspect_mesh
+from ...io.meshes.mesh_state import MeshState, boundary_loops, face_parts
 from ..shells.shell import ShellMesh, ShellModel, enclosed_volume
 from ..shells.shell_material import material_constants
 from ..shells.stiffness_map import dual_tip_map, opposing_points
-from .coverage import check_container, check_represented, has_top, represented_parts
-from .mesh_repair import clamped_foot, repair_mesh, why_not_as_it_is
+from .coverage import check_container, check_represented, closed_ends, represented_parts
+from .mesh_repair import clamped_foot, large_faces, repair_mesh, why_not_as_it_is
 from .mesher import ShellObject, mesh_rings, rim_zones, ring_counts, ring_lid
+from .posture import MeshConvention, placed_mesh
 from .resample import Wall, find_wall
 from .wall_properties import WallProperties, wall_thickness
 
-#: Metres per unit.
-UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "in": 0.0254}
-#: Bounds of the largest extent of a hand-held container [m].
-SMALLEST_m, LARGEST_m = 0.03, 0.6
-#: Ratio of the two smallest eigenvalues of the normals above which a mesh has a distinct axis, and its maximum tilt.
-RUNS_ALONG, MAX_LEAN_DEGREES = 1.6, 15.0
 #: Surfaces farther apart than this fraction of the radius are two shells, not two sides of one wall.
 NESTED_FRACTION = 0.1
 #: Heights at which the wall's thickness is compared with its radius; ratio above which a note is added.
@@ -41,25 +34,6 @@ THICKEST_FRACTION = 1 / 3
 
 #: Mesh, clamped vertices, lid, height axis, and notes.
 _Shape = tuple[ShellMesh, Bool[np.ndarray, "v"], Int[np.ndarray, "l 3"], tuple[float, float], list[str]]
-
-
-@dataclass(frozen=True, slots=True)
-class MeshConvention:
-    """Convention of a mesh file, and the permitted changes to its triangles.
-
-    ``auto`` repairs the load-bearing triangles where needed, on their own surface; ``never`` uses them unchanged
-    or rejects them; ``cast`` resamples the wall on rings, which removes details between the rings. The mid-surface of a
-    two-sided wall is always sampled, except for ``never``. Notes of the container state the effect of sampling.
-    """
-
-    #: unit of length: m, dm, cm, mm or in; None: as a COLLADA file states it, or guessed from the size
-    unit: str | None = None
-    up: Literal["x", "y", "z", "-x", "-y", "-z"] = "z"  #: axis that points up
-    remesh: Literal["auto", "cast", "never"] = "auto"  #: repair, resample on rings, or neither
-
-    def __post_init__(self) -> None:
-        if self.remesh not in {"auto", "cast", "never"}:
-            raise InputError("remesh", f"found {self.remesh!r}, expected auto, cast or never")
 
 
 def import_container(
@@ -97,16 +71,11 @@ def import_container(
     if around % 4 or not 16 <= around <= 1024:
         raise InputError("around", f"found {around}, expected a multiple of 4 from 16 to 1024")
     remesh = convention.remesh
-    raw = load_mesh(path)
-    points = _turned_up(raw.vertices, convention.up)
-    scale, notes = _scale(points[raw.faces.ravel()], convention.unit, raw.unit_m, where)
-    state = inspect_mesh(points * scale, raw.faces, where)
-    _check_upright(state, where)
-    notes += state.defects
+    state, notes = placed_mesh(load_mesh(path), convention, where)
     found = find_wall(state.vertices, state.faces, where)
     thick, thickness_spread, thick_notes = wall_thickness(found.thickness_m, found.thickness_spread, given)
     notes += thick_notes
-    closed = has_top(state, found)
+    floor, closed = closed_ends(state, found)
     notes.append(check_represented(state, found, closed=closed))
     check_container(state, found, closed=closed)
     if remesh != "cast" and not found.double:
@@ -132,6 +101,8 @@ def import_container(
     if cast:
         notes.append(_cast_cost(mesh, found, thick, closed=closed and not open_top, around=around))
     constants, modulus_spread = given.elastic_constants(*material_constants("PET"))
+    if not floor and closed and not open_top:
+        notes.append(_turned_over(mesh, fixed, middle))
     return ShellObject(
         mesh,
         fixed,
@@ -149,9 +120,13 @@ def _suitable(
     state: MeshState, thickness_m: float, around: int, where: str, *, repair: bool
 ) -> tuple[MeshState, list[str]]:
     """The triangles unchanged, or repaired; rejected if that is not sufficient."""
-    suits = why_not_as_it_is(state)
+    suits, large = why_not_as_it_is(state), large_faces(state)
     notes: list[str] = []
-    if suits and repair:
+    if large and not repair:
+        notes.append(
+            f"{large} load-bearing triangles are coarse, near which the stiffness is up to a tenth wrong"
+        )
+    if (suits or large) and repair:
         state, notes = repair_mesh(state, thickness_m, around)
         suits = why_not_as_it_is(state)
     if suits:
@@ -186,34 +161,6 @@ def _as_it_is(state: MeshState, thickness_m: float, open_top: bool, where: str) 
     return mesh, clamped_foot(state.vertices), lids, middle, notes
 
 
-def _turned_up(vertices: np.ndarray, up: str) -> np.ndarray:
-    if up not in {"x", "y", "z", "-x", "-y", "-z"}:
-        raise InputError("up", f"found {up!r}, expected x, y, z, -x, -y or -z")
-    order = {"z": (0, 1, 2), "x": (1, 2, 0), "y": (2, 0, 1)}[up[-1]]
-    out: np.ndarray = vertices[:, order].copy()
-    if up[0] == "-":
-        out[:, 1:] *= -1.0
-    return out
-
-
-def _scale(used: np.ndarray, unit: str | None, stated_m: float | None, where: str) -> tuple[float, list[str]]:
-    extent = float(np.ptp(used, axis=0).max())
-    if unit is not None:
-        check_choice("unit", UNITS, unit)
-        extent_m = extent * UNITS[unit]
-        doubt = f"the largest extent is {extent_m:.4g} m with the unit {unit}, of a container {SMALLEST_m:g} to {LARGEST_m:g} m"
-        return UNITS[unit], [] if SMALLEST_m <= extent_m <= LARGEST_m else [doubt]
-    # Exporters write one metre whatever the unit is; another one is used if it makes a container.
-    if stated_m not in (None, 1.0) and SMALLEST_m <= extent * stated_m <= LARGEST_m:
-        return stated_m, [f"unit as stated in the file: {stated_m:g} m"]
-    for name in ("m", "mm", "cm", "dm"):
-        if SMALLEST_m <= extent * UNITS[name] <= LARGEST_m:
-            guess = f"unit taken as {name}: the largest extent is {extent:.4g}"
-            return UNITS[name], [] if name == "m" else [guess]
-    problem = f"the largest extent is {extent:.4g}: no container in m, mm, cm or dm"
-    raise InputError(where, problem, field="mesh", remedy="give the unit with --unit")
-
-
 def _foot_centre(
     points: Float[np.ndarray, "v 3"], foot: Bool[np.ndarray, "v"]
 ) -> tuple[tuple[float, float], list[str]]:
@@ -234,40 +181,6 @@ def _foot_centre(
             f"{1e3 * np.linalg.norm(centre - whole):.2g} mm from that of the whole"
         )
     return (float(centre[0]), float(centre[1])), notes
-
-
-def _check_upright(state: MeshState, where: str) -> None:
-    """Reject an object that lies on its side or is tilted: its wall has another axis, and it has no foot to stand on.
-
-    The normals of a wall are perpendicular to its axis. Trays and pouches may also be longer than high, but their
-    foot is about as long and as wide as they are.
-    """
-    a, b, c = (state.vertices[state.faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    size = np.linalg.norm(normal, axis=1)
-    fraction, axes = np.linalg.eigh(
-        np.einsum("fi,fj->ij", normal / np.maximum(size, 1e-300)[:, None], normal)
-    )
-    lean = float(np.degrees(np.arccos(min(1.0, abs(axes[2, 0])))))
-    if fraction[1] < RUNS_ALONG * fraction[0] or lean < MAX_LEAN_DEGREES:
-        return
-    used = state.vertices[np.unique(state.faces)]
-    low, high = used.min(axis=0), used.max(axis=0)
-    foot = used[used[:, 2] <= low[2] + 0.02 * (high[2] - low[2])]
-    stands = np.ptp(foot[:, :2], axis=0) / (high - low)[:2]
-    if stands.min() > 0.5:
-        return
-    axis = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
-    along = ", ".join(f"{value:.2g}" for value in axis.round(2) + 0.0)
-    middle = ", ".join(f"{value:.4g}" for value in foot.mean(axis=0))
-    nearest = "xyz"[int(np.abs(axes[:, 0]).argmax())]
-    raise InputError(
-        where,
-        f"its wall runs along ({along}), {lean:.0f} degrees from the height axis, and it stands on an edge at "
-        f"({middle}) m",
-        field="mesh",
-        remedy=f"turn it with --up {nearest} or --up -{nearest}" if nearest != "z" else "turn it upright",
-    )
 
 
 def _check_one_shell(state: MeshState, wall: Wall, where: str) -> None:
@@ -371,6 +284,21 @@ def _cast_cost(
     use = np.isfinite(once) & np.isfinite(coarse)
     worst = 100 * float(np.abs(once[use] - coarse[use]).max(initial=0.0)) / 3
     return f"resampling on rings changes the stiffness by up to {worst:.2g} % (from rings half as dense)"
+
+
+def _turned_over(mesh: ShellMesh, fixed: Bool[np.ndarray, "v"], axis_point_m: tuple[float, float]) -> str:
+    """Note of a container whose only opening is its foot: the price of the other way up, at half its height."""
+    z = mesh.vertices_m[:, 2]
+    ring = np.flatnonzero(np.abs(z - 0.5 * (z.min() + z.max())) < 0.5 * np.ptp(z) / THICK_LEVELS)
+    tips = opposing_points(mesh, ring[:: max(1, len(ring) // THICK_LEVELS)], axis_point_m=axis_point_m)
+    given, other = (
+        np.nanmedian(dual_tip_map(ShellModel(mesh, "PET", foot), tips))
+        for foot in (fixed, clamped_foot(mesh.vertices_m * np.array([1.0, 1.0, -1.0])))
+    )
+    return (
+        "its only opening is its foot: the file leaves out the floor, or it is upside down; turned over with --up, its "
+        f"stiffness at half its height is {100 * (other / given - 1):+.0f} %"
+    )
 
 
 def _thick(heights: np.ndarray, radius: np.ndarray, thickness_m: np.ndarray, where: str) -> list[str]:

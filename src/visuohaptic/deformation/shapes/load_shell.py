@@ -1,15 +1,20 @@
-"""Load one container from any source: a description, a shipped class, or a mesh."""
+"""Load one container from any source: a description, a shipped class, or a mesh; and its outline."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+from jaxtyping import Float
+
 from ...core.errors import InputError
 from ...io.meshes.mesh import FORMATS
 from .container import ContainerDescription, class_names, load_container
-from .import_mesh import MeshConvention, import_container
+from .import_mesh import import_container
 from .mesher import ShellObject, mesh_container, with_elastic_base
+from .posture import MeshConvention
+from .resample import ANGLES, LEVELS, find_wall
 from .variants import draw_variant
 from .wall_properties import WallProperties
 
@@ -84,6 +89,36 @@ def load_object(
             remedy=f"or a class: {', '.join(class_names())}",
         )
     return found if base_N_per_m is None else with_elastic_base(found, base_N_per_m)
+
+
+def round_outline(container: ShellObject, oval_m: float) -> Float[np.ndarray, "k 2"]:
+    """Mean radius and height above the foot of a round container, from the bottom up [m].
+
+    Parameters
+    ----------
+    container
+        Of any source.
+    oval_m
+        Largest amplitude of an ellipse that is round enough, as a mean over the heights [m].
+
+    Raises
+    ------
+    InputError
+        It is not round.
+    """
+    surface = container.mesh.vertices_m, container.surface_faces
+    wall = find_wall(*surface, container.name)
+    height = np.linspace(wall.low_m, wall.high_m, LEVELS)
+    radius = wall.radius_m(height, ANGLES)
+    oval = float(np.mean(2 * np.abs(np.fft.rfft(radius, axis=1)[:, 2]) / ANGLES))
+    if oval > oval_m:
+        raise InputError(
+            container.name,
+            f"is not round: its half-axes differ by {2e3 * oval:.2g} mm, expected up to {2e3 * oval_m:.2g} mm",
+        )
+    above = height - surface[0][:, 2].min()
+    above[[0, -1]] = 0.0, container.height_m
+    return np.column_stack([radius.mean(axis=1), above])
 
 
 def _changed(

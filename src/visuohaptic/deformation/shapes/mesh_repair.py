@@ -22,6 +22,9 @@ from ...io.meshes.mesh_state import MeshState, boundary_loops, face_parts
 #: bounded by its largest angle, not by its smallest (Babuska and Aziz 1976). On a tube, right-angled needles
 #: of 4 degrees are within 2.3 % of the Fourier series, obtuse ones of 150 degrees have errors up to 19 %, of 164 degrees 80 %.
 MAX_FACES, LARGEST_DEGREES, EDGES_ROUND = 50_000, 150.0, 64
+#: A single triangle may be larger, up to half a square whose sides are those edges. The fan of a flat lid, of needles as long as
+#: its radius, makes a carton 6 % too soft below it.
+DIAGONAL = np.sqrt(2.0)
 #: Fractions of the height above the lowest vertex up to which an unchanged mesh is clamped: the first with
 #: vertices in every sector around the foot. A clamped chamfer of 1 mm makes a tub a fifth stiffer; scans are uneven.
 FOOT_FRACTIONS, FOOT_SECTORS = (0.002, 0.01), 12
@@ -86,6 +89,18 @@ def why_not_as_it_is(state: MeshState) -> str:
     return ""
 
 
+def large_faces(state: MeshState) -> int:
+    """Number of load-bearing triangles that are too coarse among others that are not, like the fan of a flat lid.
+
+    Parameters
+    ----------
+    state
+        The imported mesh, scaled to metres.
+    """
+    limit = DIAGONAL * _round_m(state.vertices) / EDGES_ROUND
+    return int((_lengths(state.vertices, _loaded(state)) > limit).sum())
+
+
 def repair_mesh(state: MeshState, thickness_m: float, around: int) -> tuple[MeshState, list[str]]:
     """Make the triangles suitable for a shell by local changes that preserve the surface.
 
@@ -128,7 +143,10 @@ def repair_mesh(state: MeshState, thickness_m: float, around: int) -> tuple[Mesh
         vertices, faces, more = collapse_edges(vertices, faces, length, bound)
         moved, bound = max(moved, more), 2 * bound
         state = _state(state, vertices, faces)
-    if holes or _usual_length(vertices, _loaded(state)) > limit:
+    if large_faces(state):
+        vertices, faces = split_edges(vertices, faces, DIAGONAL * limit, clamped_foot(vertices))
+        state = _state(state, vertices, faces)
+    if _usual_length(vertices, _loaded(state)) > limit:
         vertices, faces = split_edges(vertices, faces, limit, clamped_foot(vertices))
         # The halves of long triangles may be too narrow: collapse these.
         vertices, faces, _ = collapse_edges(vertices, faces, 0.75 * limit, 2 * tolerance)
@@ -168,9 +186,14 @@ def _round_m(vertices: np.ndarray) -> float:
 
 
 def _usual_length(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """90 % quantile of the triangles' second longest sides [m]: the longest one of half a quadrilateral is its diagonal."""
+    """90 % quantile of the lengths of triangles [m]."""
+    return float(np.percentile(_lengths(vertices, faces), 90))
+
+
+def _lengths(vertices: np.ndarray, faces: np.ndarray) -> Float[np.ndarray, "f"]:
+    """Second longest side of each triangle [m]: the longest one of half a quadrilateral is its diagonal."""
     sides = np.linalg.norm(vertices[faces[:, [1, 2, 0]]] - vertices[faces], axis=2)
-    return float(np.percentile(np.median(sides, axis=1), 90))
+    return np.asarray(np.median(sides, axis=1))
 
 
 def _holes(state: MeshState) -> list[Int[np.ndarray, "l"]]:

@@ -215,7 +215,7 @@ def _closed_rows(
             f"no wall around the axis at ({centre[0]:.4g}, {centre[1]:.4g}) m: at height {place:.4g} m only "
             f"{100 * fraction.min():.0f} % of the directions intersect one",
             field="mesh",
-            remedy="turn it with --up so that z is the height axis, or close the holes",
+            remedy="turn it with --up so that z is the height axis, close the holes, or keep one body only",
         )
     notes: list[str] = []
     bottom, top = int(rows[0]), int(rows[-1])

@@ -101,18 +101,11 @@ def build_graph(
         np.column_stack(np.divmod(cells, layers.shape[1])).astype(np.int32)
         for cells in (lines.cells, lines.path)
     )
+    length_m, cost_s, clearance_m = np.ascontiguousarray(measured.T)
     return NavigationGraph(
-        node_cells,
-        layers.map.world_from_cell(node_cells),
-        lines.ends.astype(np.int32),
-        measured[:, 1].copy(),
-        measured[:, 0].copy(),
-        measured[:, 2].copy(),
-        lines.start.astype(np.int32),
-        path_cells,
-        component,
-        components,
-    )
+        node_cells, layers.map.world_from_cell(node_cells), lines.ends.astype(np.int32), cost_s, length_m, clearance_m,
+        lines.start.astype(np.int32), path_cells, component, components,
+    )  # fmt: skip
 
 
 def _spaced(layers: GridLayers, lines: Lines, spacing_m: float) -> Lines:

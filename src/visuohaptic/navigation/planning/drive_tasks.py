@@ -5,72 +5,69 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..problem import Passage, PassageKind, Task
-from .arrays import Path
+from .arrays import Path, Shifts
 from .search.search_domain import SearchDomain, world_from_grid
 
 if TYPE_CHECKING:
     import shapely
 
 
-def drive_tasks(domain: SearchDomain, path: Path, cost: float) -> list[Task]:
+def drive_tasks(domain: SearchDomain, shifts: Shifts, path: Path, cost: float) -> list[Task]:
     """Tasks along a path, including those at passages: stop before, wait or push, continue.
 
     Parameters
     ----------
     domain
         Map, robot, passages.
+    shifts
+        Displacements of the bodies from their mapped positions [cells].
     path
         Corners in grid coordinates [cells].
     cost
-        Cost of driving along it [cells at full speed].
+        Cost of driving along it, turns on the spot included [cells at full speed].
     """
     import shapely
+    from shapely.ops import substring
 
     if len(path) < 2:
         return []
-    line = shapely.LineString(world_from_grid(domain.map, path))
-    speed = line.length / max(domain.seconds(cost), 1e-9)
+    line, resolution_m = shapely.LineString(path), domain.map.resolution_m
+    passages = _crossed(domain, line)
+    straight = domain.driving_cost(shifts, path) if passages else cost
+
+    def drive(begin: float, end: float) -> list[Task]:
+        if end - begin < 1e-9:
+            return []
+        part = shapely.get_coordinates(substring(line, begin, end))
+        spent = cost * (domain.driving_cost(shifts, part) if passages else cost) / max(straight, 1e-9)
+        path_m = tuple((float(x), float(y)) for x, y in world_from_grid(domain.map, part))
+        return [Task("navigate", domain.seconds(spent), (end - begin) * resolution_m, path_m)]
+
     tasks: list[Task] = []
-    at = 0.0
-    for passage, first, last in _crossed(domain, line):
-        room_m = domain.robot.front_m + domain.robot.stand_off_m
-        stop = max(first - room_m, at)
-        opened = passage.cost(domain.robot)
-        tasks += _navigate(line, at, stop, speed)
-        wing = passage.kind is PassageKind.DOOR_PUSH
-        at = min(last + room_m, line.length) if wing else stop
-        through = _navigate(line, stop, at, speed)
+    at, room = 0.0, (domain.robot.front_m + domain.robot.stand_off_m) / resolution_m
+    for passage, first, last in passages:
+        stop = max(first - room, at)
+        opened, wing = passage.cost(domain.robot), passage.kind is PassageKind.DOOR_PUSH
+        tasks += drive(at, stop)
+        at = min(last + room, line.length) if wing else stop
+        through = drive(stop, at) or [Task("navigate", 0.0)]
         tasks.append(
             Task(
-                "door" if wing else "wait",
-                opened.total_s,
-                through[0].length_m if through else 0.0,
-                through[0].path_m if through else (),
-                passage.id,
-                failure_probability=opened.failure_probability,
-                sigma_s=opened.sigma_s,
+                "door" if wing else "wait", opened.total_s, through[0].length_m, through[0].path_m, passage.id,
+                failure_probability=opened.failure_probability, sigma_s=opened.sigma_s,
             )
-        )
-    return tasks + _navigate(line, at, line.length, speed)
+        )  # fmt: skip
+    return tasks + drive(at, line.length)
 
 
 def _crossed(domain: SearchDomain, line: shapely.LineString) -> list[tuple[Passage, float, float]]:
-    """Passages on a path, with the positions along it where it enters and leaves them [m]."""
+    """Passages on a path, with the positions along it where it enters and leaves them [cells]."""
     import shapely
 
     found = []
-    for passage, _, _ in domain.passages:
-        inside = line.intersection(shapely.Polygon(passage.footprint_m))
+    for passage, outline, _ in domain.passages:
+        inside = line.intersection(shapely.Polygon(outline))
         if not inside.is_empty and inside.length > 0:
             along = [line.project(shapely.Point(point)) for point in shapely.get_coordinates(inside)]
             found.append((passage, min(along), max(along)))
     return sorted(found, key=lambda crossing: crossing[1])
-
-
-def _navigate(line: shapely.LineString, begin_m: float, end_m: float, speed_m_s: float) -> list[Task]:
-    from shapely.ops import substring
-
-    if end_m - begin_m < 1e-9:
-        return []
-    path = tuple((float(x), float(y)) for x, y in substring(line, begin_m, end_m).coords)
-    return [Task("navigate", (end_m - begin_m) / speed_m_s, end_m - begin_m, path)]

@@ -19,15 +19,8 @@ from ...core import InputError, rotation_2d
 from ..problem import Plan, PlanningProblem, Task, failure_probability
 from ..pushing.push_failure import sampled_pushes
 from .arrays import Point
-from .off_centre_rollouts import (
-    Rollout,
-    contacts_after,
-    drive_of,
-    fits,
-    opens_passage,
-    retreat,
-    rollouts,
-)
+from .drive_tasks import drive_tasks
+from .off_centre_rollouts import Rollout, contacts_after, drive_of, fits, opens_passage, retreat, rollouts
 from .replanning import after_push
 from .search.domain_builder import build_search_domain
 from .search.drives import pull_string
@@ -112,13 +105,8 @@ def via_off_centre(
     found, best_s = Plan(False, reason="off-centre pushes clear no path either"), math.inf
     for push in plan_off_centre_pushes(problem, lambda after: rest(after, ""), among=among):
         turn = push[-1]
-        after = after_push(
-            problem,
-            turn.object,
-            np.array(turn.displacement_m),
-            np.array(turn.path_m[-1]),
-            turn_rad=turn.turn_rad,
-        )
+        moved_m, at_m = np.array(turn.displacement_m), np.array(turn.path_m[-1])
+        after = after_push(problem, turn.object, moved_m, at_m, turn_rad=turn.turn_rad)
         plan = rest(after, turn.object) if left() else Plan(False)
         expected_s = _expected_s(push) + plan.cost_s
         if expected_s < best_s:
@@ -146,35 +134,32 @@ def _tasks(rollout: Rollout, *, opens: bool) -> Tasks:
     """The drive and the push; none if there is no drive to its start."""
     domain, obj, moved_m = rollout.scene.domain, rollout.scene.body.obj, _moved_m(rollout)
     grid, robot = domain.map, domain.robot
-    path, _ = pull_string(domain, np.zeros((len(domain.bodies), 2)), domain.start, rollout.approach_at)
+    still = np.zeros((len(domain.bodies), 2))
+    path, cost = pull_string(domain, still, domain.start, rollout.approach_at)
+    if not len(path):
+        return ()
     lengths = np.array([0.0, rollout.scene.stand_off, rollout.length_m / grid.resolution_m])
     along = rollout.approach_at + lengths[:, None] * rollout.direction
-    ways = [world_from_grid(grid, way) for way in (path, np.vstack([along, retreat(rollout)]))]
-    drive_m, push_m = (float(np.hypot(*np.diff(way, axis=0).T).sum()) for way in ways)
-    drive, push = (tuple((float(x), float(y)) for x, y in way) for way in ways)
+    way_m = world_from_grid(grid, np.vstack([along, retreat(rollout)]))
     # Drift and rotation of straight pushes do not apply here; the counters and the force do.
     holds = 1.0 - failure_probability(obj.tag, 0.0, robot, domain.costs)
     holds *= 1.0 - _missed(rollout, opens=opens)
     turn = Task(
-        "turn", robot.setup_time_s + rollout.length_m / robot.v_push_m_s, push_m, push, obj.id,
+        "turn", robot.setup_time_s + rollout.length_m / robot.v_push_m_s,
+        float(np.hypot(*np.diff(way_m, axis=0).T).sum()), tuple((float(x), float(y)) for x, y in way_m), obj.id,
         displacement_m=(float(moved_m[0]), float(moved_m[1])),
         goal_m=(float(obj.centre_m[0] + moved_m[0]), float(obj.centre_m[1] + moved_m[1])),
         turn_rad=float(rollout.pose[2]), failure_probability=1.0 - holds,
     )  # fmt: skip
-    drives = (Task("navigate", rollout.approach_s, drive_m, drive),) if len(drive) > 1 else ()
-    return (*drives, turn) if len(path) else ()
+    return (*drive_tasks(domain, still, path, cost), turn)
 
 
 def _missed(rollout: Rollout, *, opens: bool) -> float:
     """Fraction of simulated pushes that collide or do not produce the intended result."""
     path = drive_of(rollout.scene, rollout.direction, rollout.approach_at, rollout.length_m)
+    scene, rng = rollout.scene, np.random.default_rng(0)
     _, along, blocked = sampled_pushes(
-        rollout.scene.model,
-        (0.0, 0.0, 0.0),
-        path,
-        rollout.scene.radius_m,
-        np.random.default_rng(0),
-        samples=SAMPLES,
+        scene.model, (0.0, 0.0, 0.0), path, scene.radius_m, rng, samples=SAMPLES
     )
     failed = 0
     for poses in along[~blocked]:

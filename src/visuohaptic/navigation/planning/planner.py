@@ -94,14 +94,15 @@ def _assembled(
         return Plan(False, reason=result.reason, proved=proved, expanded=expanded, name=name, notes=notes)
     tasks: list[Task] = []
     at = domain.start
+    shifts = np.zeros((len(domain.bodies), 2))
     if (begin != at).any():
-        tasks += drive_tasks(domain, np.array([at, begin]), float(np.hypot(*(begin - at))) * domain.slow)
+        slowly = float(np.hypot(*(begin - at))) * domain.slow
+        tasks += drive_tasks(domain, shifts, np.array([at, begin]), slowly)
         notes = (
             f"the start is too near to an obstacle: {tasks[0].length_m:.2f} m away from it first",
             *notes,
         )
         at = begin
-    shifts = np.zeros((len(domain.bodies), 2))
     ends = [*(step.approach for step in result.steps), domain.goal]
     shaped = FootprintDrives(domain, deadline) if domain.robot.footprint_m else None
     heading, longer = _heading(domain.problem), 0.0
@@ -117,7 +118,7 @@ def _assembled(
         if not len(path):
             what = "a drive" if shaped is None else "a drive or push of its footprint"
             return Plan(False, reason=f"{what} of the plan is too narrow on the map", name=name, notes=notes)
-        tasks += drive_tasks(domain, path, cost)
+        tasks += drive_tasks(domain, shifts, path, cost)
         if step is not None:
             tasks += _push_tasks(domain, step)
             at, shifts = step.retreat, step.shifts_after
@@ -206,42 +207,26 @@ def _push_tasks(domain: SearchDomain, step: PushStep) -> list[Task]:
     body, costs = domain.bodies[step.body], domain.costs
     contact = body.push(step.contact)
     before, after = step.shifts_before[step.body], step.shifts_after[step.body]
-    grid = np.array(
-        [
-            body.centre + before + contact.contact,
-            body.centre + after,
-            body.centre + before,
-            step.approach,
-            step.touch + after - before,
-            step.retreat,
-        ]
-    )
-    contact_m, goal_m, from_m, stand_m, pushed_m, retreat_m = world_from_grid(domain.map, grid)
+    bodies = body.centre + np.array([before + contact.contact, after, before])
+    contact_m, goal_m, from_m = world_from_grid(domain.map, bodies)
+    way_m = world_from_grid(domain.map, np.array([step.approach, step.touch + after - before, step.retreat]))
     moved_m = goal_m - from_m
     length_m = float(np.hypot(*moved_m))
     turned = turn_probability(domain, step.body, step.contact, step.length) if contact.oblique else 0.0
     push = push_cost(body.obj.tag, length_m, domain.robot, costs, turn_probability=turned)
-    path_m = tuple((float(x), float(y)) for x, y in (stand_m, pushed_m, retreat_m))
-    driven_m = float(np.hypot(*(pushed_m - stand_m)) + np.hypot(*(retreat_m - pushed_m)))
+    driven_m = float(np.hypot(*np.diff(way_m, axis=0).T).sum())
     tasks: list[Task] = []
     if body.allowed.unknown and not np.any(before):
-        tasks.append(
-            Task(
-                "explore",
-                costs.explore_time_s,
-                object=body.obj.id,
-                contact_m=_pair(contact_m),
-                failure_probability=push.failure_probability,
-            )
-        )
+        touch = Task("explore", costs.explore_time_s, object=body.obj.id, contact_m=_pair(contact_m))
+        tasks.append(replace(touch, failure_probability=push.failure_probability))
     cost_s = push.total_s - (push.fail_s if body.allowed.unknown else 0.0)
     known = push.failure_probability
     if body.allowed.unknown:  # once it has been explored, only the risk of a first push remains
         known = costs.prior_failures / (1.0 + costs.prior_failures + costs.prior_successes)
     turn_rad, covariance = end_of_push(domain, step)
     pushed = Task(
-        "push", cost_s, driven_m, path_m, body.obj.id, _pair(contact_m), _pair(goal_m), _pair(moved_m), turn_rad,
-        failure_probability=known, end_covariance=tuple(map(tuple, covariance.tolist())),
+        "push", cost_s, driven_m, tuple(map(_pair, way_m)), body.obj.id, _pair(contact_m), _pair(goal_m), _pair(moved_m),
+        turn_rad, failure_probability=known, end_covariance=tuple(map(tuple, covariance.tolist())),
     )  # fmt: skip
     return [*tasks, pushed]
 

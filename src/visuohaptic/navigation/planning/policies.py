@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from ...core.objects import HapticTag
+from ...io.maps.occupancy_map import OccupancyMap
 from ..problem.path_plan import Plan
 from ..problem.planning_problem import PlanningProblem, PushMode
 from ..problem.push_costs import PushCosts
@@ -24,6 +25,8 @@ from .sideward_plan import via_sideward
 RELIABLE_RISK_S = 600.0
 #: Fraction of the budget for a plan without exploration, if there are unknown objects.
 KNOWN_FRACTION = 0.5
+#: Maximum number of cells of a map that is divided into cells of half their size.
+MAX_HALVED = 1_000_000
 #: Time limit of the tour for the most information [s]: in effect none on one floor.
 LEARN_S = 3600.0
 
@@ -60,11 +63,27 @@ def make_plan(
     limits = limits or SearchLimits()
     load_kernels()
     deadline = Deadline.after(limits.budget_s)
-    return _cheapest(build_search_domain(problem, costs), _until(deadline, limits))
+    return _with_finer_cells(build_search_domain(problem, costs), _until(deadline, limits))
+
+
+def _with_finer_cells(domain: SearchDomain, limits: SearchLimits) -> Plan:
+    """The cheapest plan; without plan and proof, on cells of half the size, as often as budget and :data:`MAX_HALVED` allow.
+
+    The obstacles are the same, but a robot may drive where it does not fit on the centres of larger cells.
+    """
+    deadline = Deadline.after(limits.budget_s)
+    plan = _cheapest(domain, limits)
+    while not (plan.reachable or plan.proved or deadline.passed or domain.occupied.size > MAX_HALVED):
+        cells = domain.occupied.repeat(2, axis=0).repeat(2, axis=1)
+        finer = OccupancyMap(cells, 0.5 * domain.map.resolution_m, domain.map.origin)
+        domain = build_search_domain(replace(domain.problem, map=finer), domain.costs)
+        again = _cheapest(domain, _until(deadline, limits))
+        plan = again if again.reachable or again.proved else plan
+    return _with_proof(domain, plan, _until(deadline, limits))
 
 
 def _cheapest(domain: SearchDomain, limits: SearchLimits, done: frozenset[str] = frozenset()) -> Plan:
-    """The cheapest plan; objects that are ``done`` are not pushed sideward again."""
+    """The cheapest plan; objects that are ``done`` are not pushed sideward again. A proof covers straight pushes only."""
     deadline = Deadline.after(limits.budget_s)
     unknown = any(body.allowed.unknown for body in domain.bodies)
     first = replace(limits, budget_s=limits.budget_s * (KNOWN_FRACTION if unknown else 1.0))
@@ -82,15 +101,14 @@ def _cheapest(domain: SearchDomain, limits: SearchLimits, done: frozenset[str] =
         if plan.cost_s < safe_plan.cost_s:
             safe_plan = plan
     turned = {obj.id for obj in domain.problem.objects if obj.push is PushMode.OFF_CENTRE} - done
-    if turned and not safe_plan.reachable:
+    if turned and not safe_plan.reachable and not deadline.passed:
 
         def after_turn(after: PlanningProblem, id: str) -> Plan:
             # An object that was turned once is pushed straight from then on; until one is chosen, so are all.
             return planned(after, done | ({id} if id else turned))
 
         plan = via_off_centre(domain.problem, after_turn, turned, lambda: not deadline.passed)
-        # The proof covers straight pushes only.
-        refused = replace(safe_plan, proved=False, notes=(*safe_plan.notes, plan.reason))
+        refused = replace(safe_plan, notes=(*safe_plan.notes, plan.reason))
         safe_plan = plan if plan.reachable else refused
     if not unknown:
         return safe_plan
@@ -102,6 +120,14 @@ def _cheapest(domain: SearchDomain, limits: SearchLimits, done: frozenset[str] =
     if safe_plan.reachable and safe_plan.cost_s <= expected_s:
         return safe_plan
     return replace(risky_plan, expected_s=expected_s)
+
+
+def _with_proof(domain: SearchDomain, plan: Plan, limits: SearchLimits) -> Plan:
+    """A plan, or none: proofs cover straight pushes, so that one holds only without the objects that are pushed otherwise."""
+    straight = tuple(body for body in domain.bodies if body.obj.push is PushMode.DIRECT)
+    if not plan.proved or len(straight) == len(domain.bodies):
+        return plan
+    return replace(plan, proved=_planned(replace(domain, bodies=straight), limits, unknown=True).proved)
 
 
 def _until(deadline: Deadline, limits: SearchLimits) -> SearchLimits:
@@ -146,7 +172,7 @@ def alternatives(
     limits, domain = replace(limits or SearchLimits(), found=None), build_search_domain(problem, costs)
     cautious = replace(domain.costs, risk_s=RELIABLE_RISK_S)
     reliable = _planned(domain, limits, unknown=True, weights=cautious)
-    cheapest = _cheapest(domain, limits)
+    cheapest = _with_finer_cells(domain, limits)
     free = plan_in_domain(domain, limits, active=(), name="no pushing")
     tour = exploration_tour(problem, LEARN_S, costs, to_goal=True)
     found = {

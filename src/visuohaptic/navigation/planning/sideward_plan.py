@@ -78,7 +78,7 @@ def via_sideward(
         onward = rest(
             after_push(problem, body.obj.id, moved_m, end_m, turn_rad=float(push.trace.object_m[-1, 2]))
         )
-        tasks = (*drive_tasks(domain, drive, drive_cost), _task(scene, push), *onward.tasks)
+        tasks = (*drive_tasks(domain, shifts, drive, drive_cost), _task(scene, push), *onward.tasks)
         plan = replace(onward, tasks=tasks, gap=float("inf"))
         if plan.reachable and plan.cost_s < found.cost_s:
             found = plan
@@ -117,18 +117,10 @@ def _task(scene: OffCentreScene, push: SidewardPush) -> Task:
     spin = np.eye(3)
     spin[:2, :2] = turn
     return Task(
-        "sideward",
-        push.cost_s,
-        remaining_m(push.path_m, 0),
-        points(path),
-        body.obj.id,
-        points(touched)[0],
-        points(trace.object_m[-1:, :2])[0],
-        (float(dx), float(dy)),
-        float(trace.object_m[-1, 2]),
-        push.failure_probability,
-        tuple(tuple(float(value) for value in row) for row in spin @ covariance @ spin.T),
-    )
+        "sideward", push.cost_s, remaining_m(push.path_m, 0), points(path), body.obj.id, points(touched)[0],
+        points(trace.object_m[-1:, :2])[0], (float(dx), float(dy)), float(trace.object_m[-1, 2]),
+        push.failure_probability, tuple(map(tuple, (spin @ covariance @ spin.T).tolist())),
+    )  # fmt: skip
 
 
 class SidewardCheck:

@@ -71,13 +71,7 @@ def plot_path_plan(
         x, y = task.contact_m or problem.start_m
         axes.plot(x, y, "o", color="tab:red", ms=12, ls="none", label="exploration", zorder=6)
         axes.annotate(f"{number}", (x, y), ha="center", va="center", color="white", fontsize=8, zorder=7)
-    colours = {
-        "push": "tab:red",
-        "sideward": "tab:red",
-        "turn": "tab:red",
-        "door": "tab:purple",
-        "navigate": "tab:green",
-    }
+    colours = dict.fromkeys(("push", "sideward", "turn"), "tab:red") | {"door": "tab:purple"}
     for task in plan.tasks:
         if task.path_m:
             dashes = "-." if task.kind == "sideward" else "-"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -39,7 +39,6 @@ class MovableObject:
     id: str
     footprint_m: Float[np.ndarray, "p 2"]  #: outline in the map frame, counter-clockwise, not closed
     tag: HapticTag | None = None  #: ``None``: never touched
-    where: str = field(default="MovableObject", repr=False)  #: file and entry, for messages
     #: centre of friction from the footprint's centroid, map frame [m]: from earlier pushes (Sec. 4.3.1)
     friction_offset_m: tuple[float, float] = (0.0, 0.0)
     #: its covariance [m^2]; ``None``: no push was observed
@@ -49,8 +48,8 @@ class MovableObject:
     pose_sigma: tuple[float, float] = (0.01, 0.05)
 
     def __post_init__(self) -> None:
-        check_numbers(self.where, NON_NEGATIVE, pose_sigma=self.pose_sigma)
-        object.__setattr__(self, "footprint_m", outline_of(self.footprint_m, self.where))
+        check_numbers("MovableObject", NON_NEGATIVE, pose_sigma=self.pose_sigma)
+        object.__setattr__(self, "footprint_m", outline_of(self.footprint_m, "MovableObject"))
 
     @property
     def centre_m(self) -> Float[np.ndarray, "2"]:
@@ -111,7 +110,7 @@ class PlanningProblem:
             extent_m = float(np.ptp(item.footprint_m, axis=0).max())
             if extent_m > diagonal_m:
                 raise InputError(
-                    item.where,
+                    "MovableObject",
                     f"found an object '{item.id}' {extent_m:g} m wide on a map of {diagonal_m:g} m from corner "
                     "to corner, expected metres",
                     field="footprint_m",

@@ -14,7 +14,7 @@ from ...core.kernels import kernel
 
 
 @kernel
-def segment_distance(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
+def segment_distance(px, py, ax, ay, bx, by):
     """Distance of a point from a segment."""
     dx, dy = bx - ax, by - ay
     length2 = dx * dx + dy * dy
@@ -25,7 +25,7 @@ def segment_distance(px: float, py: float, ax: float, ay: float, bx: float, by: 
 
 
 @kernel
-def inside_polygon(px: float, py: float, polygon: np.ndarray) -> bool:
+def inside_polygon(px, py, polygon):
     """Whether a point is inside a polygon (even-odd rule)."""
     inside = False
     n = len(polygon)
@@ -41,7 +41,7 @@ def inside_polygon(px: float, py: float, polygon: np.ndarray) -> bool:
 
 
 @kernel
-def polygon_distance(px: float, py: float, polygon: np.ndarray) -> float:
+def polygon_distance(px, py, polygon):
     """Distance of a point from a filled polygon; 0 inside."""
     if inside_polygon(px, py, polygon):
         return 0.0
@@ -60,7 +60,7 @@ def polygon_distance(px: float, py: float, polygon: np.ndarray) -> float:
 
 
 @kernel
-def segment_gap(ax: float, ay: float, bx: float, by: float, polygon: np.ndarray) -> float:
+def segment_gap(ax, ay, bx, by, polygon):
     """Distance of a segment from a filled polygon; 0 if they intersect."""
     if inside_polygon(ax, ay, polygon):
         return 0.0
@@ -81,9 +81,7 @@ def segment_gap(ax: float, ay: float, bx: float, by: float, polygon: np.ndarray)
 
 
 @kernel
-def square_gap(
-    ax: float, ay: float, bx: float, by: float, column: int, row: int, inset: float, square: np.ndarray
-) -> float:
+def square_gap(ax, ay, bx, by, column, row, inset, square):
     """Distance of a segment from the square of a cell less ``inset``; ``square`` (4, 2) is filled with its corners."""
     for corner in range(4):
         square[corner, 0] = column + (1.0 - inset if corner == 1 or corner == 2 else inset)
@@ -92,15 +90,7 @@ def square_gap(
 
 
 @kernel
-def clear_straight(
-    occupied: np.ndarray,
-    outlines: np.ndarray,
-    starts: np.ndarray,
-    x: float,
-    y: float,
-    ends: np.ndarray,
-    radius: float,
-) -> np.ndarray:
+def clear_straight(occupied, outlines, starts, x, y, ends, radius):
     """Whether a disc can move straight from a point to each end with its radius as minimum clearance.
 
     Exact with respect to the squares of the occupied cells, the border of the map, and the filled outlines, which
@@ -134,7 +124,35 @@ def clear_straight(
 
 
 @kernel
-def extent(polygon: np.ndarray) -> tuple[float, float, float, float]:
+def obstacle_distances(occupied, clearance, outlines, starts, points, limit):
+    """Distance of each point from the nearest occupied square, filled outline or border of the map, at most ``limit``.
+
+    ``clearance`` is that of the cells' centres from some of these obstacles: it limits the squares that are evaluated.
+    """
+    rows, columns = occupied.shape
+    found = np.full(len(points), limit)
+    for i in range(len(points)):
+        x, y = points[i, 0], points[i, 1]
+        best = max(min(limit, x, y, columns - x, rows - y), 0.0)
+        for k in range(len(starts) - 1):
+            outline = outlines[starts[k] : starts[k + 1]]
+            low_x, high_x, low_y, high_y = extent(outline)
+            if low_x < x + best and high_x > x - best and low_y < y + best and high_y > y - best:
+                best = min(best, polygon_distance(x, y, outline))
+        r, c = min(max(int(y), 0), rows - 1), min(max(int(x), 0), columns - 1)
+        off = math.hypot(x - c - 0.5, y - r - 0.5)
+        reach = min(best, clearance[r, c] + off)
+        for rr in range(max(int(y - reach), 0), min(int(y + reach) + 1, rows)):
+            for cc in range(max(int(x - reach), 0), min(int(x + reach) + 1, columns)):
+                if occupied[rr, cc]:
+                    away_x, away_y = max(cc - x, x - cc - 1.0, 0.0), max(rr - y, y - rr - 1.0, 0.0)
+                    best = min(best, math.hypot(away_x, away_y))
+        found[i] = best
+    return found
+
+
+@kernel
+def extent(polygon):
     """Minimum and maximum x, minimum and maximum y."""
     x_min, x_max, y_min, y_max = np.inf, -np.inf, np.inf, -np.inf
     for i in range(len(polygon)):
@@ -144,7 +162,7 @@ def extent(polygon: np.ndarray) -> tuple[float, float, float, float]:
 
 
 @kernel(error_model="numpy")
-def distance_patch(polygon: np.ndarray, reach: float) -> tuple[np.ndarray, int, int]:
+def distance_patch(polygon, reach):
     """Distance from a polygon of the cells around it, and the first row and column of the patch, possibly outside a map."""
     x_min, x_max, y_min, y_max = extent(polygon)
     c0, c1 = int(math.floor(x_min - reach)), int(math.ceil(x_max + reach)) + 1
@@ -179,7 +197,7 @@ def distance_patch(polygon: np.ndarray, reach: float) -> tuple[np.ndarray, int, 
 
 
 @kernel
-def disc_touches_at(polygon: np.ndarray, dir_x: float, dir_y: float, radius: float, reach: float) -> float:
+def disc_touches_at(polygon, dir_x, dir_y, radius, reach):
     """Distance from the origin at which a disc coming from ``-reach * dir`` touches a polygon; -1 if it passes.
 
     Each step is the distance that is certainly free, so that no contact is skipped.

@@ -213,7 +213,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
     the contact follow from the same equation. The rim is stiff, not rigid
     (``SOFT_M``), so that any number of contacts may carry the force.
 
-    Returns (last step with contact, or -1; unsolved steps).
+    Returns the last step with contact, or -1.
     """
     n = support.shape[0]
     x, y, yaw = start[0], start[1], start[2]
@@ -225,9 +225,8 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
     for i in range(outline.shape[0]):
         reach = max(reach, np.hypot(outline[i, 0], outline[i, 1]))
     reach += round_m + radius
-    last, unsolved = -1, 0
+    last, moving = -1, False
     fx, fy = 0.0, 0.0
-    moving = False
     for j in range(path.shape[0]):
         cx, cy = path[j, 0], path[j, 1]
         shift[0] = shift[1] = turn = 0.0
@@ -301,8 +300,6 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
                     weight = 1.0 if attempt == 0 else 0.5 if attempt < 4 else 1.0 / attempt
                     for a in range(3):
                         known[a] += weight * (z[a] - known[a])
-        if not solved:
-            unsolved += 1
         x, y, yaw = x + z[0], y + z[1], yaw + z[2] / rho
         for a in range(3):
             known[a] = z[a]
@@ -321,4 +318,4 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
             trace[j, CONTACT_X] = cx + radius * contacts[best, 0]
             trace[j, CONTACT_Y] = cy + radius * contacts[best, 1]
             trace[j, GAP] = -SOFT_M * pull
-    return last, unsolved
+    return last

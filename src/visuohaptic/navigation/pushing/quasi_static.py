@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core import POSITIVE, InputError, check_numbers, finite_array
-from ._push_kernels import FORCE_X, GAP, X, push_object
+from ._push_kernels import CONTACT_X, FORCE_X, GAP, X, push_object
 from .push_model import PushModel
 
 #: Distance between poses of the platform (m): trajectory errors are of second order in it, 2 mm at 2 cm.
@@ -39,7 +39,6 @@ class PushTrace:
     contact_m: Float[np.ndarray, "k 2"]  #: contact point on the rim; NaN without contact
     last_contact: int  #: row of the last contact; -1 if there was none
     released: bool  #: touched, and contact lost before the end of the path
-    unsolved: int = 0  #: steps whose equilibrium was not found within the tolerance
 
     @property
     def touched(self) -> bool:
@@ -82,32 +81,17 @@ def simulate_push(
     path = finite_array("simulate_push", path_m, None, 3, field="path_m", least=2)
     check_numbers("simulate_push", POSITIVE, radius_m=radius_m)
     trace = np.zeros((len(path), 8))
-    last, unsolved = push_object(
-        model.outline_m,
-        model.round_m,
-        model.support_m,
-        model.load,
-        model.gyration_m,
-        model.tip_m,
-        model.contact_friction,
-        radius_m,
-        path,
-        start,
-        trace,
-    )
+    last = push_object(
+        model.outline_m, model.round_m, model.support_m, model.load, model.gyration_m, model.tip_m,
+        model.contact_friction, radius_m, path, start, trace,
+    )  # fmt: skip
     if trace[0, GAP] < -1e-3:
         raise InputError(
             "simulate_push", f"the platform starts {-1e3 * trace[0, GAP]:.1f} mm inside the object's outline"
         )
-    return PushTrace(
-        path,
-        trace[:, X : X + 3],
-        trace[:, FORCE_X : FORCE_X + 2],
-        trace[:, FORCE_X + 2 : FORCE_X + 4],
-        int(last),
-        last >= 0 and remaining_m(path, int(last)) > RELEASE_M,
-        int(unsolved),
-    )
+    object_m, force, contact_m = trace[:, X : X + 3], trace[:, FORCE_X : FORCE_X + 2], trace[:, CONTACT_X:GAP]
+    released = last >= 0 and remaining_m(path, int(last)) > RELEASE_M
+    return PushTrace(path, object_m, force, contact_m, int(last), released)
 
 
 def remaining_m(path_m: Float[np.ndarray, "k 3"], row: int) -> float:

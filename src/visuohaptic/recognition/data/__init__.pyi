@@ -1,8 +1,10 @@
 from .compressions import Compression as Compression
 from .compressions import read_compressions as read_compressions
 from .curve_file import SqueezedObject as SqueezedObject
+from .curve_file import SqueezeSamples as SqueezeSamples
 from .curve_file import read_curves as read_curves
 from .curve_file import read_squeezed as read_squeezed
+from .curve_file import read_squeezes as read_squeezes
 from .data_set import FeatureSet as FeatureSet
 from .data_set import join_feature_sets as join_feature_sets
 from .data_set import load_feature_set as load_feature_set

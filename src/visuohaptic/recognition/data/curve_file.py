@@ -1,4 +1,4 @@
-"""CSV files of measured curves: of one object to classify, or of many objects for training."""
+"""CSV files of measured curves: of one object to classify, of many objects for training, or firm squeezes of one container."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from ...core.errors import InputError
 from ...core.files import CsvRow, check_columns, read_csv
@@ -25,6 +26,15 @@ class SqueezedObject:
     label: str  #: class
     name: str  #: name of the object
     readings: tuple[TouchReading, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SqueezeSamples:
+    """One squeeze at a height."""
+
+    height_m: float
+    deformation_m: Float[np.ndarray, "n"]  #: of one side
+    force_N: Float[np.ndarray, "n"]  #: of one finger
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +100,36 @@ def read_squeezed(path: Path | str, noise: TouchNoise | None = None) -> tuple[Sq
         SqueezedObject(label, f"{label}/{name}" if name else label, _touches(path, samples, noise))
         for (label, name), samples in objects.items()
     )
+
+
+def read_squeezes(path: Path | str) -> tuple[SqueezeSamples, ...]:
+    """Firm squeezes of one container, by their first sample.
+
+    The CSV has the columns ``height_m`` above the foot, ``deformation_m`` of one side, ``force_N`` of one finger, and
+    optionally ``curve``, any name that distinguishes several squeezes at one height.
+
+    Parameters
+    ----------
+    path
+        CSV file in UTF-8.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or a value is not a positive number, with its line.
+    """
+    path = Path(path)
+    curves: dict[tuple[str, float], list[tuple[float, float]]] = {}
+    for number, row in enumerate(read_csv(path, ("height_m", "deformation_m", "force_N"))[1]):
+        if number >= MAX_SAMPLES:
+            raise InputError(path, f"has more than {MAX_SAMPLES} samples")
+        height, *sample = (row.number(name) for name in ("height_m", "deformation_m", "force_N"))
+        if min(height, *sample) <= 0:
+            raise row.problem(
+                f"found {height:g} m, {sample[0]:g} m and {sample[1]:g} N, expected more than 0"
+            )
+        curves.setdefault((row.get("curve"), height), []).append((sample[0], sample[1]))
+    return tuple(SqueezeSamples(height, *np.array(rows).T) for (_, height), rows in curves.items())
 
 
 def _touches(path: Path, samples: list[_Sample], noise: TouchNoise | None) -> tuple[TouchReading, ...]:

@@ -210,9 +210,9 @@ def stiffness_samples(
     errors
         Covariance of the errors of its log radii.
     wall_m
-        Wall thickness [m], exact; of the neck :data:`NECK_M`.
+        Wall thickness that fits the squeezes, see :func:`wall_from_stiffness` [m]; of the neck :data:`NECK_M`.
     closed
-        Probability of a lid, which holds the rim more or less.
+        Probability of a lid, which holds the rim, as where contents are identified.
     height_sigma_m
         Standard deviation of the total height, by which all heights change in proportion [m].
     widths_m
@@ -232,13 +232,8 @@ def stiffness_samples(
     for k in range(SAMPLES):
         radii = np.maximum(r + gain @ off_m + modes @ rng.standard_normal(many), 0.2 * r)
         heights = z * max(1.0 + height_sigma_m / z[-1] * rng.standard_normal(), 0.5)
-        lid, held = rng.random() < closed, rng.random()
-        log = np.log(_stiffness(heights, radii, wall_m, closed=False))
-        if lid:
-            # A held rim itself does not deform.
-            firm = np.log(_stiffness(heights, radii, wall_m, closed=True))
-            log = np.where(np.isfinite(firm), held * firm + (1.0 - held) * log, log)
-        given = np.isfinite(log)
+        log = np.log(_stiffness(heights, radii, wall_m, closed=bool(rng.random() < closed)))
+        given = np.isfinite(log)  # a held rim itself does not deform
         logs[k] = np.interp(z, heights[given], log[given])
     return z, logs
 

@@ -32,6 +32,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
+from ..data import SqueezeSamples
 from ._round_body import (
     EMPTY,
     FILLINGS,
@@ -113,15 +114,6 @@ class ContentsPosterior:
             return math.nan, math.nan
         mean = float(weight @ self.fill) / total
         return mean, math.sqrt(float(weight @ (self.fill - mean) ** 2) / total + FILL_STEP**2 / 12)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SqueezeSamples:
-    """One squeeze at a height."""
-
-    height_m: float
-    deformation_m: Float[np.ndarray, "n"]  #: of one side
-    force_N: Float[np.ndarray, "n"]  #: of one finger
 
 
 class ContentsModel:

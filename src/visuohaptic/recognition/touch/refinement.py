@@ -15,10 +15,11 @@ from ...core import InputError, StiffnessMap
 
 #: Standard deviations of the logarithm of the ratio of true to simulated stiffness, of a class's shape: of the part that is common
 #: to an object (wall, modulus, size), and of the part that varies over the wall; correlation length of the latter [m]. Rounded from
-#: the most probable ones of 40 open containers of the table: 0.61, 0.30, 0.0047.
-CLASS = (0.6, 0.3, 0.005)
-#: The same of a measured outline, whose errors are sampled: wall and modulus, as of contents; thickness along a blown wall.
-OUTLINE = (0.4, 0.1, 0.01)
+#: the most probable ones of 24 open oval containers (``benchmarks.grasp_walls --fit --oval --count 24``): 0.514, 0.394, 0.0072.
+CLASS = (0.5, 0.4, 0.007)
+#: The same of a measured outline with sampled errors and a wall that was fitted to squeezes: what is left of wall and modulus, and
+#: what the outline does not resolve. From 24 open containers (``benchmarks.grasp_walls --fit --count 24``): 0.178, 0.230, 0.0100.
+OUTLINE = (0.18, 0.23, 0.01)
 
 
 def map_of_outline(
@@ -77,6 +78,11 @@ def correct_map(
         raise InputError("correct_map", f"found shapes {points.shape}, {measured.shape}, {sigma.shape}")
     if not ((measured > 0).all() and (sigma > 0).all()):
         raise InputError("correct_map", "expected stiffness and sigma above 0")
+    if deviations is not None and deviations.shape[1:] != found.stiffness_N_per_m.shape:
+        raise InputError(
+            "correct_map", f"found {deviations.shape[1:]} deviations, expected those of {len(found.stiffness_N_per_m)} "
+            "points of the map", field="deviations",
+        )  # fmt: skip
     from scipy.spatial import cKDTree
 
     stiffness = np.asarray(found.stiffness_N_per_m, dtype=float)

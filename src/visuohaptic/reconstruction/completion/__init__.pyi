@@ -35,8 +35,8 @@ from .touch import starts as starts
 from .touch_registration import MIN_CONTACTS as MIN_CONTACTS
 from .touch_registration import register_touches as register_touches
 from .uncertainty import SurfaceUncertainty as SurfaceUncertainty
-from .uncertainty import TouchResiduals as TouchResiduals
 from .uncertainty import between as between
+from .uncertainty import calibration as calibration
 from .uncertainty import spline_sigma_m as spline_sigma_m
 from .visibility import open_sight as open_sight
 from .visibility import remove_back_sides as remove_back_sides

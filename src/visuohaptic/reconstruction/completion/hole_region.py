@@ -37,21 +37,16 @@ class HoleRegion:
 
     hull_m: Float[np.ndarray, "v 3"]  #: corners of the hull [m]
     planes: Float[np.ndarray, "p 4"]  #: unit outward normals and offsets, n . x + o <= 0 inside
-    score: float = 1.0  #: score of the transparency detector
     body: UprightBody | None = None  #: upright body fitted to its outlines
 
     @classmethod
-    def of_points(
-        cls, points_m: Float[np.ndarray, "n 3"], score: float = 1.0, body: UprightBody | None = None
-    ) -> HoleRegion:
+    def of_points(cls, points_m: Float[np.ndarray, "n 3"], body: UprightBody | None = None) -> HoleRegion:
         """The convex hull of points.
 
         Parameters
         ----------
         points_m
             Points (n, 3) [m].
-        score
-            Score of the transparency detector.
         body
             Upright body fitted to its outlines.
 
@@ -70,7 +65,7 @@ class HoleRegion:
                 "HoleRegion", "its points span no volume, expected corners of a solid"
             ) from error
         # Merge the coplanar facets of the triangulated hull.
-        return cls(points[hull.vertices], np.unique(np.round(hull.equations, 9), axis=0), score, body)
+        return cls(points[hull.vertices], np.unique(np.round(hull.equations, 9), axis=0), body)
 
     def distance_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Growth of the hull at which it contains each point [m]; negative inside.
@@ -141,16 +136,10 @@ class HoleRegion:
         )
         return HoleRegion.of_points(corners_m)
 
-    def core(self, fraction: float = 0.6) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
-        """Corners and centroid of the shrunk hull, and the depth of each inside the hull [m].
-
-        Parameters
-        ----------
-        fraction
-            Size of the shrunk hull relative to the hull.
-        """
+    def core(self) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
+        """Corners and centroid of the hull shrunk to 0.6, and the depth of each inside the hull [m]."""
         middle = self.hull_m.mean(axis=0)
-        points = np.concatenate([[middle], middle + fraction * (self.hull_m - middle)])
+        points = np.concatenate([[middle], middle + 0.6 * (self.hull_m - middle)])
         return points, -self.distance_m(points)
 
     @property
@@ -165,12 +154,12 @@ _Pair = tuple[FiniteFloat, FiniteFloat]
 class _Cluster(BaseModel):
     model_config = ConfigDict(extra="ignore")
     hull: list[tuple[FiniteFloat, FiniteFloat, FiniteFloat]] = Field(min_length=4, max_length=100_000)
-    score: FiniteFloat = 1.0
     axis: _Pair | None = None
     axis_sigma: tuple[NonNegativeFloat, NonNegativeFloat] | None = None
     radius: tuple[PositiveFloat, PositiveFloat] | None = None
     radius_sigma: NonNegativeFloat | None = None
     height: _Pair | None = None
+    lean: _Pair = (0.0, 0.0)
     evidence: FiniteFloat = 0.0
     rings: list[tuple[FiniteFloat, PositiveFloat, PositiveFloat]] = Field(default=[], max_length=1000)
     rings_sigma: NonNegativeFloat = 0.0
@@ -183,7 +172,7 @@ class _Cluster(BaseModel):
         z_m, radius_m, sigma_m = np.array(self.rings).reshape(-1, 3).T
         rings = OutlineRings(z_m, radius_m, sigma_m, self.rings_sigma)
         place = np.array(axis), np.array(sigma), radius, self.radius_sigma, height
-        return UprightBody(*place, self.evidence, rings)
+        return UprightBody(*place, self.evidence, rings, self.lean)
 
 
 class _RegionsFile(BaseModel):
@@ -192,7 +181,7 @@ class _RegionsFile(BaseModel):
 
 
 def load_hole_regions(path: Path | str) -> list[HoleRegion]:
-    """Read ``regions.json``: ``clusters`` with ``hull`` (corners [m]), ``score``, and the upright body of the outlines.
+    """Read ``regions.json``: ``clusters`` with ``hull`` (corners [m]) and the upright body of the outlines.
 
     Parameters
     ----------
@@ -216,7 +205,7 @@ def load_hole_regions(path: Path | str) -> list[HoleRegion]:
     regions = []
     for number, cluster in enumerate(found.clusters):
         try:
-            regions.append(HoleRegion.of_points(np.array(cluster.hull), cluster.score, cluster.body()))
+            regions.append(HoleRegion.of_points(np.array(cluster.hull), cluster.body()))
         except InputError as error:
             raise InputError(path, error.problem, field=f"clusters.{number}.hull") from error
     return regions

@@ -7,8 +7,9 @@ from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
 from ...io.meshes.mesh_state import face_parts
+from ..fusion.volume import SpaceGrid
 from ..mesh import SurfaceMesh
-from ..surfaces.rbf import Grid, RbfSurface, isosurface
+from ..surfaces.rbf import RbfSurface, isosurface
 from .hole import SupportBand
 from .hole_region import HoleRegion
 
@@ -26,9 +27,9 @@ class HoleSpace:
 
     def __init__(self, region: HoleRegion, band: SupportBand) -> None:
         self._region, self._band = region, band
-        self._grids: dict[int, tuple[Grid, Bool[np.ndarray, "x y z"]]] = {}
+        self._grids: dict[int, tuple[SpaceGrid, Bool[np.ndarray, "x y z"]]] = {}
 
-    def grid(self, nodes: int) -> tuple[Grid, Bool[np.ndarray, "x y z"]]:
+    def grid(self, nodes: int) -> tuple[SpaceGrid, Bool[np.ndarray, "x y z"]]:
         """Grid over the grown region, and which of its nodes are inside it; both are cached.
 
         Parameters
@@ -39,8 +40,9 @@ class HoleSpace:
         if nodes not in self._grids:
             margin = self._band.margin_m
             low, high = self._region.hull_m.min(axis=0) - margin, self._region.hull_m.max(axis=0) + margin
-            grid = Grid.over(low, high, float((high - low).max()) / (nodes - 1))
-            inside = self._region.within(grid.all_nodes_m, margin)
+            step_m = float((high - low).max()) / (nodes - 1)
+            grid = SpaceGrid.around(low - 0.5 * step_m, high + 0.5 * step_m, step_m)
+            inside = self._region.within(grid.all_centres_m, margin)
             self._grids[nodes] = grid, inside.reshape(grid.shape)
         return self._grids[nodes]
 
@@ -69,7 +71,7 @@ class HoleSpace:
                 "the estimated surface does not pass through the region",
                 remedy="check the orientation of the model's triangles",
             )
-        return supported_part(SurfaceMesh(vertices, faces), supports_m, 2.0 * grid.step_m)
+        return supported_part(SurfaceMesh(vertices, faces), supports_m, 2.0 * grid.voxel_m)
 
 
 def supported_part(mesh: SurfaceMesh, supports_m: Float[np.ndarray, "s 3"], near_m: float) -> SurfaceMesh:

@@ -18,7 +18,7 @@ from ..mesh import SurfaceMesh
 from .discrete_symmetry import even_subset
 from .hole import SupportBand, boundary_loops
 from .hole_region import HoleRegion
-from .radial_model import matern
+from .uncertainty import matern
 
 #: Grids of correlation lengths (in sizes of the region) and of deviations of log t; uniform prior.
 _LENGTHS, _DEVIATIONS = (0.3, 0.6, 1.2), (0.05, 0.1, 0.2, 0.4, 0.8)

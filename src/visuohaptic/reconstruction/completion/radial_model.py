@@ -4,10 +4,8 @@ In cylinder coordinates (rho, theta, z)
 
     log rho = p(z) + e0(theta) + w(z) (e1(theta) - e0(theta)) + g(theta, z)
 
-with the profile ``p``, the cross-sections ``e0`` and ``e1`` of the bands below
-and above the hole (:mod:`.symmetry`), the weight ``w`` of the upper cross-section,
-which is 0 and 1 in the bands and unknown between them, and the residual ``g`` of
-the cross-sections. ``p`` and ``g`` have Matern covariances over the height; ``w``
+with the profile ``p``, the cross-sections ``e0`` and ``e1`` of the bands below and above the hole (:mod:`.symmetry`), the weight ``w`` of
+the upper cross-section, which is 0 and 1 in the bands and unknown between them, and the residual ``g`` of the cross-sections. ``p`` and ``g`` have Matern covariances over the height; ``w``
 is a Brownian bridge around a straight line. Walls are smooth except for kinks, so
 ``p`` has order 3/2 or 5/2. Order, correlation length and deviation are not fixed:
 several processes are averaged with weights proportional to their likelihood, and
@@ -36,6 +34,7 @@ from jaxtyping import Float, Int
 from ...core.resources import one_blas_thread
 from .outline import ANGLES, VisibleWall
 from .symmetry import ShapePrior, polar
+from .uncertainty import matern
 
 #: Grids of correlation lengths (in sizes of the region) and of deviations of p, for both orders.
 _LENGTHS, _DEVIATIONS = (0.15, 0.3, 0.6), (0.01, 0.02, 0.05, 0.1, 0.2)
@@ -45,6 +44,8 @@ _MIN_LIKELIHOOD_RATIO, _MAX_PROFILES = 0.03, 6
 _MEAN, _BAND = 0.3, 0.003
 #: Correlation of g: length in sizes of the region, and over the angle [rad].
 _OVER_HEIGHT, _OVER_ANGLE_RAD = 0.3, 0.35
+#: Places on a ring, the contact among them.
+_RING = 12
 #: Prior scale of the variance (actual over predicted variance on 48 bottles), and its weight in contacts.
 _SCALE, _SCALE_WEIGHT = 0.2, 8.0
 #: Squared standardised residuals are clipped at this value, so that one contact with another object does not dominate.
@@ -175,13 +176,40 @@ class RadialMixture:
         points_m
             Points (n, 3) of the estimated surface [m].
         """
-        if not len(points_m):
-            return np.zeros(0)
-        rho_m, square_m2 = polar(points_m, self.models[0].prior.axis_m)[1], np.zeros(len(points_m))
-        for model, fraction in zip(self.models, self.fractions, strict=True):
-            expected_m, sigma_m = model.expected(points_m)
-            square_m2 += fraction * ((rho_m - expected_m) ** 2 + sigma_m**2)
-        return np.sqrt(square_m2)
+        expected_m, sigma_m = self.expected(points_m)
+        return np.hypot(polar(points_m, self.models[0].prior.axis_m)[1] - expected_m, sigma_m)
+
+    def expected(
+        self, points_m: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+        """As :meth:`RadialModel.expected`.
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 3) whose angles and heights are used [m].
+        """
+        each = np.array([model.expected(points_m) for model in self.models])
+        mean_m, square_m2 = np.tensordot(self.fractions, [each[:, 0], (each**2).sum(axis=1)], axes=(0, 1))
+        return mean_m, np.sqrt(np.maximum(square_m2 - mean_m**2, 0.0))
+
+    def rings(
+        self, contacts_m: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float[np.ndarray, "n k 3"], Float[np.ndarray, "n k"]]:
+        """Points of the wall at the heights of contacts, at other angles, and their standard deviations [m].
+
+        Parameters
+        ----------
+        contacts_m
+            Contacts (n, 3) [m].
+        """
+        axis_m, turn = self.models[0].prior.axis_m, 2 * np.pi * np.arange(1, _RING) / _RING
+        angle = polar(contacts_m, axis_m)[0][:, None] + turn
+        way = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        points_m = np.dstack([axis_m + way, np.broadcast_to(contacts_m[:, 2:], angle.shape)])
+        rho_m, sigma_m = (part.reshape(angle.shape) for part in self.expected(points_m.reshape(-1, 3)))
+        points_m[..., :2] = axis_m + rho_m[..., None] * way
+        return points_m, sigma_m
 
     def ring_errors(self, outline_m: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k k"]:
         """As :meth:`RadialModel.ring_errors`.
@@ -336,23 +364,6 @@ def _solved(lower: np.ndarray, right: np.ndarray, *, transposed: bool = False) -
         lower, right, lower=True, trans=1 if transposed else 0, check_finite=False
     )
     return found
-
-
-def matern(gap: np.ndarray, length: float, order: int = 3) -> np.ndarray:
-    """Matern's correlation.
-
-    Parameters
-    ----------
-    gap
-        Distances, of any shape.
-    length
-        Correlation length, in the unit of the distances.
-    order
-        Twice the order: 3 or 5.
-    """
-    reach = np.sqrt(float(order)) / length * np.abs(gap)
-    near: np.ndarray = (1 + reach if order == 3 else 1 + reach + reach**2 / 3) * np.exp(-reach)
-    return near
 
 
 _Places = tuple[np.ndarray, np.ndarray, np.ndarray]  # angles [rad], heights [m], index of the height of each

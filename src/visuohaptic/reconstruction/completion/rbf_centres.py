@@ -15,9 +15,7 @@ from .hole_region import HoleRegion
 from .touch import Touch
 
 #: Maximum number of refinement rounds that add centres at violated constraints, and of centres per round.
-_CORE_ROUNDS, _CORE_POINTS = 4, 6
-#: Maximum number of rounds that add centres in free space which the surface still covers.
-_FREE_ROUNDS = 3
+_ROUNDS, _ADDED = 4, 6
 #: Number of directions in which the surface is constrained to the hull.
 _BEYOND = 200
 
@@ -79,11 +77,10 @@ def with_off_surface(
     return np.concatenate(centers), np.concatenate(values)
 
 
-def constrain_core(
-    fit: RbfSurface,
-    region: HoleRegion,
-    rho: Callable[[Float[np.ndarray, "n"], float], Float[np.ndarray, "n"]],
-) -> RbfSurface:
+_Smoothing = Callable[[Float[np.ndarray, "n"], float], Float[np.ndarray, "n"]]
+
+
+def constrain_core(fit: RbfSurface, region: HoleRegion, rho: _Smoothing) -> RbfSurface:
     """Add centres that keep the core of the region inside; otherwise distant bands would each be closed separately.
 
     Parameters
@@ -96,24 +93,12 @@ def constrain_core(
         Smoothing of centres from their standard deviation [m] and the extent of the fit [m].
     """
     core, depth_m = region.core()
-    for _ in range(_CORE_ROUNDS):
-        # Only clear violations: the region is an approximation, not the position of the surface.
-        excess = fit(core) + 0.02 * depth_m
-        worst = np.argsort(-excess)[:_CORE_POINTS]
-        worst = worst[excess[worst] > 0]
-        if not len(worst):
-            break
-        fit = fit.added(core[worst], -0.5 * depth_m[worst], rho(0.25 * depth_m[worst], fit.extent_m))
-        core, depth_m = np.delete(core, worst, axis=0), np.delete(depth_m, worst)
-    return fit
+    # Only clear violations: the region is an approximation, not the position of the surface.
+    return _constrained(fit, core, -0.5 * depth_m, 0.25 * depth_m, 0.02 * depth_m, rho)
 
 
 def constrain_to_hull(
-    fit: RbfSurface,
-    outer: HoleRegion,
-    band: SupportBand,
-    push_m: float,
-    rho: Callable[[Float[np.ndarray, "n"], float], Float[np.ndarray, "n"]],
+    fit: RbfSurface, outer: HoleRegion, band: SupportBand, push_m: float, rho: _Smoothing
 ) -> RbfSurface:
     """Add centres that keep the surface inside a hull of the known and missing parts; splines bulge where unconstrained.
 
@@ -141,23 +126,12 @@ def constrain_to_hull(
     nearest = along_m.argmin(axis=1)
     points = middle + along_m.min(axis=1)[:, None] * ways + push_m * outer.planes[nearest, :3]
     points = points[~band.behind(points)]
-    for _ in range(_CORE_ROUNDS):
-        value = fit(points)
-        worst = np.argsort(value)[:_CORE_POINTS]
-        worst = worst[value[worst] < 0]
-        if not len(worst):
-            break
-        some = points[worst]
-        fit = fit.added(some, np.full(len(some), push_m), rho(np.full(len(some), 0.5 * push_m), fit.extent_m))
-        points = np.delete(points, worst, axis=0)
-    return fit
+    push = np.full(len(points), push_m)
+    return _constrained(fit, points, push, 0.5 * push, 0 * push, rho)
 
 
 def constrain_free(
-    fit: RbfSurface,
-    free_m: Float[np.ndarray, "n 3"],
-    push_m: float,
-    rho: Callable[[Float[np.ndarray, "n"], float], Float[np.ndarray, "n"]],
+    fit: RbfSurface, free_m: Float[np.ndarray, "n 3"], push_m: float, rho: _Smoothing
 ) -> RbfSurface:
     """Add centres in free space that the surface still covers.
 
@@ -168,18 +142,32 @@ def constrain_free(
     free_m
         Points (n, 3) that probes passed without contact [m].
     push_m
-        Signed distance of an added centre and its standard deviation [m].
+        Signed distance of an added centre, twice its standard deviation [m].
     rho
         Smoothing of centres from their standard deviation [m] and the extent of the fit [m].
     """
-    for _ in range(_FREE_ROUNDS):
-        values = fit(free_m)
-        worst = np.argsort(values)[:3]
-        worst = worst[values[worst] < 0]
+    push = np.full(len(free_m), push_m)
+    return _constrained(fit, free_m, push, 0.5 * push, 0 * push, rho)
+
+
+def _constrained(
+    fit: RbfSurface,
+    points_m: Float[np.ndarray, "n 3"],
+    values_m: Float[np.ndarray, "n"],
+    sigma_m: Float[np.ndarray, "n"],
+    least_m: Float[np.ndarray, "n"],
+    rho: _Smoothing,
+) -> RbfSurface:
+    """Add the centres that are not on the side of their values by at least a distance, the worst first."""
+    for _ in range(_ROUNDS):
+        short_m = least_m - np.sign(values_m) * fit(points_m)
+        worst = np.argsort(-short_m)[:_ADDED]
+        worst = worst[short_m[worst] > 0]
         if not len(worst):
             break
-        push = np.full(len(worst), push_m)
-        fit = fit.added(free_m[worst], push, rho(push, fit.extent_m))
+        fit = fit.added(points_m[worst], values_m[worst], rho(sigma_m[worst], fit.extent_m))
+        points_m = np.delete(points_m, worst, axis=0)
+        values_m, sigma_m, least_m = (np.delete(each, worst) for each in (values_m, sigma_m, least_m))
     return fit
 
 

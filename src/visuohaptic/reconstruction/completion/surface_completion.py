@@ -11,6 +11,7 @@ off-surface points along an unmeasured normal.
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -35,7 +36,7 @@ from .rbf_centres import (
 )
 from .symmetry import ShapePrior, fit_prior, height_axis
 from .touch import CompletionSettings, Touch, TouchPlan, reachable, starts
-from .uncertainty import SurfaceUncertainty, TouchResiduals, between, spline_sigma_m
+from .uncertainty import SurfaceUncertainty, between, calibration, spline_sigma_m
 from .visibility import remove_back_sides
 
 #: Points of a ring with a smaller standard deviation, relative to its radius, are supports for planning.
@@ -118,7 +119,9 @@ class Completion:
         self._bound()
         self._fit = self._visible
         self._free: list[np.ndarray] = []  #: points that probes passed without contact
-        self.residuals = TouchResiduals(self.prior, region.size_m)
+        self._squares: list[float] = []  #: squared standardised residuals of the touches
+        self._radial: RadialMixture | None = None
+        self._ring_points = np.zeros((0, 0, 3)), np.zeros((0, 0))  #: of each contact, and their deviations
         self._space = HoleSpace(region, self.band)
         self._seen: VisibleWall | None = None
         if self._symmetric:
@@ -137,9 +140,7 @@ class Completion:
         self._symmetric = self.settings.use_priors and self._symmetry.possible
 
     def _reset(self) -> None:
-        self._plan: tuple[SurfaceMesh, BiharmonicMesh] | None = None
-        self._score: tuple[Float[np.ndarray, "v"], Bool[np.ndarray, "v"]] | None = None
-        self._radial: RadialMixture | None = None
+        self._plan: Any = None
         self._uncertainty: SurfaceUncertainty | None = None
 
     def _rho(self, sigma_m: Float[np.ndarray, "n"], extent_m: float) -> Float[np.ndarray, "n"]:
@@ -167,14 +168,17 @@ class Completion:
         self.touches.append(touch)
         fresh, refit = Centres(), False
         if (contact := touch.contact_m) is not None:
-            self.residuals.add(self._fit, contact, touch.sigma_m, self._contacts)
+            expected_m = float(self._fit.kriging_sigma_m(contact[None])[0])
+            square_m2 = float(self._fit(contact[None])[0]) ** 2
+            self._squares.append(square_m2 / (expected_m**2 + touch.sigma_m**2))
+            self._radial = None
             refit = self._join(contact, touch.sigma_m)
             if not self._outer.within(contact[None], touch.sigma_m)[0]:
                 self._bound()  # the contact shows that the region was too small
                 refit = True
             if not refit:
                 fresh.put(contact, 0.0, touch.sigma_m)
-                self._rings(contact, touch.sigma_m, fresh)
+                self._rings(-1, fresh)
         self._free.extend(free_points(touch, self._d_m))
         # Symmetries are inferred again from all contacts.
         self._refit(None if refit or self._symmetric else fresh)
@@ -191,19 +195,20 @@ class Completion:
         self._contacts.append((contact, sigma_m))
         return False
 
-    def _rings(self, contact: Float[np.ndarray, "3"], sigma_m: float, into: Centres) -> None:
-        """Append the rest of a touched ring, predicted from the cross-sections of the bands."""
-        if self.prior is None:
+    def _rings(self, number: int, into: Centres) -> None:
+        """Append the rest of a touched ring, predicted by the process of the wall's radius."""
+        if self.prior is None or self.radial is None:
             return
+        contact, sigma_m = self._contacts[number]
         radius = float(np.linalg.norm(contact[:2] - self.axis_m))
-        points, spread = self.prior.ring(contact)
+        points, spread = (part[number] for part in self._ring_points)
+        spread = spread * len(self._contacts) ** 0.5  # each ring is predicted from all contacts
         held = np.full(len(points), self.prior.p_sweep)
         if self.prior.p_mirror > 0.5 > self.prior.p_sweep:
             # The cross-section changes between the bands, but the mirror symmetry still holds.
             mirrored, off_m = self.prior.mirrored(contact)
-            points, spread = np.vstack([mirrored, points]), np.append(off_m, spread)
+            points, spread = np.vstack([mirrored, points]), np.append(np.hypot(off_m, sigma_m), spread)
             held = np.append(self.prior.p_mirror, held)
-        spread = np.hypot(spread * self.residuals.prior_inflation, sigma_m)
         # Expected log-likelihood of an observation that holds with probability p: its variance is divided by p.
         spread = spread / np.sqrt(np.maximum(held, np.finfo(float).tiny))
         gaps = np.linalg.norm(points[:, None] - self._supports(), axis=2).min(axis=1)
@@ -218,9 +223,9 @@ class Completion:
         base = self._fit
         if fresh is None:
             base, fresh = self._visible, Centres()
-            for contact, sigma in self._contacts:
+            for number, (contact, sigma) in enumerate(self._contacts):
                 fresh.put(contact, 0.0, sigma)
-                self._rings(contact, sigma, fresh)
+                self._rings(number, fresh)
             if self._symmetric:
                 self._symmetry.put(self._contacts, fresh)
         self._fit = self._joined(base, fresh)
@@ -262,26 +267,23 @@ class Completion:
         assert self.shell is not None
         return self.shell.inner(self.surface(), self.region, self.band.gap_m)
 
-    def _planned(self) -> tuple[SurfaceMesh, BiharmonicMesh]:
+    def _planned(
+        self,
+    ) -> tuple[SurfaceMesh, BiharmonicMesh, Float[np.ndarray, "v"], Bool[np.ndarray, "v"]]:
+        """The planning mesh with its distances, the score of every vertex, and whether it is in the missing part."""
         if self._plan is None:
             mesh = self._space.surface(self._fit, _PLAN_GRID, self._supports())
-            self._plan = mesh, BiharmonicMesh(mesh.vertices_m, mesh.faces)
-        return self._plan
-
-    def _scored(self) -> tuple[Float[np.ndarray, "v"], Bool[np.ndarray, "v"]]:
-        """Score of every vertex of the planning mesh, and whether it is in the missing part."""
-        if self._score is None:
-            mesh, distances = self._planned()
+            distances = BiharmonicMesh(mesh.vertices_m, mesh.faces)
             heights, z_m = self._outer.hull_m[:, 2], mesh.vertices_m[:, 2]
             missing = self.band.away(mesh.vertices_m) & (z_m >= heights.min()) & (z_m <= heights.max())
-            self._score = distances.score(self._support_vertices(mesh)), missing
-        return self._score
+            self._plan = mesh, distances, distances.score(self._support_vertices(mesh)), missing
+        return self._plan
 
     def _deviation_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Standard deviation of points of the estimated surface [m]."""
         if self.radial is not None:
             return self.radial.deviation_m(points_m)
-        return spline_sigma_m(self._fit, points_m) * self.residuals.calibration
+        return spline_sigma_m(self._fit, points_m) * calibration(self._squares)
 
     @property
     def radial(self) -> RadialMixture | None:
@@ -289,13 +291,14 @@ class Completion:
         if self._radial is None and self.prior is not None:
             self._seen = self._seen or wall_seen(self.prior, self.band)
             self._radial = fit_radial_mixture(self.prior, self._seen, self._contacts, self.region.size_m)
+            met_m = np.array([contact for contact, _ in self._contacts]).reshape(-1, 3)
+            self._ring_points = self._radial.rings(met_m)
         return self._radial
 
     def uncertainty(self) -> SurfaceUncertainty:
         """Score and standard deviation of every vertex of the planning mesh."""
         if self._uncertainty is None:
-            mesh, _ = self._planned()
-            score, missing = self._scored()
+            mesh, _, score, missing = self._planned()
             self._uncertainty = SurfaceUncertainty(mesh, score, self._deviation_m(mesh.vertices_m), missing)
         return self._uncertainty
 
@@ -324,8 +327,8 @@ class Completion:
 
         points = [*self._supports()]
         trusted = Centres()
-        for contact, sigma in self._contacts:
-            self._rings(contact, sigma, trusted)
+        for number in range(len(self._contacts)):
+            self._rings(number, trusted)
         for point, sigma in zip(trusted.points, trusted.sigmas, strict=True):
             if sigma < _TRUSTED * np.linalg.norm(point[:2] - self.axis_m):
                 points.append(point)
@@ -354,8 +357,7 @@ class Completion:
             Of each further finger: minimum and maximum distance of its start
             from the start of the first [m]. Fingers without a reachable target are omitted.
         """
-        mesh, distances = self._planned()
-        score, missing = self._scored()
+        mesh, distances, score, missing = self._planned()
         ok = missing & reachable(
             mesh, self.axis_m, self.touches, size_m=self.region.size_m, clear_m=self._d_m
         )

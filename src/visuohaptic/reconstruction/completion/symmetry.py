@@ -28,7 +28,7 @@ _HALF = 0.03
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapePrior:
-    """A fitted cross-section; predicts the ring through a contact."""
+    """A fitted cross-section."""
 
     axis_m: Float[np.ndarray, "2"]  #: x and y of the height axis [m]
     heights_m: Float[np.ndarray, "b"]  #: middle of each band [m], ascending
@@ -50,12 +50,16 @@ class ShapePrior:
         z_m
             Heights (n) [m].
         """
-        return self._section(theta, z_m)[0]
+        each = _basis(theta) @ self.harmonics.T
+        low, high = self.heights_m[[0, -1]]
+        t = np.clip((z_m - low) / max(high - low, 1e-9), 0.0, 1.0)
+        between: Float[np.ndarray, "n"] = (1 - t) * each[:, 0] + t * each[:, -1]
+        return between
 
     def mirrored(self, point_m: Float[np.ndarray, "3"]) -> tuple[Float[np.ndarray, "3"], float]:
         """A contact reflected in the mirror plane, and the standard deviation of the result [m].
 
-        Unlike :meth:`ring` it does not assume that the cross-section is constant over the height.
+        It does not assume that the cross-section is constant over the height.
 
         Parameters
         ----------
@@ -67,50 +71,6 @@ class ShapePrior:
         x, y = 2 * (offset @ along) * along - offset + self.axis_m
         point = np.array([x, y, float(point_m[2])])
         return point, float(np.hypot(*offset)) * float(np.hypot(self.uneven, self.residual))
-
-    def _section(
-        self, theta: Float[np.ndarray, "n"], z: float | Float[np.ndarray, "n"]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """e at a height, and its standard deviation from the difference of the bands."""
-        basis = _basis(theta)
-        each = basis @ self.harmonics.T
-        if len(self.heights_m) == 1:
-            return each[:, 0], np.zeros(len(theta))
-        low, high = self.heights_m
-        t = np.clip((z - low) / max(high - low, 1e-9), 0.0, 1.0)
-        between = (1 - t) * each[:, 0] + t * each[:, 1]
-        # Standard deviation: a quarter of the difference in the middle, zero at the bands.
-        return between, np.abs(each[:, 1] - each[:, 0]) * np.sqrt(t * (1 - t)) / 2
-
-    def ring(
-        self, point_m: Float[np.ndarray, "3"], count: int = 11
-    ) -> tuple[Float[np.ndarray, "count 3"], Float[np.ndarray, "count"]]:
-        """Points of the surface at the height of a contact, at other angles, and their standard deviations [m].
-
-        Parameters
-        ----------
-        point_m
-            Contact (3) [m].
-        count
-            Number of points.
-        """
-        offset = np.asarray(point_m)[:2] - self.axis_m
-        radius, angle = float(np.hypot(*offset)), float(np.arctan2(offset[1], offset[0]))
-        theta = angle + 2 * np.pi * np.arange(1, count + 1) / (count + 1)
-        all_e, all_s = self._section(np.append(theta, angle), float(point_m[2]))
-        gain = all_e[:-1] - all_e[-1]
-        rho = radius * np.exp(np.clip(gain, -1.0, 1.0))
-        points = np.column_stack(
-            [
-                self.axis_m[0] + rho * np.cos(theta),
-                self.axis_m[1] + rho * np.sin(theta),
-                np.full(count, point_m[2]),
-            ]
-        )
-        spread = np.hypot(all_s[:-1], all_s[-1])
-        # The uncertainty of the prediction vanishes at the angle of the contact.
-        far = np.abs(np.sin((theta - angle) / 2))
-        return points, rho * np.hypot(spread, self.residual * np.minimum(2 * far, 1.0))
 
 
 def _basis(theta: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n h"]:

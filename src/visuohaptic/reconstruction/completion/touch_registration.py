@@ -16,18 +16,15 @@ from ..mesh import SurfaceMesh
 
 #: Minimum number of contacts for six degrees of freedom.
 MIN_CONTACTS = 6
-_SAMPLES = 20_000
+_SAMPLES, _ROUNDS = 20_000, 30
+#: Standard deviation of contacts and surface along the normal [m], and of the prior, per axis, about the centroid of the contacts.
+_CONTACT_M, _SIGMA_M, _SIGMA_RAD = 0.001, 0.02, math.radians(5.0)
 
 
 def register_touches(
     contacts_haptic_m: Float[np.ndarray, "n 3"],
     surface: SurfaceMesh,
     prior: Pose | None = None,
-    *,
-    contact_sigma_m: float = 0.001,
-    sigma_m: float = 0.02,
-    sigma_rad: float = math.radians(5.0),
-    rounds: int = 30,
 ) -> tuple[Pose, float]:
     """Estimate ``T_visual_haptic`` from contacts on a visible surface, and the root mean square residual [m].
 
@@ -39,12 +36,6 @@ def register_touches(
         The visible surface.
     prior
         Calibrated ``T_visual_haptic``; identity by default.
-    contact_sigma_m
-        Standard deviation of contacts and surface along the normal [m].
-    sigma_m, sigma_rad
-        Standard deviation of the prior, per axis, about the centroid of the contacts [m], [rad].
-    rounds
-        Maximum number of iterations.
 
     Raises
     ------
@@ -62,12 +53,12 @@ def register_touches(
     tree = cKDTree(points)
     placed = prior.apply(contacts)
     middle = placed.mean(axis=0)
-    reach_m = 3 * (sigma_m + sigma_rad * float(np.linalg.norm(placed - middle, axis=1).max()))
-    stiffness = np.repeat([1 / sigma_rad**2, 1 / sigma_m**2], 3)
+    reach_m = 3 * (_SIGMA_M + _SIGMA_RAD * float(np.linalg.norm(placed - middle, axis=1).max()))
+    stiffness = np.repeat([1 / _SIGMA_RAD**2, 1 / _SIGMA_M**2], 3)
     vector = np.zeros(6)
     correction = Pose.identity()
     distance = np.zeros(len(contacts))
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         moved = correction.apply(placed - middle) + middle
         gaps, near = tree.query(moved)
         if np.median(gaps) > reach_m:
@@ -79,7 +70,7 @@ def register_touches(
         normal = normals[near]
         distance = ((moved - points[near]) * normal).sum(axis=1)
         # Robust weights: contacts on hidden parts have no corresponding surface; their weight falls with the distance.
-        scale = max(contact_sigma_m, 1.5 * float(np.median(gaps)))
+        scale = max(_CONTACT_M, 1.5 * float(np.median(gaps)))
         weight = (1 + (gaps / (2 * scale)) ** 2) ** -2 / scale**2
         jacobian = np.concatenate([np.cross(moved - middle, normal), normal], axis=1)
         matrix = (jacobian * weight[:, None]).T @ jacobian + np.diag(stiffness)

@@ -10,7 +10,6 @@ from jaxtyping import Bool, Float
 
 from ..mesh import SurfaceMesh
 from ..surfaces.rbf import RbfSurface
-from .symmetry import ShapePrior
 
 #: Minimum slope of the signed distance.
 _MIN_SLOPE = 0.2
@@ -68,69 +67,32 @@ def between(
     return (values[near] * fraction).sum(axis=1) / fraction.sum(axis=1)
 
 
-class TouchResiduals:
-    """Standardised residuals of touches, of the spline and of the predicted rings.
+def calibration(squares: Sequence[float]) -> float:
+    """Factor on the deviation of a spline: root mean square of the standardised residuals of touches, with two pseudo-residuals of 3.
+
+    The process is fitted to the visible bands, and hidden parts are rougher than
+    visible ones: without touches its standard deviation is too small.
 
     Parameters
     ----------
-    prior
-        Symmetries of the object; ``None`` without rings.
-    size_m
-        Size of the region where the surface is missing [m].
+    squares
+        Squared standardised residual of every touch before it was added.
     """
+    return float(np.sqrt(np.mean([9.0, 9.0, *np.minimum(squares, 100.0)])))
 
-    def __init__(self, prior: ShapePrior | None, size_m: float) -> None:
-        self._prior, self._size_m = prior, size_m
-        self._of_spline: list[float] = []
-        self._of_rings: list[float] = []
 
-    def add(
-        self,
-        fit: RbfSurface,
-        contact_m: Float[np.ndarray, "3"],
-        sigma_m: float,
-        earlier: Sequence[tuple[Float[np.ndarray, "3"], float]],
-    ) -> None:
-        """Record the residual of a touch before it is added to the fit.
+def matern(gap: np.ndarray, length: float, order: int = 3) -> np.ndarray:
+    """Matern's correlation.
 
-        Parameters
-        ----------
-        fit
-            Spline without the touch.
-        contact_m
-            Contact (3) [m].
-        sigma_m
-            Its standard deviation [m].
-        earlier
-            Earlier contacts (3) [m] and their standard deviations [m].
-        """
-        expected = float(fit.kriging_sigma_m(contact_m[None])[0])
-        off_m = abs(float(fit(contact_m[None])[0]))
-        self._of_spline.append(off_m / float(np.hypot(expected, sigma_m)))
-        if self._prior is None:
-            return
-        for other, _ in earlier[-8:]:
-            # A ring predicts other contacts only at its own height.
-            if abs(other[2] - contact_m[2]) > 0.05 * self._size_m:
-                continue
-            points, sigma = self._prior.ring(other, 71)
-            near = int(np.argmin(np.linalg.norm(points[:, :2] - contact_m[:2], axis=1)))
-            gap = float(np.linalg.norm(points[near, :2] - contact_m[:2]))
-            self._of_rings.append(gap / float(np.hypot(sigma[near], 1.5 * sigma_m)))
-
-    @property
-    def prior_inflation(self) -> float:
-        """Factor on the standard deviation of rings, from the residuals of touches; at least 1."""
-        if not self._of_rings:
-            return 1.0
-        return float(max(1.0, np.sqrt(np.mean(np.square(self._of_rings)))))
-
-    @property
-    def calibration(self) -> float:
-        """Root mean square of the standardised residuals of the spline, with two pseudo-residuals of 3.
-
-        The process is fitted to the visible bands, and hidden parts are rougher than
-        visible ones: without touches its standard deviation is too small.
-        """
-        squares = [9.0, 9.0, *(min(value, 10.0) ** 2 for value in self._of_spline)]
-        return float(np.sqrt(np.mean(squares)))
+    Parameters
+    ----------
+    gap
+        Distances, of any shape.
+    length
+        Correlation length, in the unit of the distances.
+    order
+        Twice the order: 3 or 5.
+    """
+    reach = np.sqrt(float(order)) / length * np.abs(gap)
+    near: np.ndarray = (1 + reach if order == 3 else 1 + reach + reach**2 / 3) * np.exp(-reach)
+    return near

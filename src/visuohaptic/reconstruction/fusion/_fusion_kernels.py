@@ -23,6 +23,8 @@ _BEHIND, _FREE, _NEAR = 0, 1, 2
 _UNSEEN = -1e9
 #: Weight of an observation behind the band: so small that a thousand count less than one within the band.
 BEHIND_BAND = 1e-5
+#: Upper bound of the weight of a voxel, so that the volume adapts to a changing scene.
+MAX_WEIGHT = 64.0
 
 
 @kernel
@@ -141,13 +143,13 @@ def _observe(there, band, reach, seen):
 
 
 @kernel(error_model="numpy")
-def _average(seen, gain, cap, distance, weight):
+def _average(seen, distance, weight):
     """Average observed distances into voxels."""
-    small = gain * np.float32(BEHIND_BAND)
+    one, small, cap = np.float32(1.0), np.float32(BEHIND_BAND), np.float32(MAX_WEIGHT)
     for n in range(seen.size):
         before, value = weight[n], distance[n]
         used = seen[n] > np.float32(_UNSEEN)
-        mass = gain if seen[n] >= np.float32(-1.0) else small
+        mass = one if seen[n] >= np.float32(-1.0) else small
         total = before + mass
         distance[n] = value + (seen[n] - value) * (mass / total) if used else value
         weight[n] = min(total, cap) if used else before
@@ -166,21 +168,21 @@ def scatter(cube, edge, first, stop, values):
 
 
 @kernel(error_model="numpy")
-def _average_free(gain, cap, distance, weight):
+def _average_free(distance, weight):
     """Average an observation of free space into voxels."""
-    one = np.float32(1.0)
+    one, cap = np.float32(1.0), np.float32(MAX_WEIGHT)
     for n in range(weight.size):
-        total = weight[n] + gain
-        distance[n] += (one - distance[n]) * (gain / total)
+        total = weight[n] + one
+        distance[n] += (one - distance[n]) / total
         weight[n] = min(total, cap)
 
 
 @kernel
-def _average_color(seen, pixels, image, gain, weight, color):
+def _average_color(seen, pixels, image, weight, color):
     """Average the color of voxels within the band; ``weight`` is that before the view."""
     for n in range(seen.size):
         if np.float32(-1.0) <= seen[n] < np.float32(1.0):
-            fraction = gain / (weight[n] + gain)
+            fraction = np.float32(1.0) / (weight[n] + np.float32(1.0))
             for channel in range(3):
                 value = np.float32(image[pixels[0, n], pixels[1, n], channel])
                 color[n, channel] += (value - color[n, channel]) * fraction
@@ -219,7 +221,7 @@ def mark_bricks(marked, first, origin, steps, camera, depth, low, high, missing,
 
 
 @kernel
-def fuse_bricks(distance, weight, color, use_color, places, origin, steps, camera, depth, image, low, high, missing, band, reach, gain, cap):  # fmt: skip
+def fuse_bricks(distance, weight, color, use_color, places, origin, steps, camera, depth, image, low, high, missing, band, reach):  # fmt: skip
     """Integrate a view into bricks, stored as (brick, cube, voxel of the cube).
 
     ``places`` are the indices of the bricks; ``origin`` is voxel 0 in the camera frame [m].
@@ -243,11 +245,11 @@ def fuse_bricks(distance, weight, color, use_color, places, origin, steps, camer
                 _set_corner(x + a, y + b, z + c, origin, steps, corner)
                 case, _ = _case(CUBE, corner, steps, camera, depth, low, high, missing, reach)
             if case == _FREE:
-                _average_free(gain, cap, distance[q, n], weight[q, n])
+                _average_free(distance[q, n], weight[q, n])
             elif case == _NEAR:
                 project_cube(offsets, corner, camera, rows, columns, np.float32(1e-3), pixels, there)
                 look_up(depth, pixels, seen)
                 _observe(there, band, reach, seen)
                 if use_color:
-                    _average_color(seen, pixels, image, gain, weight[q, n], color[q, n])
-                _average(seen, gain, cap, distance[q, n], weight[q, n])
+                    _average_color(seen, pixels, image, weight[q, n], color[q, n])
+                _average(seen, distance[q, n], weight[q, n])

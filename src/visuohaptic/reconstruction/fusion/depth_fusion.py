@@ -44,8 +44,6 @@ class TsdfVolume:
         Lowest and highest corner of a box of the world to which the volume is limited [m]; a voxel is at the lowest.
     truncation_m
         Half width of the band around the surface [m]; 4 voxels by default.
-    max_weight
-        Upper bound of the weights, so that the volume adapts to a changing scene.
     color
         Whether to average colour as well.
     max_bricks
@@ -64,7 +62,6 @@ class TsdfVolume:
         low_m: Float[np.ndarray, "3"] | None = None,
         high_m: Float[np.ndarray, "3"] | None = None,
         truncation_m: float | None = None,
-        max_weight: float = 64.0,
         color: bool = True,
         max_bricks: int = 200_000,
     ) -> None:
@@ -72,7 +69,7 @@ class TsdfVolume:
         self.origin_m: Float[np.ndarray, "3"] = (
             np.zeros(3) if low_m is None else np.asarray(low_m, np.float64)
         )
-        self.max_weight, self.max_bricks = float(max_weight), max_bricks
+        self.max_bricks = max_bricks
         self.views = 0  #: number of integrated views
         self._shape: Int[np.ndarray, "3"] | None = None
         if high_m is not None:
@@ -114,15 +111,13 @@ class TsdfVolume:
         """Number of allocated bricks."""
         return len(self._places)
 
-    def integrate(self, frame: DepthFrame, weight: float = 1.0) -> None:
+    def integrate(self, frame: DepthFrame) -> None:
         """Allocate the bricks near the observed surface, and average the view into all bricks; pixels without depth change nothing.
 
         Parameters
         ----------
         frame
             Depth image with the pose of its camera.
-        weight
-            Weight of the view in the average.
 
         Raises
         ------
@@ -132,7 +127,7 @@ class TsdfVolume:
         view = FusionView(frame, self._color is not None)
         tiles = view.tiles()
         self._allocate(view, tiles)
-        self._fuse(view, tiles, weight)
+        self._fuse(view, tiles)
 
     def integrate_all(self, frames: Sequence[DepthFrame]) -> None:
         """Integrate views into the bricks near the surfaces that any of them sees, in any order.
@@ -152,7 +147,7 @@ class TsdfVolume:
         for view, own in zip(views, tiles, strict=True):
             self._allocate(view, own)
         for view, own in zip(views, tiles, strict=True):
-            self._fuse(view, own, 1.0)
+            self._fuse(view, own)
 
     def _allocate(self, view: FusionView, tiles: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
         """Allocate the bricks in which the view may see a surface."""
@@ -206,9 +201,7 @@ class TsdfVolume:
             )
         return low, (int(size[0]), int(size[1]), int(size[2]))
 
-    def _fuse(
-        self, view: FusionView, tiles: tuple[np.ndarray, np.ndarray, np.ndarray], weight: float
-    ) -> None:
+    def _fuse(self, view: FusionView, tiles: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
         """Integrate a view into the allocated bricks."""
         color = np.zeros((self.bricks, 1, 1, 3), np.float32) if self._color is None else self._color
         kernels.fuse_bricks(
@@ -221,8 +214,6 @@ class TsdfVolume:
             *tiles,
             np.float32(self.truncation_m),
             np.float32(self.reach_m),
-            np.float32(weight),
-            np.float32(self.max_weight),
         )
         self.views += 1
 

@@ -22,7 +22,7 @@ class DepthNoise:
     offset_m: float = 0.0  #: depth of minimum noise [m]
     tracking_m: float = 0.01  #: standard deviation of pose and calibration errors, sigma_t [m]
     baseline_m: float = 0.0  #: x of the projector or second eye in the camera frame; 0: none [m]
-    baseline_known: bool = True  #: whether it is that of the camera, or an assumption to be replaced
+    baseline_known: bool = True  #: whether it is that of the camera, or to be inferred
     edge_rad: float = (
         0.0035  #: half the matching window, the angle around edges in which depths are mixed [rad]
     )

@@ -59,6 +59,11 @@ class SpaceGrid:
         """Highest corner, world [m]."""
         return self.low_m + self.voxel_m * np.array(self.shape)
 
+    @property
+    def all_centres_m(self) -> Float[np.ndarray, "n 3"]:
+        """Centres of all voxels, world [m]; the last axis varies fastest."""
+        return self.centres_m(np.moveaxis(np.indices(self.shape), 0, -1).reshape(-1, 3))
+
     def centres_m(self, cells: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """Centres of voxels, world [m].
 

@@ -1,4 +1,3 @@
 from .biharmonic import BiharmonicMesh as BiharmonicMesh
-from .rbf import Grid as Grid
 from .rbf import RbfSurface as RbfSurface
 from .rbf import isosurface as isosurface

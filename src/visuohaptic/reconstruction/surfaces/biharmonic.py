@@ -31,8 +31,6 @@ class BiharmonicMesh:
     ----------
     vertices_m, faces
         Vertices (v, 3) [m] and triangles (f, 3); slivers and open boundaries are allowed.
-    modes
-        Number of eigenpairs of the embedding.
 
     Raises
     ------
@@ -41,9 +39,7 @@ class BiharmonicMesh:
     """
 
     @one_blas_thread()
-    def __init__(
-        self, vertices_m: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], *, modes: int = MODES
-    ) -> None:
+    def __init__(self, vertices_m: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> None:
         import robust_laplacian
         from scipy.sparse import diags
         from scipy.sparse.linalg import splu
@@ -64,7 +60,7 @@ class BiharmonicMesh:
         options = {"SymmetricMode": True, "DiagPivotThresh": 0.0}
         self._factor: Any = splu(shifted, permc_spec="MMD_AT_PLUS_A", options=options)
         self._stiffness = stiffness / area.sum()
-        self._embed(vertices, min(modes, len(vertices) // 4))
+        self._embed(vertices, min(MODES, len(vertices) // 4))
 
     def _centred(self, columns: Float[np.ndarray, "v k"]) -> Float[np.ndarray, "v k"]:
         return columns - self.area @ columns

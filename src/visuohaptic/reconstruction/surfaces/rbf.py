@@ -11,16 +11,17 @@ covariance (thin-plate Gaussian process): ``-b^T A^-1 b`` with ``b = (|X - X_i|^
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core import InputError, finite_array, one_blas_thread
+from ..fusion.volume import SpaceGrid
 from . import _rbf_kernels as kernels
 
 #: Maximum number of centres added by Schur complement before the whole matrix is factored again.
 MAX_ADDED = 150
+#: Ratio of the coarse step to the fine one, of the grid on which the surface is sought.
+_STRIDE = 4
 
 
 class RbfSurface:
@@ -70,9 +71,7 @@ class RbfSurface:
 
         n = len(self._base)
         matrix = np.zeros((n + 4, n + 4), order="F")
-        block = np.zeros((n, n))
-        kernels.cubic_matrix(self._base, self._base, block)
-        matrix[:n, :n] = block
+        matrix[:n, :n] = _cubes(self._base, self._base)
         matrix[np.arange(n), np.arange(n)] += self._rho
         matrix[:n, n:] = _linear(self._base)
         matrix[n:, :n] = matrix[:n, n:].T
@@ -121,9 +120,7 @@ class RbfSurface:
             made._rho = np.concatenate([self._rho, self._added_rho, extra])
             made._factor()
             return made
-        block = np.zeros((len(self._base), len(new)))
-        kernels.cubic_matrix(self._base, new, block)
-        columns = np.concatenate([block, _linear(new).T])
+        columns = np.concatenate([_cubes(self._base, new), _linear(new).T])
         made._columns = np.concatenate([self._columns, columns], axis=1)
         made._solved = np.concatenate([self._solved, self._solve(columns)], axis=1)
         made._added = np.concatenate([self._added, new])
@@ -133,11 +130,8 @@ class RbfSurface:
         return made
 
     def _schur(self) -> np.ndarray:
-        k = len(self._added)
-        corner = np.zeros((k, k))
-        kernels.cubic_matrix(self._added, self._added, corner)
-        corner[np.arange(k), np.arange(k)] += self._added_rho
-        return corner - self._columns.T @ self._solved
+        corner = _cubes(self._added, self._added) + np.diag(self._added_rho)
+        return np.asarray(corner - self._columns.T @ self._solved)
 
     def _weigh(self) -> None:
         """Compute weights and polynomial from the factors and the added columns."""
@@ -175,7 +169,7 @@ class RbfSurface:
         nodes_m
             Points (n, 3) [m].
         """
-        points = ((nodes_m - self.origin_m) / self.extent_m).astype(np.float32)
+        points = np.ascontiguousarray((nodes_m - self.origin_m) / self.extent_m, dtype=np.float32)
         out = np.zeros(len(points), dtype=np.float32)
         centers = np.ascontiguousarray(self._centers.T.astype(np.float32))
         weights, poly = self._weights.astype(np.float32), self._poly.astype(np.float32)
@@ -190,10 +184,10 @@ class RbfSurface:
         points_m
             Points (n, 3) [m].
         """
-        flat = np.ascontiguousarray((np.asarray(points_m).reshape(-1, 3) - self.origin_m) / self.extent_m)
-        out = np.zeros_like(flat)
-        kernels.cubic_gradients(flat, np.ascontiguousarray(self._centers.T), self._weights, self._poly, out)
-        return out
+        ways = (points_m[:, None] - self.origin_m) / self.extent_m - self._centers
+        return np.asarray(
+            self._poly[1:] + 3 * np.einsum("i,mi,mik->mk", self._weights, np.linalg.norm(ways, axis=2), ways)
+        )
 
     @one_blas_thread()
     def kriging_sigma_m(self, points_m: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m"]:
@@ -207,14 +201,10 @@ class RbfSurface:
             Points (m, 3) [m].
         """
         points = (np.asarray(points_m, dtype=np.float64).reshape(-1, 3) - self.origin_m) / self.extent_m
-        block = np.zeros((len(self._base), len(points)))
-        kernels.cubic_matrix(self._base, points, block)
-        columns = np.concatenate([block, _linear(points).T])
+        columns = np.concatenate([_cubes(self._base, points), _linear(points).T])
         variance = -(columns * self._solve(columns)).sum(axis=0)
         if len(self._added):
-            cross = np.zeros((len(self._added), len(points)))
-            kernels.cubic_matrix(self._added, points, cross)
-            rest = cross - self._solved.T @ columns
+            rest = _cubes(self._added, points) - self._solved.T @ columns
             variance -= (rest * np.linalg.solve(self._schur(), rest)).sum(axis=0)
         return self.extent_m * np.sqrt(self.process_scale * np.maximum(variance, 0.0))
 
@@ -225,56 +215,23 @@ class RbfSurface:
         return max(float(values @ self._weights) / max(self.count - 4, 1), 0.0)
 
 
+def _cubes(a: Float[np.ndarray, "m 3"], b: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "m n"]:
+    """Cubed distances of points."""
+    from scipy.spatial.distance import cdist
+
+    return np.asarray(cdist(a, b) ** 3)
+
+
 def _linear(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:
     return np.column_stack([np.ones(len(points)), points])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Grid:
-    """Nodes of a regular grid over a box."""
-
-    low_m: Float[np.ndarray, "3"]
-    shape: tuple[int, int, int]
-    step_m: float
-
-    @classmethod
-    def over(cls, low_m: Float[np.ndarray, "3"], high_m: Float[np.ndarray, "3"], step_m: float) -> Grid:
-        """Create the grid that covers a box.
-
-        Parameters
-        ----------
-        low_m, high_m
-            Lowest and highest corner (3) [m].
-        step_m
-            Distance between nodes [m].
-        """
-        low, high = np.asarray(low_m, dtype=np.float64), np.asarray(high_m, dtype=np.float64)
-        counts = np.maximum(np.ceil((high - low) / step_m).astype(int) + 1, 2)
-        return cls(low, (int(counts[0]), int(counts[1]), int(counts[2])), float(step_m))
-
-    def nodes_m(self, index: Int[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Positions of nodes [m].
-
-        Parameters
-        ----------
-        index
-            Indices (n, 3).
-        """
-        return self.low_m + self.step_m * index
-
-    @property
-    def all_nodes_m(self) -> Float[np.ndarray, "n 3"]:
-        """Positions of all nodes [m], the last axis varies fastest."""
-        axes = [self.low_m[k] + self.step_m * np.arange(self.shape[k]) for k in range(3)]
-        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-
-
 def isosurface(
-    surface: RbfSurface, grid: Grid, wanted: Bool[np.ndarray, "x y z"] | None = None, *, stride: int = 4
+    surface: RbfSurface, grid: SpaceGrid, wanted: Bool[np.ndarray, "x y z"] | None = None
 ) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
     """Zero level set in the requested part of a grid, evaluated in a narrow band only.
 
-    r(X) is smooth: it is evaluated at every ``stride``-th node, interpolated, and evaluated
+    r(X) is smooth: it is evaluated at every fourth node, interpolated, and evaluated
     exactly at nodes whose interpolated value is within two steps of zero.
 
     Parameters
@@ -282,11 +239,9 @@ def isosurface(
     surface
         Signed distance.
     grid
-        Nodes at which it is evaluated.
+        Nodes at which it is evaluated: the centres of these voxels.
     wanted
         Mask of the nodes (x, y, z) at which the surface is extracted; all by default.
-    stride
-        Ratio of the step of the coarse grid to that of the fine grid.
 
     Returns
     -------
@@ -294,22 +249,26 @@ def isosurface(
     """
     from skimage.measure import marching_cubes
 
-    shape = grid.shape
-    counts = [-(-(n - 1) // stride) + 1 for n in shape]
-    coarse_grid = Grid(grid.low_m, (counts[0], counts[1], counts[2]), grid.step_m * stride)
-    coarse = surface.on_grid(coarse_grid.all_nodes_m).reshape(coarse_grid.shape)
-    values = np.zeros(shape, dtype=np.float32)
-    mask = np.ones(shape, dtype=np.bool_) if wanted is None else wanted
-    nodes = np.zeros((values.size, 3), dtype=np.int32)
+    coarse, between = [], []
+    for count in grid.shape:
+        # The last coarse node is at or beyond the last fine one.
+        coarse.append(np.arange(0, count - 1 + _STRIDE, _STRIDE))
+        away = np.abs(np.arange(count)[:, None] - coarse[-1]) / _STRIDE
+        between.append(np.maximum(1 - away, 0.0).astype(np.float32))
+    cells = np.stack(np.meshgrid(*coarse, indexing="ij"), axis=-1)
+    values = surface.on_grid(grid.centres_m(cells.reshape(-1, 3))).reshape(cells.shape[:3])
+    for hats in between:
+        # Interpolates the first axis, and moves it to the end.
+        values = np.tensordot(values, hats, axes=(0, 1))
+    mask = np.ones(grid.shape, dtype=np.bool_) if wanted is None else wanted
     # The interpolation error is at most (stride * step)^2 / 8 over the radius of curvature, less than a step.
-    count = kernels.band_nodes(coarse, stride, np.float32(2.0 * grid.step_m), values, mask, nodes)
-    index = nodes[:count]
-    values[index[:, 0], index[:, 1], index[:, 2]] = surface.on_grid(grid.nodes_m(index))
+    near = mask & (np.abs(values) < 2.0 * grid.voxel_m)
+    values[near] = surface.on_grid(grid.centres_m(np.argwhere(near)))
     none = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
-    if not (count and values[mask].min() < 0 < values[mask].max()):
+    if not (near.any() and values[mask].min() < 0 < values[mask].max()):
         return none
     try:
         vertices, faces, _, _ = marching_cubes(values, 0.0, mask=mask, gradient_direction="descent")
     except (RuntimeError, ValueError):
         return none
-    return vertices.astype(np.float64) * grid.step_m + grid.low_m, faces.astype(np.int64)
+    return grid.centres_m(vertices.astype(np.float64)), faces.astype(np.int64)

@@ -1,7 +1,6 @@
 from .evidence import EvidenceDetector as EvidenceDetector
 from .outline_fit import UprightBody as UprightBody
 from .pose_refinement import refine_poses as refine_poses
-from .ray_evidence import EvidenceSettings as EvidenceSettings
 from .ray_readings import RayImage as RayImage
 from .ray_readings import TrackedNoise as TrackedNoise
 from .ray_readings import ViewDepth as ViewDepth

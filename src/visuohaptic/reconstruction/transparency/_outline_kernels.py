@@ -1,4 +1,4 @@
-"""Evidence inside the outlines of an upright body in many views, and search for the body of maximum likelihood."""
+"""Evidence inside the outlines of an upright body in many views."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def outline_sums(body, corners, sums, limits, motions, matrices, reach, weights,
     Parameters
     ----------
     body
-        x, y of the axis, lower and upper radius, lower and upper height (6) [m].
+        x, y of the axis, lower and upper radius, lower and upper height, lean along x and y (8) [m].
     corners
         Number of points on each of the two bounding circles.
     sums
@@ -93,7 +93,8 @@ def outline_sums(body, corners, sums, limits, motions, matrices, reach, weights,
         for p in range(points):
             upper = p // corners
             turn = 2 * np.pi * (p % corners) / corners
-            x, y = body[0] + body[2 + upper] * np.cos(turn), body[1] + body[2 + upper] * np.sin(turn)
+            x = body[0] + (upper - 0.5) * body[6] + body[2 + upper] * np.cos(turn)
+            y = body[1] + (upper - 0.5) * body[7] + body[2 + upper] * np.sin(turn)
             w = body[4 + upper]
             z[p] = m[2, 0] * x + m[2, 1] * y + m[2, 2] * w + m[2, 3]
             nearest = min(nearest, z[p])
@@ -150,7 +151,7 @@ def outline_ratios(body, opening, corners, sums, limits, motions, matrices, reac
     Parameters
     ----------
     body
-        x, y of the axis, lower and upper radius, lower and upper height (6) [m].
+        x, y of the axis, lower and upper radius, lower and upper height, lean along x and y (8) [m].
     opening
         Fraction of the radius inside which there is no evidence.
     corners, sums, limits, motions, matrices, reach, weights, found
@@ -166,100 +167,3 @@ def outline_ratios(body, opening, corners, sums, limits, motions, matrices, reac
             # A body that reaches the camera has no evidence, nor has its opening.
             if found[n] != 0.0:
                 found[n] -= within[n]
-
-
-@kernel
-def outline_cost(body, opening, bounds, corners, sums, limits, motions, matrices, reach, weights, found):
-    """Negative log-likelihood ratio of a body against no body [nat]; 1000 outside the bounds.
-
-    Parameters
-    ----------
-    bounds
-        Minimum radius, minimum height and maximum radius (3) [m].
-    body, opening, corners, sums, limits, motions, matrices, reach, weights, found
-        See :func:`outline_ratios`.
-    """
-    narrow, wide, height = min(body[2], body[3]), max(body[2], body[3]), body[5] - body[4]
-    # An open body is at most half as high as wide: into a taller one no view looks from above alone.
-    if narrow < bounds[0] or height < bounds[1] or wide > bounds[2] or (opening > 0 and height > wide):
-        return 1e3
-    outline_ratios(body, opening, corners, sums, limits, motions, matrices, reach, weights, found)
-    total = 0.0
-    for n in range(len(found)):
-        total -= found[n]
-    return total
-
-
-@kernel
-def _moved(simplex, way, trial):
-    """Move the worst corner (the last) through the centroid of the others, by a multiple of its distance from it."""
-    last = len(simplex) - 1
-    for c in range(simplex.shape[1]):
-        middle = 0.0
-        for p in range(last):
-            middle += simplex[p, c]
-        trial[c] = (1.0 + way) * (middle / last) - way * simplex[last, c]
-
-
-@kernel
-def search_outline(simplex, max_steps, near, alike, opening, bounds, corners, sums, limits, motions, matrices, reach, weights):  # fmt: skip
-    """Body of minimum cost, by the downhill simplex of Nelder and Mead (1965); the corners stay sorted, the best first.
-
-    Parameters
-    ----------
-    simplex
-        Bodies (7, 6), updated in place.
-    max_steps
-        Maximum number of cost evaluations, not counting those of the last step.
-    near, alike
-        Termination tolerances: size of the simplex [m], and difference of its costs [nat].
-    opening, bounds, corners, sums, limits, motions, matrices, reach, weights
-        See :func:`outline_cost`.
-    """
-    count, last = len(simplex), len(simplex) - 1
-    costs, found = np.empty(count), np.empty(len(weights))
-    trial, other = np.empty(simplex.shape[1]), np.empty(simplex.shape[1])
-    first, spent = 0, 0
-    while True:
-        for p in range(first, count):
-            costs[p] = outline_cost(
-                simplex[p], opening, bounds, corners, sums, limits, motions, matrices, reach, weights, found
-            )
-            spent += 1
-        for p in range(1, count):
-            at = p
-            while at > 0 and costs[at - 1] > costs[at]:
-                costs[at - 1], costs[at] = costs[at], costs[at - 1]
-                for c in range(simplex.shape[1]):
-                    simplex[at - 1, c], simplex[at, c] = simplex[at, c], simplex[at - 1, c]
-                at -= 1
-        size = 0.0
-        for p in range(1, count):
-            for c in range(simplex.shape[1]):
-                size = max(size, abs(simplex[p, c] - simplex[0, c]))
-        if spent >= max_steps or (size <= near and costs[last] - costs[0] <= alike):
-            return
-        _moved(simplex, 1.0, trial)
-        value = outline_cost(
-            trial, opening, bounds, corners, sums, limits, motions, matrices, reach, weights, found
-        )
-        first, spent = count, spent + 1
-        if value < costs[0] or value >= costs[last - 1]:
-            # Expand if best of all, contract if not better than the second worst.
-            way = 2.0 if value < costs[0] else 0.5 if value < costs[last] else -0.5
-            _moved(simplex, way, other)
-            further = outline_cost(
-                other, opening, bounds, corners, sums, limits, motions, matrices, reach, weights, found
-            )
-            spent += 1
-            if further < min(value, costs[last]):
-                trial, other, value = other, trial, further
-            elif way < 1.0:
-                first = 1
-        costs[last] = value
-        for c in range(simplex.shape[1]):
-            if first == count:
-                simplex[last, c] = trial[c]
-            else:
-                for p in range(1, count):
-                    simplex[p, c] = simplex[0, c] + 0.5 * (simplex[p, c] - simplex[0, c])

@@ -135,7 +135,7 @@ def disjoint_bodies(
     return sorted(best, key=lambda body: -body.evidence)
 
 
-def without_body(views: Sequence[OutlineView], shape_m: Float[np.ndarray, "6"]) -> list[OutlineView]:
+def without_body(views: Sequence[OutlineView], shape_m: Float[np.ndarray, "n"]) -> list[OutlineView]:
     """The views without the rays of both eyes through a body.
 
     Parameters
@@ -143,14 +143,16 @@ def without_body(views: Sequence[OutlineView], shape_m: Float[np.ndarray, "6"]) 
     views
         Views.
     shape_m
-        x, y of the axis, lower and upper radius, lower and upper height of the body [m].
+        x, y of the axis, lower and upper radius, lower and upper height of the body, and its lean [m].
     """
     import cv2
 
     angle = 2 * np.pi * np.arange(_CORNERS) / _CORNERS
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
+    half_m = 0.5 * np.append(shape_m[6:], [0.0, 0.0])[:2]
     circles = [
-        np.column_stack([shape_m[:2] + shape_m[k] * ring, np.full(_CORNERS, shape_m[k + 2])]) for k in (2, 3)
+        np.column_stack([shape_m[:2] + off_m + shape_m[k] * ring, np.full(_CORNERS, shape_m[k + 2])])
+        for k, off_m in ((2, -half_m), (3, half_m))
     ]
     points_m, found = np.concatenate(circles).T, []
     for view in views:

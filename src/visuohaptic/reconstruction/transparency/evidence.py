@@ -23,7 +23,7 @@ A wide vessel that few views see has no single place with so much evidence. A pl
 a whole: its likelihood ratio in a view is that of all windows inside the outline of a body, with the same bounds. A part has to exceed the
 threshold also with the rates of the surface behind it (:func:`.ray_readings.surface_ratios`), and views have to agree on what is behind it
 (:func:`.regions.agreed_behind`). Its place follows from its outlines, its extent is the same sum with e = 0.85: this many rays pass
-a round glass at 1.03 of its radius. Parts, strongest first, explain their rays. An unknown second eye follows from the parts that were found.
+a round glass at 1.03 of its radius. Parts, strongest first, explain their rays. An unknown second eye follows from the shadows of opaque things (:func:`.ray_readings.second_eye_m`).
 """
 
 from __future__ import annotations
@@ -36,22 +36,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
+from ...core.errors import InputError
 from ...io.depth.depth_sequence import DepthFrame
 from ...io.depth.pixel_model import PixelModel, scores_of
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
 from ..vessel_shapes import UprightBody
 from .body_pairs import fit_part, without_body
-from .outline_fit import OutlineView, body_evidence, second_eye_m
+from .outline_fit import OutlineView, body_evidence
 from .outline_rings import with_rings
-from .ray_evidence import (
-    HIDDEN,
-    LOOK_ALIKE,
-    EvidenceSettings,
-    RayEvidence,
-    ScoreEvidence,
-    look_alike_fraction,
-)
+from .ray_evidence import HIDDEN, LOOK_ALIKE, RayEvidence, ScoreEvidence, look_alike_fraction
 from .ray_readings import (
     FAR,
     NEAR,
@@ -60,6 +54,7 @@ from .ray_readings import (
     ViewDepth,
     ray_image,
     reading_tables,
+    second_eye_m,
     surface_ratios,
     window_ratios,
 )
@@ -67,17 +62,21 @@ from .regions import TransparentRegion, agreed_behind, body_voxels, region_of, s
 from .search_report import SearchReport, next_eye
 from .view_geometry import ray_stride, thinned, view_graph
 
-#: Stride of the pixels whose windows are used to estimate e [px].
-_STRIDE = 5
+#: Stride of the pixels whose windows are used to estimate e [px], and radius of the smallest object of interest [m].
+_STRIDE, RADIUS_M = 5, 0.015
+#: Numbers of views that each view is compared with, and in which an unknown second eye is sought; maximum fraction of contradicted rays of a view.
+_NEIGHBOURS, _EYE_VIEWS, _MAX_WRONG = 10, 8, 0.3
+#: Angle between independent views, preferred between compared views; minimum angle between these, as nearer ones see glass alike [rad].
+_INDEPENDENT_RAD, MIN_ANGLE_RAD = math.radians(10.0), math.radians(4.0)
 
 
 @dataclass(slots=True)
 class EvidenceDetector:
-    """Evidence for transparent parts in a volume, from all views of a sequence in any order."""
+    """Evidence for transparent parts in a volume, from all views of one sequence in any order."""
 
     grid: SpaceGrid
     noise: DepthNoise = SENSOR_NOISE["kinect"]
-    settings: EvidenceSettings = field(default_factory=EvidenceSettings)
+    false_alarm_rate: float = 0.02  #: expected number of false parts of a search
     model: PixelModel | None = None  #: further evidence: scores of a network
     #: for glass here; an upper bound where below 0 [nat]
     evidence: Float32[np.ndarray, "x y z"] = field(init=False)
@@ -90,29 +89,30 @@ class EvidenceDetector:
     look_alike: float = field(init=False, default=LOOK_ALIKE)  #: fraction of windows that look like glass
     measured: TrackedNoise = field(init=False, default=TrackedNoise())  #: noise of the sequence
     views: int = field(init=False, default=0)  #: number of input views
-    skipped: Counter[str] = field(default_factory=Counter)  #: number of views not compared, by cause
-    _images: list[RayImage] = field(init=False)
+    skipped: Counter[str] = field(
+        init=False, default_factory=Counter
+    )  #: number of views not compared, by cause
+    _images: list[RayImage] = field(init=False, default_factory=list)
     _rays: RayEvidence = field(init=False)
     _tables: Float32[np.ndarray, "kinds n"] = field(init=False)
-    _scores: list[Float32[np.ndarray, "h w"]] = field(init=False)
-    _outlines: list[OutlineView] = field(init=False)
-    _found: tuple[TransparentRegion, ...] = field(init=False)
+    _scores: list[Float32[np.ndarray, "h w"]] = field(init=False, default_factory=list)
+    _outlines: list[OutlineView] = field(init=False, default_factory=list)
+    _found: tuple[TransparentRegion, ...] = field(init=False, default=())
     _strongest: float = field(init=False, default=0.0)  #: largest evidence of a part [nat]
     _stride: int = field(init=False, default=1)
+    _matching_px: float = field(init=False, default=1.0)  #: edge of a matching window [px]
+    #: edge of the window of the smallest object in each view [px]
+    _object_px: list[int] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
+        if not 0 < self.false_alarm_rate < 1:
+            said = f"found {self.false_alarm_rate}, expected between 0 and 1 exclusive"
+            raise InputError("EvidenceDetector", said, field="false_alarm_rate")
         shape = self.grid.shape
         self.evidence, self.extent = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
         self.seen, self.inside = np.zeros((1, 1, 1), np.float32), np.zeros(shape, dtype=bool)
-        none = np.zeros((0, 0, 0), np.float32)
-        self._rays, self._tables = RayEvidence((), none.ravel(), none, none, none), none.reshape(0, 0)
-        self._images, self._scores, self._outlines, self._found, self._strongest = [], [], [], (), 0.0
-        self.threshold = -math.log(self.settings.false_alarm_rate)
-
-    @property
-    def used(self) -> int:
-        """Number of views compared with others."""
-        return len(self._images)
+        self.threshold, none = -math.log(self.false_alarm_rate), np.zeros((0, 0, 0), np.float32)
+        self._rays = RayEvidence((), none.ravel(), none, none, none)
 
     def run(self, frames: Sequence[DepthFrame]) -> None:
         """Compare every view with others, sum the evidence of its rays, and extract parts.
@@ -122,45 +122,35 @@ class EvidenceDetector:
         frames
             All views of one camera, in any order.
         """
-        self.__post_init__()
-        self.skipped, self.views = Counter(), len(frames)
+        self.views = len(frames)
         compared, weights = self._read(frames)
         if not compared:
             return
         limit_m = np.stack([rays.limit_m for rays in self._images])
-        self._rays = replace(self._rays, frames=compared, weights=weights, limit_m=limit_m)
+        self._rays = RayEvidence(compared, weights, limit_m, limit_m, limit_m)
         self._sum(limit_m > 0, first=True)
         whole = self.evidence
         while self._take() or self._take_held_out(limit_m):
             # Parts weaker than the accepted ones, as a bowl of which only the rim shows, contaminate the rates less.
             self._sum(limit_m > 0)
             if (strong := self.evidence >= self.threshold).any():
-                self._sum((limit_m > 0) & ~self._passed(strong))
+                self._sum((limit_m > 0) & ~self._through(strong))
         self.evidence = whole
         if not self._found:
             return
         limit_m[:] = [image.limit_m for image in self._images]
-        views, bodies = self._outline_views(), [region.body for region in self._found if region.body]
-        if not self.noise.baseline_known:
-            device = replace(self.noise, baseline_m=second_eye_m(views, bodies), baseline_known=True)
-            other = EvidenceDetector(self.grid, device, self.settings, self.model)
-            other.run(frames)  # a part may be found in one search only: that with more evidence
-            if sum(r.body.evidence for r in other.regions() if r.body) > sum(
-                body.evidence for body in bodies
-            ):
-                for name in self.__slots__:
-                    setattr(self, name, getattr(other, name))
-                return
-        self._found = with_rings(self._found, views, self.grid.low_m[2], self.threshold)
+        told = self._outline_views(), self.grid.low_m[2], self.threshold, self.false_alarm_rate
+        self._found = with_rings(self._found, *told)
 
     def _sum(self, counted: Bool[np.ndarray, "n h w"], *, first: bool = False) -> None:
         """Sum the unexplained evidence; the rates without glass are estimated from the ``counted`` rays."""
         self._outlines, told = [], self._rays
         codes = [rays.code[some] for rays, some in zip(self._images, counted, strict=True)]
         self._tables = reading_tables(codes)
-        sizes = [(self._matching_px(frame), self._window_px(frame)) for frame in told.frames]
-        pairs = zip(self._images, sizes, strict=True)
-        ratios = np.stack([window_ratios(rays, self._tables, *size) for rays, size in pairs])
+        pairs = zip(self._images, self._object_px, strict=True)
+        ratios = np.stack(
+            [window_ratios(rays, self._tables, self._matching_px, size) for rays, size in pairs]
+        )
         windows = [ratio[limit > 0][:: _STRIDE**2] for ratio, limit in zip(ratios, told.limit_m, strict=True)]
         self.look_alike = look_alike_fraction(np.concatenate(windows))
         self._rays = RayEvidence.of_ratios(told.frames, told.weights, told.limit_m, ratios, self.look_alike)
@@ -169,13 +159,12 @@ class EvidenceDetector:
             # Rays explained by later parts still count as observations.
             self.seen = seen
             space_m3 = float(np.mean(seen > 0) * np.prod(self.grid.high_m - self.grid.low_m))
-            places = space_m3 / (2 * self.settings.radius_m) ** 3
-            self.threshold = math.log(max(places, 1.0) / self.settings.false_alarm_rate)
+            places = space_m3 / (2 * RADIUS_M) ** 3
+            self.threshold = math.log(max(places, 1.0) / self.false_alarm_rate)
         if self._scores:
             read = np.stack([image.limit_m > 0 for image in self._images])
-            edges_px, size_m = [*map(self._window_px, self._rays.frames)], 2 * self.settings.radius_m
-            shown = read, self.evidence - self._even, self.grid, size_m
-            scored = ScoreEvidence.learned(self._scores, edges_px, self._rays, *shown)
+            shown = read, self.evidence - self._even, self.grid, 2 * RADIUS_M
+            scored = ScoreEvidence.learned(self._scores, self._object_px, self._rays, *shown)
             self._rays = replace(self._rays, scores=scored)
             self.evidence = self.evidence + scored.sums(self.grid)
 
@@ -184,56 +173,61 @@ class EvidenceDetector:
         views = []
         for k, (frame, image) in enumerate(zip(self._rays.frames, self._images, strict=True)):
             ratios = [np.take(table, image.code) + (added[k] if added else 0) for table in self._tables]
-            told = image.reading, ratios, self._rays.limit_m[k], self.noise, float(self._rays.weights[k])
+            told = (
+                image.reading,
+                ratios,
+                self._rays.limit_m[k],
+                self.measured.device,
+                float(self._rays.weights[k]),
+            )
             views.append(OutlineView.of_view(frame, *told, self._stride))
         return views
 
     def _read(self, frames: Sequence[DepthFrame]) -> tuple[list[DepthFrame], Float32[np.ndarray, "n"]]:
         """Views that have enough others for a comparison, and their weights; stores their readings."""
-        graph, settings = view_graph(frames), self.settings
-        focal_px, away_m = frames[0].camera.focal_px, float(np.median([*map(self._away_m, frames)]))
-        self._stride = ray_stride(focal_px, self.grid.voxel_m, away_m, self.noise.window_px(focal_px))
-        whole, frames = frames, [thinned(frame, self._stride) for frame in frames]
-        told = settings.neighbours, settings.independent_rad, settings.min_angle_rad
-        near = [graph.neighbours(i, *told) for i in range(len(frames))]
-        nearest = [graph.neighbours(i, 1, settings.min_angle_rad) for i in range(len(frames))]
-        noise = self.measured = TrackedNoise.measured(frames, nearest, self.noise)
+        graph, whole = view_graph(frames), frames
+        middle_m, focal_px = 0.5 * (self.grid.low_m + self.grid.high_m), frames[0].camera.focal_px
+        eyes_m = np.array([frame.T_world_camera.translation_m for frame in frames])
+        away_m = np.maximum(np.linalg.norm(eyes_m - middle_m, axis=1), 0.1)
+        window_px = self.noise.window_px(focal_px)
+        self._stride = ray_stride(focal_px, self.grid.voxel_m, float(np.median(away_m)), window_px)
+        frames = [thinned(frame, self._stride) for frame in frames]
+        focal_px = frames[0].camera.focal_px
+        self._matching_px = self.noise.window_px(focal_px, self._stride)
+        near = [graph.neighbours(i, _NEIGHBOURS, _INDEPENDENT_RAD, MIN_ANGLE_RAD) for i in range(len(frames))]
+        nearest = [graph.neighbours(i, 1, MIN_ANGLE_RAD) for i in range(len(frames))]
+        noise = TrackedNoise.measured(frames, nearest, self.noise)
         views = [ViewDepth.of_frame(frame, noise) for frame in frames]
-        read, weights = [], []
-        for i, weight in enumerate(graph.weights(settings.independent_rad)):
-            if len(near[i]) < 2:
-                self.skipped["no model"] += 1
+        compared = [i for i, others in enumerate(near) if len(others) > 1]
+
+        def rays_of(i: int) -> RayImage:
+            return ray_image(views[i], [views[k] for k in near[i]], noise)
+
+        if not self.noise.baseline_known:
+            some = compared[:: max(1, len(compared) // _EYE_VIEWS)]
+            eye_m = second_eye_m([rays_of(i) for i in some], focal_px, self._matching_px)
+            noise = replace(noise, device=replace(self.noise, baseline_m=eye_m))
+        self.measured = noise
+        read, weights = [], graph.weights(_INDEPENDENT_RAD)
+        for i in compared:
+            rays = rays_of(i)
+            wrong = np.count_nonzero(np.isin(rays.reading, (FAR, NEAR)))
+            if wrong > _MAX_WRONG * max(int(np.count_nonzero(rays.reading)), 1):
                 continue
-            rays = ray_image(views[i], [views[k] for k in near[i]], noise)
-            wrong = float(np.count_nonzero((rays.reading == FAR) | (rays.reading == NEAR)))
-            if wrong > settings.max_wrong * max(float(np.count_nonzero(rays.reading)), 1.0):
-                self.skipped["too wrong"] += 1
-                continue
-            read.append(frames[i])
+            read.append(i)
+            # At least the matching window.
+            radius_px = max(0.5 * (self._matching_px - 1), focal_px * RADIUS_M / away_m[i])
+            self._object_px.append(2 * round(radius_px) + 1)
             if self.model:
                 scored = replace(whole[i], depth_m=scores_of(self.model, whole[i]))
                 self._scores.append(thinned(scored, self._stride).depth_m)
             self._images.append(rays)
-            weights.append(weight)
-        return read, np.array(weights, np.float32)
+        missed = {"no model": len(frames) - len(compared), "too wrong": len(compared) - len(read)}
+        self.skipped = Counter({cause: count for cause, count in missed.items() if count})
+        return [frames[i] for i in read], weights[read].astype(np.float32)
 
-    def _away_m(self, frame: DepthFrame) -> float:
-        """Distance of a camera from the centre of the space [m]."""
-        middle_m = 0.5 * (self.grid.low_m + self.grid.high_m)
-        return max(float(np.linalg.norm(frame.T_world_camera.translation_m - middle_m)), 0.1)
-
-    def _matching_px(self, frame: DepthFrame) -> float:
-        return self.noise.window_px(frame.camera.focal_px, self._stride)
-
-    def _window_px(self, frame: DepthFrame) -> int:
-        """Edge of the window of the smallest object, at least that of the matching window [px]."""
-        radius_px = frame.camera.focal_px * self.settings.radius_m / self._away_m(frame)
-        return 2 * round(max(0.5 * (self._matching_px(frame) - 1), radius_px)) + 1
-
-    def _passed(self, voxels: Bool[np.ndarray, "x y z"]) -> Bool[np.ndarray, "n h w"]:
-        """Masks of the rays of all views through some voxels."""
-        there_m, voxel_m = self.grid.centres_m(np.argwhere(voxels)), self.grid.voxel_m
-        return np.stack([self._rays.passed(k, there_m, voxel_m) for k in range(self.used)])
+    def _through(self, voxels: Bool[np.ndarray, "x y z"]) -> Bool[np.ndarray, "n h w"]:
+        return self._rays.through(self.grid.centres_m(np.argwhere(voxels)), self.grid.voxel_m)
 
     def _take_held_out(self, limit_m: Float32[np.ndarray, "n h w"]) -> bool:
         """Extract the first part that exceeds the threshold with the rates of the rays that do not pass it, most probable place first."""
@@ -245,7 +239,7 @@ class EvidenceDetector:
         # A single view is not enough for a part.
         peaks = [peak for peak in peaks if self.evidence[peak] > math.log((1 - HIDDEN) / self.look_alike)]
         for peak in sorted(peaks, key=self.evidence.__getitem__, reverse=True):
-            self._sum((limit_m > 0) & ~self._passed(labels == labels[peak]))
+            self._sum((limit_m > 0) & ~self._through(labels == labels[peak]))
             if self._take(peak):
                 return True
         self._rays, self._tables, self.evidence, self.extent, self.look_alike, self._outlines = before
@@ -261,7 +255,7 @@ class EvidenceDetector:
         if only:
             labels = (labels == labels[only]).astype(labels.dtype) * (labels[only] > 0)
         boxes = ndimage.find_objects(labels)
-        told = self._rays, self._images, self._tables, self.noise, self._stride, self.grid.voxel_m
+        told = self._rays, self._images, self._tables, self._matching_px, self.grid.voxel_m
         held, best = labels > 0, np.full(len(boxes), -np.inf)
         np.maximum.at(best, labels[held] - 1, self.evidence[held])
         while best.max(initial=-np.inf) >= self._even:
@@ -292,7 +286,11 @@ class EvidenceDetector:
         told = float(evidence[whole].max())
         for body in (bodies := self._fit(whole, evidence, box)):
             seen = self._rays.scored(body.points_m(self.grid.voxel_m))
-            outlined = told if told >= self.threshold else self._bounded(body, self._outlines) + seen
+            outlined = (
+                told
+                if told >= self.threshold
+                else self._rays.bounded(body_evidence(self._outlines, body), self.look_alike) + seen
+            )
             if outlined >= self.threshold and self._beside(body) + seen >= self.threshold:
                 self._strongest = max(self._strongest, outlined)
                 beside = [other for other in bodies if other is not body and self._second(other, body)]
@@ -301,36 +299,29 @@ class EvidenceDetector:
 
     def _second(self, body: UprightBody, first: UprightBody) -> bool:
         """Whether a body has enough evidence by the readings of the rays that miss the first one."""
-        rest = without_body(self._outlines, first.shape_m)
-        return min(self._bounded(body, rest), self._beside(body, first)) >= self.threshold
-
-    def _bounded(self, body: UprightBody, views: Sequence[OutlineView]) -> float:
-        """Evidence for a body, that of each view bounded as for a voxel: no single view is decisive [nat]."""
-        weights, shown = self._rays.weights, self.look_alike
-        ratio = np.exp(np.minimum(body_evidence(views, body) / weights, 30.0))
-        return float(weights @ np.log(((1 - HIDDEN) * ratio + HIDDEN) / ((1 - shown) + shown * ratio)))
+        each = body_evidence(without_body(self._outlines, first.shape_m), body)
+        return min(self._rays.bounded(each, self.look_alike), self._beside(body, first)) >= self.threshold
 
     def _beside(self, body: UprightBody, first: UprightBody | None = None) -> float:
         """Evidence for a body, given the readings at the surfaces behind it of rays that pass beside it; of rays that miss a first body [nat]."""
-        rays, body_m, size_m = self._rays, body.points_m(self.grid.voxel_m), 2 * self.settings.radius_m
-        through = np.stack([rays.passed(k, body_m, self.grid.voxel_m) for k in range(self.used)])
+        rays, body_m, size_m = self._rays, body.points_m(self.grid.voxel_m), 2 * RADIUS_M
+        through = rays.through(body_m, self.grid.voxel_m)
         added = surface_ratios(rays.frames, self._images, through, rays.limit_m > 0, self._tables, size_m)
-        agreed = agreed_behind(body, rays, self._images, self.noise, self._stride, self.grid.voxel_m)
+        agreed = agreed_behind(body, rays, self._images, self._matching_px, self.grid.voxel_m)
         views = self._outline_views(added)
-        return agreed + float(
-            body_evidence(without_body(views, first.shape_m) if first else views, body).sum()
-        )
+        views = without_body(views, first.shape_m) if first else views
+        return agreed + float(body_evidence(views, body).sum())
 
     def _fit(
         self, part: Bool[np.ndarray, "x y z"], evidence: Float32[np.ndarray, "x y z"], box: tuple[slice, ...]
     ) -> list[UprightBody]:
         """The likeliest one or two bodies of a part in a box of the volume; none if it has no outline or half the smallest size."""
-        if np.count_nonzero(part) < 2 / 3 * math.pi * (self.settings.radius_m / self.grid.voxel_m) ** 3:
+        if np.count_nonzero(part) < 2 / 3 * math.pi * (RADIUS_M / self.grid.voxel_m) ** 3:
             return []
         points_m = self.grid.centres_m(np.argwhere(part) + [s.start for s in box])
         # Windows may look like glass in all views for a common cause without an outline: an edge.
         self._outlines = self._outlines or self._outline_views()
-        return fit_part(self._outlines, points_m, evidence[part], self.settings.radius_m, self.threshold)
+        return fit_part(self._outlines, points_m, evidence[part], RADIUS_M, self.threshold)
 
     def _accept(
         self, part: Bool[np.ndarray, "x y z"], bodies: Sequence[UprightBody], box: tuple[slice, ...]
@@ -345,17 +336,18 @@ class EvidenceDetector:
         grid, cells = self.grid, np.argwhere(part) + [s.start for s in box]
         points_m = grid.centres_m(cells)
         # Windows are as wide as the smallest object, so a body appears larger by half a window.
-        own = np.array([body.contains(points_m, self.settings.radius_m) for body in bodies])
+        own = np.array([body.contains(points_m, RADIUS_M) for body in bodies])
         own[1:] &= ~own[0]
         for body, inside in zip(bodies, own, strict=True):
-            self._rays.explain(np.concatenate([points_m[inside], body.points_m(grid.voxel_m)]), grid.voxel_m)
+            whole_m = np.concatenate([points_m[inside], body.points_m(grid.voxel_m)])
+            self._rays.limit_m[self._rays.through(whole_m, grid.voxel_m)] = 0.0
         rest = part.copy()
         rest[part] = ~own.any(axis=0)
         if own.any() and self._rays.sums(grid.part(box))[0][rest].max(initial=0.0) >= self.threshold:
             # Evidence above the threshold from rays that miss the bodies belongs to another part.
             part = part & ~rest
         else:
-            self._rays.explain(points_m[~own.any(axis=0)], grid.voxel_m)
+            self._rays.limit_m[self._rays.through(points_m[~own.any(axis=0)], grid.voxel_m)] = 0.0
             if len(bodies) == 1:  # Drop components that are mostly outside the body.
                 piece = ndimage.label(part, np.ones((3, 3, 3)))[0][part]
                 own = (2 * np.bincount(piece, weights=own[0])[piece] > np.bincount(piece)[piece])[None]
@@ -371,7 +363,7 @@ class EvidenceDetector:
     @property
     def _even(self) -> float:
         """Evidence at which glass is as probable as none: the prior expects one place with glass in the volume [nat]."""
-        return self.threshold + math.log(self.settings.false_alarm_rate)
+        return self.threshold + math.log(self.false_alarm_rate)
 
     def score(self, cells: Int[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Probability of glass in voxels; the prior expects one place with glass in the volume.
@@ -392,7 +384,14 @@ class EvidenceDetector:
     def report(self) -> SearchReport:
         """Summary of the search, with the reason if nothing was found."""
         told = max(float(self.evidence.max(initial=0.0)), self._strongest)
-        counts = self.views, self.used, self.skipped, self.look_alike, self.threshold, len(self._found)
+        counts = (
+            self.views,
+            len(self._images),
+            self.skipped,
+            self.look_alike,
+            self.threshold,
+            len(self._found),
+        )
         found = SearchReport.of_search(told, self.seen, *counts)
         if found.found or not self._images:
             return found

@@ -18,9 +18,9 @@ estimated jointly with the axis if the likelihood has a maximum in it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, product
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float32, Int8, UInt8
@@ -38,14 +38,13 @@ _HIDDEN = 0.5
 _OPEN = (0.0, 0.7)
 #: Initial steps of positions, radii and heights [m]; maximum evaluations; tolerances of size [m] and cost [nat].
 _STEP_M, _MAX_STEPS, _NEAR_M, _ALIKE = 0.012, 400, 3e-4, 1e-2
+#: Sides of the first simplex, in initial steps.
+_SIMPLEX = np.array([1, 1, 0.5, 0.5, -1, -1, 1, 1])
 #: Radii of the initial bodies around strong voxels, in initial steps.
 _RADII = (2, 3, 5)
 #: Number of directions in which the axis of a bowl is tried from a fragment of its rim, and maximum number of initial bodies of
 #: each kind (the likeliest, apart from each other) from which the search starts.
 _TURNS, _SEARCHES = 8, 4
-#: Second eye of a camera that is named nowhere [m]: farthest on either side (of the known cameras 0.075, of common ones near 0.095); places
-#: tried, one vessel's half width apart, so that one of them overlaps with the true outline; tolerance, which moves a body by 1 mm at most.
-_EYE_M, _EYES, _EYE_NEAR_M = 0.1, 9, 0.002
 #: Minimum radius and height of a body [m].
 _MIN_RADIUS_M, _MIN_HEIGHT_M = 0.01, 0.02
 
@@ -124,13 +123,7 @@ class _Outlines:
         sums = np.pad(np.cumsum(told, axis=2, dtype=np.float64), ((0, 0), (0, 0), (1, 0)))
         self._told = (_CORNERS, sums, self._limits, self._motions, self.matrices, reach, self.weights)
 
-    def with_eye(self, eye_m: float) -> _Outlines:
-        """The same outlines for another baseline of the second eye [m]."""
-        other = copy(self)
-        other._told = (*self._told[:5], eye_m * self.matrices[:, 0], self.weights)
-        return other
-
-    def cost(self, body: Float[np.ndarray, "6"], opening: float, bounds_m: Float[np.ndarray, "3"]) -> float:
+    def cost(self, body: Float[np.ndarray, "n"], opening: float, bounds_m: Float[np.ndarray, "3"]) -> float:
         """Negative log-likelihood ratio of a body against no body [nat]; 1000 outside the bounds.
 
         Parameters
@@ -140,36 +133,42 @@ class _Outlines:
         bounds_m
             Minimum radius, minimum height and maximum radius [m].
         """
-        from ._outline_kernels import outline_cost
-
-        return float(outline_cost(body, opening, bounds_m, *self._told, np.empty(len(self.weights))))
+        narrow, wide, height = min(body[2], body[3]), max(body[2], body[3]), body[5] - body[4]
+        # An open body is at most half as high as wide: into a taller one no view looks from above alone.
+        if narrow < bounds_m[0] or height < bounds_m[1] or wide > bounds_m[2] or (opening and height > wide):
+            return 1e3
+        return -float(self.log_likelihood(body, opening).sum())
 
     def search(
-        self, best: Float[np.ndarray, "6"], opening: float, bounds_m: Float[np.ndarray, "3"], side: int = 0
-    ) -> Float[np.ndarray, "6"]:
+        self, best: Float[np.ndarray, "n"], opening: float, bounds_m: Float[np.ndarray, "3"], side: int = 0
+    ) -> Float[np.ndarray, "n"]:
         """The body of maximum likelihood, by one local search, or until searches on both sides in turns, this one first, gain nothing.
 
         Seen from one side, a farther, higher and wider body looks almost the same: on this ridge a simplex collapses.
         """
-        from ._outline_kernels import search_outline
+        from scipy.optimize import minimize
 
         once, side, gain, least = not side, side or 1, np.inf, self.cost(best, opening, bounds_m)
+        options: dict[str, Any] = {"maxfev": _MAX_STEPS, "xatol": _NEAR_M, "fatol": _ALIKE}
         while gain > _ALIKE:
-            simplex = np.vstack([best, best + side * _STEP_M * np.diag([1, 1, 0.5, 0.5, -1, -1])])
-            search_outline(simplex, _MAX_STEPS, _NEAR_M, _ALIKE, opening, bounds_m, *self._told)
-            best, side, before = simplex[0], -side, least
-            gain = 0.0 if once else before - (least := self.cost(best, opening, bounds_m))
+            options["initial_simplex"] = np.vstack(
+                [best, best + side * _STEP_M * np.diag(_SIMPLEX[: len(best)])]
+            )
+            found = minimize(self.cost, best, (opening, bounds_m), "Nelder-Mead", options=options)
+            best, side, before, least = found.x, -side, least, float(found.fun)
+            gain = 0.0 if once else before - least
         return best
 
-    def log_likelihood(self, body: Float[np.ndarray, "6"], opening: float) -> Float[np.ndarray, "views"]:
-        """Log-likelihood ratio of a body (x, y of the axis, both radii, both heights [m]) against no body, of each view [nat].
+    def log_likelihood(self, body: Float[np.ndarray, "n"], opening: float) -> Float[np.ndarray, "views"]:
+        """Log-likelihood ratio of a body (x, y of the axis, both radii, both heights, and a lean [m]) against no body, of each view [nat].
 
         ``opening`` is the fraction of the radius inside which there is no evidence.
         """
         from ._outline_kernels import outline_ratios
 
-        found = np.empty(len(self.weights))
-        outline_ratios(body, opening, *self._told, found)
+        found, whole = np.empty(len(self.weights)), np.zeros(8)
+        whole[: len(body)] = body
+        outline_ratios(whole, opening, *self._told, found)
         return found
 
     def window_m(self, window_px: float, middle_m: Float[np.ndarray, "3"]) -> float:
@@ -242,7 +241,7 @@ def fit_beside(
         See :func:`body_bounds_m`.
     """
     outlines = _Outlines(views, np.array([*start[:2], 0.5 * (start[4] + start[5])]))
-    best = outlines.search(start, _OPEN[0], bounds_m, side=1)
+    best = outlines.search(start[:6], _OPEN[0], bounds_m, side=1)
     return _bodies(outlines, best, _OPEN[0], bounds_m, views[0].window_px)
 
 
@@ -254,7 +253,7 @@ def _bodies(
     if (least := outlines.cost(best, opening, bounds_m)) >= 0 or covariance is None:
         return []
     sigma = np.sqrt(np.diag(covariance))
-    x, y, low_r, high_r, low_z, high_z = (float(value) for value in best)
+    x, y, low_r, high_r, low_z, high_z = (float(value) for value in best[:6])
     place = np.array([x, y]), sigma[:2]
     return [UprightBody(*place, (low_r, high_r), float(sigma[2]), (low_z, high_z), -least)]
 
@@ -273,42 +272,31 @@ def body_evidence(views: Sequence[OutlineView], body: UprightBody) -> Float[np.n
     return max((outlines.log_likelihood(body.shape_m, opening) for opening in _OPEN), key=np.sum)
 
 
-def second_eye_m(views: Sequence[OutlineView], bodies: Sequence[UprightBody]) -> float:
-    """Baseline of the second eye along the rows for which bodies have most evidence, each fitted again for it [m].
+def leaning(views: Sequence[OutlineView], body: UprightBody, rate: float) -> UprightBody:
+    """The body with a lean, if its outlines contradict an upright one; the same body otherwise.
 
-    A wrong eye moves a body to the side by half of the error's shift of the outline, and no view from the same direction contradicts it.
+    The ends of a leaning body remain level circles: a sheared cone.
 
     Parameters
     ----------
     views
-        All views.
-    bodies
-        Bodies that were found with the baseline of the views.
+        All views, without the rays through other bodies.
+    body
+        Upright body of maximum likelihood.
+    rate
+        Probability with which an upright body is said to lean (Wald test of both components of the lean).
     """
-    from scipy.optimize import minimize_scalar
+    from scipy.stats import chi2
 
-    outlines = [_Outlines(views, np.array([*body.axis_m, np.mean(body.height_m)])) for body in bodies]
-    shapes = [body.shape_m for body in bodies]
-    # A bowl is open.
-    ratios = [
-        [float(told.log_likelihood(shape, opening).sum()) for opening in _OPEN]
-        for told, shape in zip(outlines, shapes, strict=True)
-    ]
-    likelier = [_OPEN[int(np.argmax(each))] for each in ratios]
-
-    def cost(eye_m: float) -> float:
-        total = 0.0
-        for told, shape, opening in zip(outlines, shapes, likelier, strict=True):
-            seen = told.with_eye(eye_m)
-            bounds_m = np.array([_MIN_RADIUS_M, _MIN_HEIGHT_M, 2 * shape[2:4].max()])
-            total += min(seen.cost(seen.search(shape, opening, bounds_m), opening, bounds_m), 0.0)
-        return total
-
-    tried = np.linspace(-_EYE_M, _EYE_M, _EYES)
-    best, step = float(tried[np.argmin([cost(eye) for eye in tried])]), float(tried[1] - tried[0])
-    near = max(best - step, -_EYE_M), min(best + step, _EYE_M)
-    found = minimize_scalar(cost, bounds=near, method="bounded", options={"xatol": _EYE_NEAR_M})
-    return float(found.x)
+    outlines = _Outlines(views, np.array([*body.axis_m, np.mean(body.height_m)]))
+    bounds_m = np.array([_MIN_RADIUS_M, _MIN_HEIGHT_M, 2 * max(body.radius_m)])
+    opening = min(_OPEN, key=lambda one: outlines.cost(body.shape_m, one, bounds_m))
+    best = outlines.search(body.shape_m, opening, bounds_m, side=1)
+    covariance, lean = _covariance(outlines, best, opening, views[0].window_px), best[6:]
+    if covariance is None or lean @ np.linalg.solve(covariance[3:, 3:], lean) < chi2.isf(rate, len(lean)):
+        return body
+    (found,) = _bodies(outlines, best, opening, bounds_m, views[0].window_px) or (body,)
+    return replace(found, lean_m=(float(lean[0]), float(lean[1])))
 
 
 def _apart(starts: Sequence[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray, float]]:
@@ -347,18 +335,19 @@ def _rims(low_m: Float[np.ndarray, "3"], high_m: Float[np.ndarray, "3"]) -> list
 
 
 def _covariance(
-    outlines: _Outlines, body: Float[np.ndarray, "6"], opening: float, window_px: float
-) -> Float[np.ndarray, "3 3"] | None:
-    """Covariance of x, y and the common radius [m2]; ``None`` where the likelihood has no maximum in one of them."""
+    outlines: _Outlines, body: Float[np.ndarray, "n"], opening: float, window_px: float
+) -> Float[np.ndarray, "k k"] | None:
+    """Covariance of x, y, the common radius and a lean [m2]; ``None`` where the likelihood has no maximum in one of them."""
     middle_m = np.array([body[0], body[1], 0.5 * (body[4] + body[5])])
     step_m = 0.5 * outlines.window_m(window_px, middle_m)
-    ways = step_m * np.array([[1, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0], [0, 0, 1, 1, 0, 0], [0, 0, 0, 0, 1, 1]])
+    x, y, low_r, high_r, low_z, high_z, *lean = step_m * np.eye(len(body))
+    ways = [x, y, low_r + high_r, *lean, low_z + high_z]
 
     def each(step: np.ndarray) -> np.ndarray:
         return outlines.log_likelihood(body + step, opening)
 
     ahead, back = ([each(sign * way) for way in ways] for sign in (1, -1))
-    here = each(np.zeros(6))
+    here = each(0.0 * x)
     slopes = np.array([(a - b) / (2 * step_m) for a, b in zip(ahead, back, strict=True)])
     bends = [float((2 * here - a - b).sum()) for a, b in zip(ahead, back, strict=True)]
     curvature = np.diag(bends)
@@ -366,7 +355,8 @@ def _covariance(
         both = float((2 * here - each(ways[i] + ways[j]) - each(-ways[i] - ways[j])).sum())
         curvature[i, j] = curvature[j, i] = 0.5 * (both - bends[i] - bends[j])
     curvature /= step_m**2
-    for count in (4, 3):
+    known = len(ways) - 1
+    for count in (len(ways), known):
         if np.linalg.eigvalsh(curvature[:count, :count])[0] > 0:
             inverse = np.linalg.inv(curvature[:count, :count])
             weights, slopes = outlines.weights, slopes[:count]
@@ -374,5 +364,5 @@ def _covariance(
             squares = (slopes / weights) @ slopes.T * independent / max(independent - count, 1.0)
             # Not below the covariance of the likelihood itself: a few views may agree by chance.
             found: np.ndarray = inverse @ squares @ inverse + inverse
-            return found[:3, :3]
+            return found[:known, :known]
     return None

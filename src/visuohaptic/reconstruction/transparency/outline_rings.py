@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from ..vessel_shapes import OutlineRings, UprightBody
 from .body_pairs import without_body
-from .outline_fit import OutlineView
+from .outline_fit import OutlineView, leaning
 from .regions import TransparentRegion
 
 #: Rates of changed readings outside and inside of an edge before they are estimated, in how many rounds, and their margin from 0 and 1.
@@ -64,9 +64,13 @@ class _Walls:
 
 
 def with_rings(
-    regions: Sequence[TransparentRegion], views: Sequence[OutlineView], foot_z_m: float, threshold: float
+    regions: Sequence[TransparentRegion],
+    views: Sequence[OutlineView],
+    foot_z_m: float,
+    threshold: float,
+    rate: float,
 ) -> tuple[TransparentRegion, ...]:
-    """Give each body the radii of its outlines, by the rays that miss all others.
+    """Give each body its lean, or the radii of its outlines if it is upright, by the rays that miss all others.
 
     Parameters
     ----------
@@ -76,6 +80,8 @@ def with_rings(
         All views.
     foot_z_m, threshold
         As for :func:`outline_rings`.
+    rate
+        As for :func:`.outline_fit.leaning`.
     """
     found, bodies = [], [region.body for region in regions if region.body is not None]
     for region in regions:
@@ -83,8 +89,9 @@ def with_rings(
             left = views
             for other in bodies:
                 left = left if other is body else without_body(left, other.shape_m)
-            rings = outline_rings(left, body, foot_z_m, threshold)
-            region = replace(region, body=replace(body, rings=rings))
+            if not any((body := leaning(left, body, rate)).lean_m):
+                body = replace(body, rings=outline_rings(left, body, foot_z_m, threshold))
+            region = replace(region, body=body)
         found.append(region)
     return tuple(found)
 

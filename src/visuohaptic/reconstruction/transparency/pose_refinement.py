@@ -21,6 +21,8 @@ from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from .view_geometry import ideal_depth, intrinsics, view_graph
 
+#: Standard deviation of the reported poses, per axis [m], [rad].
+_SIGMA_M, _SIGMA_RAD = 0.005, math.radians(0.3)
 #: Number of neighbours that each view is compared with.
 _NEIGHBOURS = 6
 #: Number of points of all views together that are matched to each neighbour, and minimum number of each view.
@@ -53,11 +55,7 @@ def _numbers(camera: Camera) -> list[float]:
 
 @one_blas_thread()
 def refine_poses(
-    frames: Sequence[DepthFrame],
-    noise: DepthNoise = SENSOR_NOISE["kinect"],
-    *,
-    sigma_m: float = 0.005,
-    sigma_rad: float = math.radians(0.3),
+    frames: Sequence[DepthFrame], noise: DepthNoise = SENSOR_NOISE["kinect"]
 ) -> list[DepthFrame]:
     """Refine the poses of frames; returns frames in the same order.
 
@@ -67,8 +65,6 @@ def refine_poses(
         Views of one camera.
     noise
         Noise of the camera; its tracking term is not used here.
-    sigma_m, sigma_rad
-        Standard deviation of the reported poses, per axis [m], [rad].
     """
     from ._view_kernels import plane_equations
 
@@ -86,11 +82,11 @@ def refine_poses(
     squares, pulls = np.empty((len(pairs), 6, 6)), np.empty((len(pairs), 6))
     measured = np.array([frame.T_world_camera.matrix[:3] for frame in frames])
     present = measured.copy()
-    stiffness = np.repeat([1 / sigma_rad**2, 1 / sigma_m**2], 3)
+    stiffness = np.repeat([1 / _SIGMA_RAD**2, 1 / _SIGMA_M**2], 3)
     each, moved = np.arange(count), np.zeros((count, 6))
     for step in range(_STEPS):
         # Distant matches help a poor initial pose and degrade a good one.
-        reach_m = 4 * sigma_m * max(0.25, 0.6**step)
+        reach_m = 4 * _SIGMA_M * max(0.25, 0.6**step)
         # Fewer points suffice while the poses are poor; each represents the omitted ones.
         stride = 4 if step < _STEPS // 2 else 1
         last = _CORRELATED / stride, squares, pulls

@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from ...core import InputError, Pose
+from ...core import Pose
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.volume import SpaceGrid
 from .view_geometry import back_motions, intrinsics
@@ -44,25 +44,6 @@ _BESIDE = 0.85
 _OVERLOOKED = 0.5
 #: Maximum absolute sum of log-likelihood ratios; beyond it the evidence is at its bounds [nat].
 _LARGEST = 50.0
-
-
-@dataclass(frozen=True, slots=True)
-class EvidenceSettings:
-    """Parameters of the detector."""
-
-    false_alarm_rate: float = 0.02  #: expected number of false parts of a search
-    radius_m: float = 0.015  #: radius of the smallest object of interest [m]
-    neighbours: int = 10  #: number of views that each view is compared with
-    #: angle between independent views; preferred between compared views [rad]
-    independent_rad: float = math.radians(10.0)
-    #: minimum angle between compared views: nearer ones see glass alike [rad]
-    min_angle_rad: float = math.radians(4.0)
-    max_wrong: float = 0.3  #: maximum fraction of contradicted rays of a view that is used
-
-    def __post_init__(self) -> None:
-        if not 0 < self.false_alarm_rate < 1:
-            said = f"found {self.false_alarm_rate}, expected between 0 and 1 exclusive"
-            raise InputError("EvidenceSettings", said, field="false_alarm_rate")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,16 +147,29 @@ class RayEvidence:
         reach = int(np.ceil(camera.focal_px * voxel_m / float(local[:, 2].min(initial=np.inf)))) + 1
         return cv2.dilate(found, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)) > 0
 
-    def explain(self, points_m: Float[np.ndarray, "n 3"], voxel_m: float) -> None:
-        """Remove the evidence of all rays that pass through voxels, see :meth:`passed`.
+    def through(self, points_m: Float[np.ndarray, "n 3"], voxel_m: float) -> Bool[np.ndarray, "n h w"]:
+        """Masks of the rays of all views that pass through voxels.
 
         Parameters
         ----------
         points_m, voxel_m
             See :meth:`passed`.
         """
-        for k, limit_m in enumerate(self.limit_m):
-            limit_m[self.passed(k, points_m, voxel_m)] = 0.0
+        found = [self.passed(k, points_m, voxel_m) for k in range(len(self.limit_m))]
+        return np.array(found, dtype=bool).reshape(self.limit_m.shape)
+
+    def bounded(self, each: Float[np.ndarray, "n"], look_alike: float) -> float:
+        """Evidence of all views for a body, that of each bounded as for a voxel: no single view is decisive [nat].
+
+        Parameters
+        ----------
+        each
+            Log-likelihood ratio of the body in every view (n) [nat].
+        look_alike
+            Fraction of all windows that look like glass.
+        """
+        ratio = np.exp(np.minimum(each / self.weights, 30.0)).astype(np.float32)
+        return float(self.weights @ _log_ratio(ratio[:, None, None], look_alike).ravel())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -266,17 +260,14 @@ class ScoreEvidence:
         return np.asarray(np.log(_ratio(sums, self.fraction)), np.float32)
 
 
-def _log_ratio(
-    ratio: Float32[np.ndarray, "n h w"], elsewhere: float | Float32[np.ndarray, "n h w"]
-) -> Float32[np.ndarray, "n h w"]:
+def _log_ratio(ratio: Float32[np.ndarray, "n h w"], elsewhere: float) -> Float32[np.ndarray, "n h w"]:
     """Evidence of windows for glass here, with the probability ``elsewhere`` of glass elsewhere [nat]."""
     import cv2
 
     found = np.empty_like(ratio)
-    chances = np.broadcast_to(np.float32(elsewhere), ratio.shape)
     # One view after the other: the arrays of one stay in the cache.
-    for view, chance, evidence in zip(ratio, chances, found, strict=True):
-        cv2.log(((1 - HIDDEN) * view + HIDDEN) / ((1 - chance) + chance * view), evidence)
+    for view, evidence in zip(ratio, found, strict=True):
+        cv2.log(((1 - HIDDEN) * view + HIDDEN) / ((1 - elsewhere) + elsewhere * view), evidence)
     return found
 
 

@@ -34,6 +34,8 @@ KINDS = np.array(
 )
 #: Weight of the prior of a context, in rays; the prior is that glass and no glass have equal rates.
 _PRIOR_RAYS = 50.0
+#: Standard deviation of the position [m] and of the orientation [rad] of a camera.
+_TRACKING_M, _TURN_RAD = 0.003, 0.0015
 #: Number of standard deviations within which depths agree: 1 % of agreeing depths are missed.
 _WIDTH = 2.5
 #: Three views have to see a surface if there are at least this many, otherwise two: two of many agree by chance.
@@ -44,6 +46,9 @@ _PROBES, _MIN_RESIDUALS, _TRUSTED = 6, 1000, 4.0
 _GRAZING_SLOPE = 4.0
 #: Width of the median filter of predicted depths before edge detection [px].
 _MEDIAN_PX = 5
+#: Baselines that are compared on either side [m]: up to that of the known cameras (0.075) and of common ones (near 0.095). A step
+#: moves a body by 1 mm.
+_TRIED_M = np.linspace(0.0025, 0.1, 40)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +56,6 @@ class TrackedNoise:
     """Standard deviation of a depth against its prediction from another view, from camera and pose errors."""
 
     device: DepthNoise = SENSOR_NOISE["kinect"]
-    tracking_m: float = 0.003  #: standard deviation of the camera position [m]
-    turn_rad: float = 0.0015  #: standard deviation of the camera orientation [rad]
-
     factor: float = 1.0  #: factor on both, estimated from the sequence
     #: measured standard deviation of a depth, median of a pair of views, mean square of pairs; NaN if unknown [m]
     depth_sigma_m: float = np.nan
@@ -97,7 +99,7 @@ class TrackedNoise:
         # The median absolute deviate of a normal distribution is 0.6745 standard deviations.
         factor = float(np.clip(np.median(found) / 0.6745, 1.0, _TRUSTED))
         depth_sigma_m = float(np.sqrt(np.mean(np.square(sigmas_m))))
-        return cls(device, noise.tracking_m, noise.turn_rad, factor, depth_sigma_m)
+        return cls(device, factor, depth_sigma_m)
 
     def sigma_m(self, depth_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
         """Standard deviation of depths of a surface at normal incidence [m].
@@ -107,7 +109,7 @@ class TrackedNoise:
         depth_m
             Depths along the optical axis [m].
         """
-        return self.factor * replace(self.device, tracking_m=self.tracking_m).sigma_m(depth_m)
+        return self.factor * replace(self.device, tracking_m=_TRACKING_M).sigma_m(depth_m)
 
     def pixels(self, focal_px: float) -> float:
         """Standard deviation of the image position of a point, per axis, from rounding and pose errors [px].
@@ -117,7 +119,7 @@ class TrackedNoise:
         focal_px
             Focal length [px].
         """
-        return float(np.hypot(np.sqrt(2 / 12), focal_px * self.turn_rad))
+        return float(np.hypot(np.sqrt(2 / 12), focal_px * _TURN_RAD))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +146,7 @@ class ViewDepth:
         depth_m = ideal_depth(frame)
         sigma_m = np.empty_like(depth_m)
         device = noise.device
-        numbers = (device.quadratic_per_m, device.constant_m, device.offset_m, noise.tracking_m)
+        numbers = (device.quadratic_per_m, device.constant_m, device.offset_m, _TRACKING_M)
         focal_px = frame.camera.focal_px
         reach = noise.pixels(focal_px), _GRAZING_SLOPE / focal_px
         depth_deviation(depth_m, *(np.float32(number) for number in (*numbers, *reach)), sigma_m)
@@ -186,7 +188,7 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
     warp_views(depths, motions(pose, poses), *camera, warped)
     there = back_motions(pose, poses)
     deepest_m = np.float32(noise.factor * replace(noise.device, tracking_m=0.0).sigma_m(np.array(1.0)))
-    numbers = np.float32(_WIDTH), deepest_m, np.float32(noise.factor * noise.tracking_m)
+    numbers = np.float32(_WIDTH), deepest_m, np.float32(noise.factor * _TRACKING_M)
     shape = view.depth_m.shape
     predicted_m = np.empty(shape, np.float32)
     votes, empty, reading = (np.empty(shape, np.uint8) for _ in range(3))
@@ -201,7 +203,7 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
     above = [np.nextafter(np.array(limits, np.float32), beyond) for limits in (_DISTANCES, _VOTES)]
     limits = (*above, np.array(_EMPTY, np.float32), np.array(_DEPTHS_M, np.float32))
     eye = np.float32(focal_px * device.baseline_m), np.float32(0.5 * device.window_px(focal_px))
-    coefficients = device.quadratic_per_m, device.constant_m, device.offset_m, noise.tracking_m, noise.factor
+    coefficients = device.quadratic_per_m, device.constant_m, device.offset_m, _TRACKING_M, noise.factor
     code, limit_m = np.empty(shape, np.uint16), np.empty(shape, np.float32)
     rates = (np.float32(number) for number in coefficients)
     ray_codes(reading, predicted_m, votes, empty, distance, *eye, *limits, *rates, code, limit_m)
@@ -334,50 +336,49 @@ def surface_ratios(
     return found
 
 
-def passing_evidence(
-    codes: Sequence[UInt16[np.ndarray, "*n"]],
-    weights: Float[np.ndarray, "views"],
-    tables: Float32[np.ndarray, "kinds n"],
-) -> float:
-    """Log-likelihood ratio of a body behind which something is read, with a rate of which nothing is known, against an opaque one [nat].
+def second_eye_m(images: Sequence[RayImage], focal_px: float, window_px: float) -> float:
+    """Posterior mean of the baseline of an unknown second eye along the rows, from the shadows beside the edges of opaque things [m].
 
-    A black body is read nowhere or on itself. A reading at the surface that other views see behind it, or farther, is wrong, and as
-    frequent as one beyond a surface of the same context.
-
-    Parameters
-    ----------
-    codes
-        Codes of the rays of each view that pass the body and end behind it.
-    weights
-        Weight of each view, in independent views.
-    tables
-        See :func:`reading_tables` [nat].
-    """
-    from scipy.special import betaln
-
-    wrong = (KINDS[0] * np.exp(-tables[0].reshape(CONTEXTS, 5)[:, 1:]))[:, FAR - SAME]
-    counts = [(len(code), np.count_nonzero(code % 5 <= FAR), wrong[code // 5].sum()) for code in codes]
-    number, behind, mistaken = weights @ np.array(counts, np.float64)
-    if number == 0:
-        return 0.0
-    rate, rest = mistaken / number, number - behind
-    return float(betaln(behind + 1, rest + 1) - behind * np.log(rate) - rest * np.log1p(-rate))
-
-
-def agreement_evidence(counts: Float[np.ndarray, "2 2"]) -> float:
-    """Log-likelihood ratio of one rate of unknown surfaces inside and beside a body, against a higher rate inside; at most 0 [nat].
-
-    Rates have uniform priors. Where it would be positive, nothing is known of an opaque body on whose surface views agree.
+    A camera that matches two images, or an image and a pattern, reads nothing where its second eye does not see the surface: on one side of
+    every depth step, over a width that grows with the baseline. Matching windows fail at steps as well, but on both sides alike. The expected
+    surface is that of the other views, so a vessel of glass casts no shadow. A camera that shows no shadows has its second eye at 0.
+    Pixels are sorted by the shortest baseline with which they are in a shadow. Those nearer than the true one fail at a rate above one half, all
+    others as the pixels on the other side of the steps do; rates have uniform priors.
 
     Parameters
     ----------
-    counts
-        Independent rays inside and beside (rows) at whose ends the surface is unknown and known (columns).
+    images
+        Readings of some views.
+    focal_px, window_px
+        Focal length, and matching window whose readings count as one [px].
     """
     from scipy.special import betaln
+    from scipy.stats import beta
 
-    inside, beside = counts
-    if inside[0] * beside[1] <= beside[0] * inside[1]:
-        return 0.0
-    one, two = betaln(*(inside + beside + 1)), betaln(*(inside + 1)) + betaln(*(beside + 1))
-    return min(float(one - two), 0.0)
+    from ._ray_kernels import projector_shadow
+
+    # Failures and readings in the shadow of an eye to the right and left, by its distance.
+    counts = np.zeros((2, len(_TRIED_M), 2))
+    for image in images:
+        known, failed = image.reading > 0, image.reading > SAME
+        for k, eye_m in enumerate(_TRIED_M):
+            for side, sign in enumerate((1.0, -1.0)):
+                shadow = np.zeros(known.shape, np.uint8)
+                projector_shadow(image.predicted_m, sign * focal_px * eye_m, 0.5, shadow)
+                counts[side, k] += (
+                    np.count_nonzero(failed & (shadow > 0)),
+                    np.count_nonzero(known & (shadow > 0)),
+                )
+    counts /= window_px**2
+
+    def evidence(cells: np.ndarray) -> np.ndarray:
+        return np.asarray(betaln(cells[..., 0] + 1, cells[..., 1] - cells[..., 0] + 1))
+
+    each = np.diff(counts, axis=1, prepend=0.0)
+    alike = evidence(each.sum(axis=0))
+    logs = []
+    for own, other in ((counts[0], each[1]), (counts[1], each[0])):
+        in_shadow = np.log(2) + beta.logsf(0.5, own[:, 0] + 1, own[:, 1] - own[:, 0] + 1)
+        logs.append(evidence(own) + in_shadow + np.cumsum(evidence(other) - alike))
+    chances = np.exp(np.concatenate([[0.0], *logs]) - max(0.0, np.max(logs)))
+    return float(chances @ np.concatenate([[0.0], _TRIED_M, -_TRIED_M]) / chances.sum())

@@ -10,15 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int, UInt16
 
 from ...core.files import write_text
 from ...io.depth.depth_sequence import DepthFrame
-from ..fusion.depth_noise import DepthNoise
 from ..fusion.volume import SpaceGrid
 from ..vessel_shapes import UprightBody
 from .ray_evidence import RayEvidence
-from .ray_readings import RayImage, agreement_evidence, passing_evidence
+from .ray_readings import CONTEXTS, FAR, KINDS, SAME, RayImage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,66 +31,52 @@ class TransparentRegion:
     score: float  #: mean score of its voxels
     voxels: int  #: number of voxels
     volume_m3: float  #: volume of the hull [m3]
+    #: unit outward normals and offsets of the triangles of the hull, n . x + o <= 0 inside [m]
+    planes: Float[np.ndarray, "faces 4"]
     body: UprightBody | None = None  #: upright body fitted to its outlines
 
-    @property
-    def planes(self) -> Float[np.ndarray, "faces 4"]:
-        """Unit outward normals and offsets of the triangles of the hull, n . x + o <= 0 inside [m]."""
-        a, b, c = (self.hull_m[self.faces[:, k]] for k in range(3))
-        normal = np.cross(b - a, c - a)
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-15)
-        return np.column_stack([normal, -(normal * a).sum(axis=1)])
-
-    def contains(self, points_m: Float[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
+    def contains(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
         """Whether points are in the hull.
 
         Parameters
         ----------
         points_m
-            Points (..., 3) of the world [m].
+            Points (n, 3) of the world [m].
         """
-        points = np.asarray(points_m, dtype=np.float64)
-        inside = np.ones(points.shape[:-1], dtype=bool)
-        for plane in self.planes:
-            inside &= points @ plane[:3] + plane[3] <= 1e-9
-        return inside
+        from .._hull_kernels import hull_distance
+
+        away_m = np.empty(len(points_m))
+        hull_distance(np.ascontiguousarray(points_m), np.ascontiguousarray(self.planes.T), away_m)
+        return np.asarray(away_m <= 1e-9)
 
 
 def find_regions(
     score: Float[np.ndarray, "x y z"],
-    strong: Bool[np.ndarray, "x y z"],
-    weak: Bool[np.ndarray, "x y z"],
+    inside: Bool[np.ndarray, "x y z"],
     grid: SpaceGrid,
     *,
     min_voxels: int = 200,
 ) -> tuple[TransparentRegion, ...]:
-    """Connected components of ``weak`` that contain ``strong`` voxels, largest first.
+    """Connected components of a mask, largest first.
 
     Parameters
     ----------
     score
         Score of each voxel; averaged over a region.
-    strong, weak
-        Masks of the voxels that start a region, and of those that may belong to it (a superset).
+    inside
+        Mask of the voxels of all regions.
     grid
         Position and size of the voxels.
     min_voxels
-        Minimum number of strong voxels of a region.
+        Minimum number of voxels of a region.
     """
     from scipy import ndimage
 
-    labels, count = ndimage.label(weak, np.ones((3, 3, 3)))
-    if count == 0:
-        return ()
-    support = np.bincount(labels[strong], minlength=count + 1)
-    found = []
-    boxes = ndimage.find_objects(labels)
-    for label in range(1, count + 1):
-        if support[label] < min_voxels:
-            continue
-        box = boxes[label - 1]
+    labels, found = ndimage.label(inside, np.ones((3, 3, 3)))[0], []
+    for label, box in enumerate(ndimage.find_objects(labels), 1):
         cells = np.argwhere(labels[box] == label) + [s.start for s in box]
-        found.append(region_of(cells, score[tuple(cells.T)], grid))
+        if len(cells) >= min_voxels:
+            found.append(region_of(cells, score[tuple(cells.T)], grid))
     return tuple(sorted(found, key=lambda region: -region.voxels))
 
 
@@ -135,6 +120,7 @@ def region_of(
         float(scores.mean()),
         len(cells),
         float(hull.volume),
+        hull.equations,
         body,
     )
 
@@ -158,8 +144,7 @@ def seen_behind(
     rays: RayEvidence,
     images: Sequence[RayImage],
     tables: Float32[np.ndarray, "kinds n"],
-    noise: DepthNoise,
-    stride: int,
+    window_px: float,
     voxel_m: float,
 ) -> float:
     """Evidence that what is behind a body is read through it, of the rays farther inside its outline than half a matching window [nat].
@@ -169,13 +154,13 @@ def seen_behind(
     body
         The body.
     rays, images, tables
-        Rays of all views, their readings, and the log-likelihood ratios of these; see :func:`.ray_readings.passing_evidence`.
-    noise, stride
-        Camera, in whose matching window readings count as one and, at the outline, are also of what is beside; its pixels per pixel of the views.
+        Rays of all views, their readings, and the log-likelihood ratios of these; see :func:`passing_evidence`.
+    window_px
+        Matching window of the camera, in which readings count as one and, at the outline, are also of what is beside [px].
     voxel_m
         Spacing of the points of the body [m].
     """
-    window_px, away_m, inner = _inner_rays(body, rays, noise, stride, voxel_m)
+    away_m, inner = _inner_rays(body, rays, window_px, voxel_m)
     codes = [
         image.code[inside & (limit_m > there_m)]
         for image, inside, limit_m, there_m in zip(images, inner, rays.limit_m, away_m, strict=True)
@@ -184,12 +169,7 @@ def seen_behind(
 
 
 def agreed_behind(
-    body: UprightBody,
-    rays: RayEvidence,
-    images: Sequence[RayImage],
-    noise: DepthNoise,
-    stride: int,
-    voxel_m: float,
+    body: UprightBody, rays: RayEvidence, images: Sequence[RayImage], window_px: float, voxel_m: float
 ) -> float:
     """Evidence that views agree on what is behind a body as often as on what is beside it; at most 0 [nat].
 
@@ -197,12 +177,12 @@ def agreed_behind(
 
     Parameters
     ----------
-    body, rays, images, noise, stride, voxel_m
+    body, rays, images, window_px, voxel_m
         As of :func:`seen_behind`; the rays beside the outline are those in a ring of two windows, two windows from these.
     """
     import cv2
 
-    window_px, _, inner = _inner_rays(body, rays, noise, stride, voxel_m)
+    _, inner = _inner_rays(body, rays, window_px, voxel_m)
     squares = [np.ones((4 * k * math.ceil(window_px) + 1,) * 2, np.uint8) for k in (1, 2)]
     counts = np.zeros((2, 2))
     for image, inside, weight in zip(images, inner, rays.weights / window_px**2, strict=True):
@@ -212,16 +192,63 @@ def agreed_behind(
     return agreement_evidence(counts)
 
 
+def passing_evidence(
+    codes: Sequence[UInt16[np.ndarray, "*n"]],
+    weights: Float[np.ndarray, "views"],
+    tables: Float32[np.ndarray, "kinds n"],
+) -> float:
+    """Log-likelihood ratio of a body behind which something is read, with a rate of which nothing is known, against an opaque one [nat].
+
+    A black body is read nowhere or on itself. A reading at the surface that other views see behind it, or farther, is wrong, and as
+    frequent as one beyond a surface of the same context.
+
+    Parameters
+    ----------
+    codes
+        Codes of the rays of each view that pass the body and end behind it.
+    weights
+        Weight of each view, in independent views.
+    tables
+        See :func:`reading_tables` [nat].
+    """
+    from scipy.special import betaln
+
+    wrong = (KINDS[0] * np.exp(-tables[0].reshape(CONTEXTS, 5)[:, 1:]))[:, FAR - SAME]
+    counts = [(len(code), np.count_nonzero(code % 5 <= FAR), wrong[code // 5].sum()) for code in codes]
+    number, behind, mistaken = weights @ np.array(counts, np.float64)
+    if number == 0:
+        return 0.0
+    rate, rest = mistaken / number, number - behind
+    return float(betaln(behind + 1, rest + 1) - behind * np.log(rate) - rest * np.log1p(-rate))
+
+
+def agreement_evidence(counts: Float[np.ndarray, "2 2"]) -> float:
+    """Log-likelihood ratio of one rate of unknown surfaces inside and beside a body, against a higher rate inside; at most 0 [nat].
+
+    Rates have uniform priors. Where it would be positive, nothing is known of an opaque body on whose surface views agree.
+
+    Parameters
+    ----------
+    counts
+        Independent rays inside and beside (rows) at whose ends the surface is unknown and known (columns).
+    """
+    from scipy.special import betaln
+
+    inside, beside = counts
+    if inside[0] * beside[1] <= beside[0] * inside[1]:
+        return 0.0
+    one, two = betaln(*(inside + beside + 1)), betaln(*(inside + 1)) + betaln(*(beside + 1))
+    return min(float(one - two), 0.0)
+
+
 def _inner_rays(
-    body: UprightBody, rays: RayEvidence, noise: DepthNoise, stride: int, voxel_m: float
-) -> tuple[float, list[float], list[Bool[np.ndarray, "h w"]]]:
-    """Matching window [px], depth of the middle of a body in each view [m], and the rays farther inside its outline than half a window."""
+    body: UprightBody, rays: RayEvidence, window_px: float, voxel_m: float
+) -> tuple[list[float], Bool[np.ndarray, "n h w"]]:
+    """Depth of the middle of a body in each view [m], and the rays farther inside its outline than half a window."""
     points_m, middle_m = body.points_m(voxel_m), np.array([[*body.axis_m, np.mean(body.height_m)]])
     away_m = [float(frame.T_world_camera.inverse().apply(middle_m)[0, 2]) for frame in rays.frames]
-    focal_px = rays.frames[0].camera.focal_px
-    window_px = noise.window_px(focal_px, stride)
-    inner_m = points_m[body.contains(points_m, -0.5 * window_px / focal_px * float(np.median(away_m)))]
-    return window_px, away_m, [rays.passed(k, inner_m, 0.0) for k in range(len(away_m))]
+    half_m = 0.5 * window_px / rays.frames[0].camera.focal_px * float(np.median(away_m))
+    return away_m, rays.through(points_m[body.contains(points_m, -half_m)], 0.0)
 
 
 def outer_voxels(inside: Bool[np.ndarray, "x y z"]) -> Int[np.ndarray, "n 3"]:
@@ -295,6 +322,7 @@ def _body_entries(body: UprightBody) -> dict[str, Any]:
         "radius": np.round(body.radius_m, 5).tolist(),
         "radius_sigma": round(body.radius_sigma_m, 5),
         "height": np.round(body.height_m, 5).tolist(),
+        "lean": np.round(body.lean_m, 5).tolist(),
         "evidence": round(body.evidence, 2),
         "rings": np.round(np.column_stack([rings.z_m, rings.radius_m, rings.sigma_m]), 5).tolist(),
         "rings_sigma": round(rings.common_m, 5),

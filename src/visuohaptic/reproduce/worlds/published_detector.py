@@ -304,4 +304,4 @@ class PublishedDetector:
             return ()
         inside = self.volume >= max(settings.min_sum, settings.of_peak * float(np.percentile(hit, 99.9)))
         score = self.volume / np.float32(max(self.used, 1))
-        return find_regions(score, inside, inside, self.grid, min_voxels=settings.min_voxels)
+        return find_regions(score, inside, self.grid, min_voxels=settings.min_voxels)

@@ -120,14 +120,27 @@ def open_session(options: RosOptions) -> Any:
         ) from error
 
 
+def _is_protected(config: Any) -> bool:
+    """Whether a zenoh configuration admits only encrypted links whose both ends have certificates.
+
+    As ``zenoh_security_tools`` of ROS 2 writes it. Endpoints alone decide nothing: discovered peers are connected to over
+    every protocol that is not excluded.
+    """
+    protocols = json.loads(config.get_json("transport/link/protocols")) or []
+    mutual = json.loads(config.get_json("transport/link/tls/enable_mtls"))
+    return bool(protocols) and set(protocols) <= {"tls", "quic"} and mutual is True
+
+
 def _config(options: RosOptions, zenoh: Any) -> Any:
-    check_security(
-        "zenoh", options.zenoh_config is not None, "name a zenoh_config with TLS and access control"
-    )
+    config = None
     if options.zenoh_config is not None:
         if not options.zenoh_config.is_file():
             raise InputError(options.zenoh_config, "does not exist")
-        return zenoh.Config.from_file(options.zenoh_config)
+        config = zenoh.Config.from_file(options.zenoh_config)
+    remedy = "name a zenoh_config with transport/link/protocols of tls alone, and with enable_mtls"
+    check_security("zenoh", config is not None and _is_protected(config), remedy)
+    if config is not None:
+        return config
     fields = {
         "mode": "peer",
         "connect": {

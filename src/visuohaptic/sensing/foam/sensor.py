@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
+from jaxtyping import Bool
 
 from ...core import CalibrationError, Camera, Frame, InputError, PlaneView
 from ...core.measurement import Contact, ErrorBudget, ForceProfile, Reason
@@ -154,12 +155,13 @@ class FoamSensor:
         wide = self.optics.visible_width_m(frame)
         if np.isfinite(wide):
             self._check_width(wide, "zero")
+        widths = np.array(
+            [np.where(strip.usable | strip.low_confidence, strip.width_m, np.nan) for strip in seen]
+        )
         zero = ZeroReference.from_samples(
             seen[-1].t_s,
             np.array([strip.reference_px for strip in seen]),
-            np.array(
-                [np.where(strip.usable | strip.low_confidence, strip.width_m, np.nan) for strip in seen]
-            ),
+            widths,
             np.mean([strip.image for strip in seen], axis=0),
             uncertainty_m=np.mean([np.nan_to_num(edge_uncertainty_m(strip)) for strip in seen], axis=0),
             blur_ratio=np.median(
@@ -169,7 +171,7 @@ class FoamSensor:
         )
         zero = replace(zero, encoding=encoding_probability(skews))
         self._check_width(float(np.median(zero.width_m)), "zero")
-        check_known(zero, seen[-1].width_sigma_m, self.setup)
+        check_known(zero, seen[-1].width_sigma_m, self.optics.outside, self.setup)
         if self.optics.stripe is None and abs(zero.contrast) < _MIN_CONTRAST:
             log.warning(
                 "the foam and what is in front of it differ by %.0f grey levels, expected %.0f or more: frames may not be read; "
@@ -177,6 +179,7 @@ class FoamSensor:
                 abs(zero.contrast),
                 _MIN_CONTRAST,
             )
+        self._warn_of_ends(np.isfinite(widths).sum(axis=0) * 2 >= len(seen))
         self._watch = self._watching(zero)
         self._forget()
         self.optics.forget_motion()
@@ -184,6 +187,19 @@ class FoamSensor:
         self._posterior.start(zero.t_s)
         self._watch.forget(zero.t_s)
         return zero
+
+    def _warn_of_ends(self, shown: Bool[np.ndarray, "K"]) -> None:
+        """Warn where no front is seen at an end of the strip, although it is inside the image."""
+        inside = np.flatnonzero(~self.optics.outside)
+        fronts = np.flatnonzero(shown)
+        missing = fronts[0] - inside[0], inside[-1] - fronts[-1]
+        cell_m = float(self.setup.geometry.cell_m[0])
+        if max(missing) > 0:
+            log.warning(
+                "no front is seen up to %.0f mm from an end of the strip: frames may not be read when something presses; "
+                "check strip in sensor.yaml, or uncover the end",
+                1e3 * max(missing) * cell_m,
+            )
 
     def _watching(self, zero: ZeroReference) -> ZeroWatch:
         """Watch the zero reference; the transfer function in the camera file overrides the estimated encoding."""

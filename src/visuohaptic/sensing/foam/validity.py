@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ...core import CalibrationError, Reason
 from ...tracking.contours.contour import PointReason
@@ -38,7 +38,10 @@ class Validity:
         self._material, self._cell_m = setup.material, setup.geometry.cell_m
         self._bump_px = setup.config.tracking.bump_px
         self._seen_t_s = np.full(len(self._cell_m), np.nan)  # time of the last observation of each point
-        self._unseen_s = np.zeros(len(self._cell_m))  # total time hidden since its last release
+        self._unseen_s = np.zeros(len(self._cell_m))  # total time hidden since its branch was known
+        self._speed_m_s = setup.config.max_contact_speed_m_s
+        # Last observed deflection of each point, and the largest one that it may have had while it was hidden [m].
+        self._last_m, self._peak_m = np.zeros((2, len(self._cell_m)))
 
     def evaluate(
         self, reading: FoamReading, found: Deflection, strip: ObservedStrip, *, frame_s: float, drifted: bool
@@ -46,7 +49,7 @@ class Validity:
         """The reading with the uncertainty of what was not seen, and the most severe reason why it is not valid.
 
         Points that were hidden may have changed direction meanwhile: their branch of the hysteresis is unknown until they are
-        released. Points without a contact before are included, because a contact may have begun meanwhile.
+        released, or pressed beyond any deflection that they could reach meanwhile and return from. Points without a contact before are included, because a contact may have begun meanwhile.
 
         Parameters
         ----------
@@ -62,15 +65,20 @@ class Validity:
         away = strip.t_s - self._seen_t_s
         late = seen & (away > 1.5 * frame_s)
         self._unseen_s[late] += away[late] - frame_s
-        self._seen_t_s[seen] = strip.t_s
+        delta = np.where(np.isfinite(found.delta_m), found.delta_m, 0.0)
+        reached = 0.5 * (self._last_m + delta + self._speed_m_s * away)
+        self._peak_m[late] = np.maximum(self._peak_m, reached)[late]
+        self._seen_t_s[seen], self._last_m[seen] = strip.t_s, delta[seen]
         if not reading.contacts:
             self._unseen_s[:] = 0.0
+        self._peak_m[self._unseen_s == 0.0] = 0.0
         if self._unseen_s.any():
-            released = found.delta_m < np.maximum(RELEASE_STRAIN * material.width_m, 3.0 * found.sigma_m)
-            self._unseen_s[seen & released] = 0.0
+            released = delta < np.maximum(RELEASE_STRAIN * material.width_m, 3.0 * found.sigma_m)
+            self._unseen_s[seen & (released | (delta > self._peak_m))] = 0.0
             part = np.where(seen, np.minimum(self._unseen_s / _BRANCH_S, 1.0), 0.0)
-            strain = np.where(np.isfinite(found.delta_m), found.delta_m, 0.0) / material.width_m
-            pressed_N = material.height_m * self._cell_m * material.stress(np.minimum(strain, 1.0))
+            pressed_N = (
+                material.height_m * self._cell_m * material.stress(np.minimum(delta / material.width_m, 1.0))
+            )
             model = math.hypot(reading.budget.model_N, _UNKNOWN_BRANCH * float(part @ pressed_N))
             reading = replace(reading, budget=replace(reading.budget, model_N=model))
         if strip.moved_px > self._bump_px:
@@ -142,10 +150,12 @@ def with_states(
     return replace(reading, contacts=tuple(contacts), budget=budget), wrong
 
 
-def check_known(zero: ZeroReference, noise_m: Float[np.ndarray, "K"], setup: FoamSetup) -> None:
+def check_known(
+    zero: ZeroReference, noise_m: Float[np.ndarray, "K"], outside: Bool[np.ndarray, "K"], setup: FoamSetup
+) -> None:
     """Reject a zero reference with which no frame could be valid, see :meth:`Validity.evaluate`.
 
-    Points of unknown width at rest hide force even on a free strip. The zero reference is rejected if this force exceeds
+    Points of unknown width at rest, and outside the image, hide force even on a free strip. The zero reference is rejected if this force exceeds
     the accepted error of the largest force that the other points can measure.
 
     Parameters
@@ -154,6 +164,8 @@ def check_known(zero: ZeroReference, noise_m: Float[np.ndarray, "K"], setup: Foa
         The strip at rest.
     noise_m
         Standard deviation of the width of each point in one frame [m].
+    outside
+        Points outside the image.
     setup
         Configuration of the sensor.
 
@@ -163,14 +175,16 @@ def check_known(zero: ZeroReference, noise_m: Float[np.ndarray, "K"], setup: Foa
         Too many points were not observed.
     """
     geometry, material = setup.geometry, setup.material
-    noise = np.where(zero.known, noise_m, 0.0)
-    hidden = fill_gaps(geometry, np.zeros(len(noise)), noise, noise, zero.width_sigma_m, zero.known)[4]
-    full = np.where(zero.known, material.densification_strain * material.width_m, 0.0)
+    known = zero.known & ~outside
+    noise, rest_sigma = np.where(known, [noise_m, zero.width_sigma_m], 0.0)
+    hidden = fill_gaps(geometry, np.zeros(len(noise)), noise, noise, rest_sigma, known)[4]
+    full = np.where(known, material.densification_strain * material.width_m, 0.0)
     hidden_N, full_N = (material.pressed_force_N(delta, geometry.cell_m) for delta in (hidden, full))
     if hidden_N > NEGLIGIBLE_N + NEGLIGIBLE_PART * full_N:
         raise CalibrationError(
             "zero",
             f"{zero.inferred.sum()} of {len(noise)} contour points were seen in fewer than half of the "
-            f"{zero.frames} frames or inaccurately, and {(~zero.known).sum()} of them could hide {hidden_N:.1f} N of {full_N:.1f} N",
+            f"{zero.frames} frames or inaccurately, {outside.sum()} of them outside the image, and "
+            f"{(~known).sum()} could hide {hidden_N:.1f} N of {full_N:.1f} N",
             remedy="free the view of the strip, check T_camera_foam and the light",
         )

@@ -95,6 +95,13 @@ class ObjectTracker:
         self._events.start(another=another, keeps_tilt=keeps)
         self._points, self._agree = 0, 1.0
 
+    def _release(self, ids: list[int]) -> None:
+        """Give up the points that are no longer tracked; if none is, the last ones remain, and no others take their place."""
+        if alive := self._body.keys() & ids:
+            self._body = {i: point for i, point in self._body.items() if i in alive}
+            self._seen = {i: self._seen[i] for i in self._body}
+            self.rejected.intersection_update(ids)
+
     def _recast_all(self) -> None:
         assert self.face is not None
         everyone = list(self._body)
@@ -150,6 +157,7 @@ class ObjectTracker:
         if not self._body:
             self._adopt(step.ids, step.before_px)
         ids = step.ids.tolist()
+        self._release(ids)
         chosen = np.array([k for k, i in enumerate(ids) if i in self._body], dtype=int)
         tried = step.tried.get(int(step.label[0]) if len(step.label) else 0, 0) or sum(step.tried.values())
         fit = self._fit(step, ids, chosen)

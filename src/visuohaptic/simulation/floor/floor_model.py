@@ -40,9 +40,8 @@ class FloorObject:
     floor_friction: float
     contact_friction: float = 0.3  #: with the robot's rim
     centre_offset_m: tuple[float, float] = (0.0, 0.0)  #: of mass, from the outline's centroid
-    round_m: float = (
-        0.0  #: radius of a round object, about the centroid; its footprint is not used for contact
-    )
+    #: radius of a round object, about the centroid; its footprint is not used for contact
+    round_m: float = 0.0
 
     def __post_init__(self) -> None:
         if (

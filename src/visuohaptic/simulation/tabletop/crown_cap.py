@@ -127,7 +127,6 @@ class CrownCapCell(BlankFrames):
     def __post_init__(self) -> None:
         self.position_base_m = finite_array("CrownCapCell", self.position_base_m, 3)
         self.opened = False
-        self.hook_N = 0.0  #: pull of the hook on the rim
         self.deflection = np.zeros(6)  #: of the tip against the arm, axes of the tool [m, rad]
         self.wrench_tool = np.zeros(6)  #: on the tool about its tip, axes of the tool [N, Nm]
         self._stiff = np.linalg.inv(self.beam.compliance_tool)
@@ -189,7 +188,7 @@ class CrownCapCell(BlankFrames):
                 if float(np.abs(left[:3]).max() + 50 * np.abs(left[3:]).max()) < error:
                     break
             q, rest, hook, pull = trial, left, more, pull_now
-        self.deflection, self.wrench_tool, self.hook_N = q, self._stiff @ q, pull
+        self.deflection, self.wrench_tool = q, self._stiff @ q
         if not self.opened and pull > self.open_N:
             self.opened = True
             self._balance()

@@ -44,9 +44,8 @@ class DeformableContainer:
     force_N: Float[np.ndarray, "k m"]  #: of one tip
     mass_kg: float = 0.05
     friction: float = 0.6  #: with the foam of the fingers
-    bend_m: Float[np.ndarray, "k"] | None = (
-        None  #: radius of curvature under the tips; None: that of the wall
-    )
+    #: radius of curvature under the tips; None: that of the wall
+    bend_m: Float[np.ndarray, "k"] | None = None
 
     def __post_init__(self) -> None:
         k, m = len(self.height_m), len(self.deformation_m)

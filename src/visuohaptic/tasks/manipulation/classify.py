@@ -36,9 +36,8 @@ class ClassifyOutcome(StrEnum):
     """How it ended."""
 
     RECOGNISED = "recognised"
-    UNDECIDED = (
-        "undecided"  #: no class reached the confidence; the most probable one is reported without a claim
-    )
+    #: no class reached the confidence; the most probable one is reported without a claim
+    UNDECIDED = "undecided"
     NOTHING_FELT = "nothing_felt"
     SENSOR_FAILED = "sensor_failed"
 

@@ -19,9 +19,8 @@ class FoamTouch:
     valid: bool
     force_N: float  #: infinite if the foam is saturated
     force_sigma_N: float
-    surface_m: (
-        float  #: position of the touched surface from the centre between the fingers; NaN without contact
-    )
+    #: position of the touched surface from the centre between the fingers; NaN without contact
+    surface_m: float
 
 
 class FoamFinger:

@@ -1,3 +1,4 @@
+from .doorway_objects import doorways as doorways
 from .doorway_objects import heading_across as heading_across
 from .doorway_objects import join_sides as join_sides
 from .explore import ExploreStep as ExploreStep

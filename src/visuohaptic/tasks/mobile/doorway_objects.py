@@ -7,12 +7,33 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.distance import cdist
 
 from ...core.geometry import rotation_2d
 from .floor_outline import DEPTH_FACTOR
 
 #: Two standard deviations of laser and map between scans of the same side [m].
 SIDE_DISTANCE_M = 0.03
+
+
+def doorways(
+    groups: Sequence[Float[np.ndarray, "k 2"]], passage_m: float
+) -> list[list[Float[np.ndarray, "k 2"]]]:
+    """Rows of objects, between which there is no passage: those of one row have one direction of passage.
+
+    Parameters
+    ----------
+    groups
+        Laser points of each object [m].
+    passage_m
+        Width of the platform [m].
+    """
+    rows = list[list[Float[np.ndarray, "k 2"]]]()
+    for one in groups:
+        near = [any(cdist(one, other).min() < passage_m for other in row) for row in rows]
+        joined = [group for row, is_near in zip(rows, near, strict=True) if is_near for group in row]
+        rows = [row for row, is_near in zip(rows, near, strict=True) if not is_near] + [[*joined, one]]
+    return rows
 
 
 def heading_across(groups: Sequence[Float[np.ndarray, "k 2"]], path: Float[np.ndarray, "n 3"]) -> float:

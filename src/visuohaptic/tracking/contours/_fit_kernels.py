@@ -3,7 +3,8 @@
 Symbols, per point: ``t`` position on the line, ``m = dt/ds`` slope and ``kappa``
 curvature of the edge (s runs across the lines), ``z`` distance of a pixel from the
 edge along its normal, ``b`` blur including the pixel's own 1/12 px^2, ``q`` arc
-length along the edge, ``N`` pixels per unit of z.
+length along the edge, ``N`` pixels per unit of z. A second edge beyond the first one, ``NEXT`` away and with the
+step ``NEXT_STEP`` (0: there is none), is that of another body: it is subtracted from the pixels.
 """
 
 # mypy: disable-error-code="no-untyped-def, assignment"
@@ -18,8 +19,8 @@ from ...core.kernels import kernel
 
 #: Rows of the per-point state; see ``edge_fit.fit_edges``.
 T, SLOPE, CURVE, BLUR, LOW, HIGH, LOW_SLOPE, HIGH_SLOPE, VAR, CHI2 = range(10)
-SPREAD, COUNT, MOVED, STATUS, BLUR_STEP, BLUR_INFO, TEXTURE = range(10, 17)
-STATES = 17
+SPREAD, COUNT, MOVED, STATUS, BLUR_STEP, BLUR_INFO, TEXTURE, NEXT, NEXT_STEP = range(10, 19)
+STATES = 19
 OK, BORDER, FLAT = 0.0, 1.0, 2.0
 
 STEPS = 32  # table entries per unit of z / b
@@ -27,6 +28,20 @@ REACH = 6  # table from -REACH to REACH
 _x = (np.arange(2 * REACH * STEPS + 1) / STEPS - REACH).astype(np.float64)
 NORMAL = np.exp(-0.5 * _x * _x) / math.sqrt(2.0 * math.pi)
 STEP = np.array([0.5 * math.erfc(-v / math.sqrt(2.0)) for v in _x])
+
+
+@kernel(fastmath=True, nogil=True)
+def above(x):
+    """Fraction of a Gaussian edge below a position.
+
+    Parameters
+    ----------
+    x
+        Position relative to the edge [blurs].
+    """
+    at = min(max((x + REACH) * STEPS, 0.0), 2.0 * REACH * STEPS - 1.0)
+    i = int(at)
+    return STEP[i] + (at - i) * (STEP[i + 1] - STEP[i])
 
 
 @kernel(fastmath=True, nogil=True)
@@ -92,12 +107,7 @@ def plateaus(grey, origin, direction, half, state, near, length, out):
     if u_first < 0 or u_last >= size_u or pv - bend - gap - run < 1 or pv + bend + gap + run > size_v - 2:
         return False
     for side in range(2):
-        s1 = 0.0
-        sz = 0.0
-        szz = 0.0
-        si = 0.0
-        siz = 0.0
-        sii = 0.0
+        s1, sz, szz, si, siz, sii = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         upper = (side == 1) == (nv > 0.0)
         for u in range(u_first, u_last + 1):
             ve = pv + (u - pu) * (slope + 0.5 * curve * (u - pu))
@@ -107,18 +117,25 @@ def plateaus(grey, origin, direction, half, state, near, length, out):
             square = 0
             moment = 0
             at = begin * step_v + u * step_u
+            z0 = (begin - ve) * nv
             for j in range(run):
                 value = np.int64(pixels[at + j * step_v])
                 total += value
                 square += value * value
                 moment += j * value
-            z0 = (begin - ve) * nv
             s1 += run
             sz += run * z0 + nv * 0.5 * run * (run - 1)
             szz += run * z0 * z0 + z0 * nv * run * (run - 1) + nv * nv * (run - 1) * run * (2 * run - 1) / 6.0
             si += total
             siz += total * z0 + nv * moment
             sii += square
+            if side == 1 and state[NEXT_STEP] != 0.0:
+                for j in range(run):
+                    value = np.int64(pixels[at + j * step_v])
+                    over = state[NEXT_STEP] * above((z0 + j * nv - state[NEXT]) / state[BLUR])
+                    si -= over
+                    siz -= over * (z0 + j * nv)
+                    sii -= over * (2.0 * value - over)
         mean = si / s1
         centre = sz / s1
         var = szz / s1 - centre * centre
@@ -129,6 +146,9 @@ def plateaus(grey, origin, direction, half, state, near, length, out):
         out[side, 3] = tilt
         out[side, 4] = var
         out[side, 5] = max(sii / s1 - mean * mean - tilt * tilt * var, 0.0) * s1 / max(s1 - 2.0, 1.0)
+        if side == 1 and state[NEXT_STEP] != 0.0:
+            # Pixels beyond a second edge show its step, not this level.
+            out[side, 0] *= min(max((state[NEXT] - gap * abs(nv)) / (run * abs(nv)), 1.0 / run), 1.0)
     return True
 
 
@@ -176,20 +196,15 @@ def step_fit(grey, origin, direction, half, near, prior, state):
     ):
         state[STATUS] = BORDER
         return
-    low_slope, high_slope = state[LOW_SLOPE], state[HIGH_SLOPE]
+    low_slope, high_slope, next_step = state[LOW_SLOPE], state[HIGH_SLOPE], state[NEXT_STEP]
     scale = STEPS / b
     lanes = u_last - u_first + 1
     m = state[SLOPE]
     length = math.sqrt(1.0 + m * m)
     per_u = length / tu  # signed: s may run against u
     q_mean = (0.5 * (u_first + u_last) - pu) * per_u
-    sum_g = 0.0
-    sum_qg = 0.0
-    sum_low = 0.0
-    sum_high = 0.0
-    sum_rr = 0.0
-    sum_gg = 0.0
-    sum_blur = 0.0
+    sum_g, sum_qg, sum_low, sum_high = 0.0, 0.0, 0.0, 0.0
+    sum_rr, sum_gg, sum_blur = 0.0, 0.0, 0.0
     for u in range(u_first, u_last + 1):
         ve = pv + (u - pu) * (slope + 0.5 * curve * (u - pu))
         begin = int(math.floor(ve)) - run + 1
@@ -205,10 +220,12 @@ def step_fit(grey, origin, direction, half, near, prior, state):
             h = (x - i) * (1.0 / STEPS)
             x0 = (i - REACH * STEPS) * (1.0 / STEPS)
             g = NORMAL[i] * (1.0 - x0 * h)
-            above = STEP[i] + NORMAL[i] * h * (1.0 - 0.5 * x0 * h)
-            r = value - (low + low_slope * z) - (height + (high_slope - low_slope) * z) * above
+            over = STEP[i] + NORMAL[i] * h * (1.0 - 0.5 * x0 * h)
+            r = value - (low + low_slope * z) - (height + (high_slope - low_slope) * z) * over
+            if next_step != 0.0:
+                r -= next_step * above((z - state[NEXT]) / b)
             lane_g += r * g
-            lane_step += r * above
+            lane_step += r * over
             lane_r += r
             sum_blur += r * g * z
             sum_rr += r * r

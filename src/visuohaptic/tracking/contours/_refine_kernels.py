@@ -27,6 +27,8 @@ from ._fit_kernels import (  # fmt: skip
     LOW,
     LOW_SLOPE,
     MOVED,
+    NEXT,
+    NEXT_STEP,
     OK,
     SLOPE,
     STATUS,
@@ -37,6 +39,7 @@ from ._fit_kernels import (  # fmt: skip
     plateaus,
     step_fit,
 )
+from ._next_kernels import next_edges
 from ._search_kernels import edge_strength
 
 #: Edge pixels extend this many blurs from the edge; the plateaus start there.
@@ -225,7 +228,9 @@ def _residual_noise(state, use, noise_var, value, work):
 
 
 @kernel(nogil=True)
-def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, min_contrast, plateau_px):
+def refine(
+    grey, origin, direction, half, state, doubtful, noise_var, sweeps, blur_gain, min_contrast, plateau_px
+):
     """Fit all points; ``state`` holds start values of T and BLUR and receives the result.
 
     Points that have not converged are continued separately, for up to ``MORE_SWEEPS`` sweeps.
@@ -239,6 +244,8 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
         Half width of each window along the edge [px], (n,).
     state
         (n, STATES), start values of T and BLUR; receives the result.
+    doubtful
+        Points that may have a second edge close beyond the first, (n,).
     noise_var
         Variance of one pixel [grey levels^2]; 0: estimated.
     sweeps
@@ -265,6 +272,9 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
     state[:, LOW_SLOPE] = 0.0
     state[:, HIGH_SLOPE] = 0.0
     state[:, STATUS] = OK
+    state[:, NEXT_STEP] = 0.0
+    far, searched, beyond = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros((n, 3))
+    single = not doubtful.any()
     at = np.full(n, 1e9)
     blur_then = np.zeros(n)
     curve_then = np.zeros(n)
@@ -283,13 +293,21 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
             if left == 0:
                 break
         for k in range(n):
+            far[k] = abs(state[k, T] - at[k]) > 0.6 * state[k, BLUR] or state[k, BLUR] > 1.1 * blur_then[k]
+            searched[k] = far[k] and going[k] and doubtful[k] and state[k, STATUS] != BORDER
+        if not single:
+            next_edges(
+                grey, origin, direction, half, state, NEAR, plateau_px, max(noise_var, 1.0), min_contrast, searched,
+                beyond,
+            )  # fmt: skip
+        for k in range(n):
             if not going[k]:
                 continue
             if state[k, STATUS] == BORDER:
                 use[k] = False
                 continue
             moved = state[k, T] - at[k]
-            if abs(moved) > 0.6 * state[k, BLUR] or state[k, BLUR] > 1.1 * blur_then[k]:
+            if far[k]:
                 if not plateaus(
                     grey, origin[k], direction[k], half[k], state[k], NEAR, plateau_px, measured[k]
                 ):
@@ -301,6 +319,8 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
                 shift = moved / math.sqrt(1.0 + state[k, SLOPE] ** 2)
                 measured[k, 0, 1] -= shift
                 measured[k, 1, 1] -= shift
+                beyond[k, 0] -= shift
+                state[k, NEXT] -= shift
             at[k] = state[k, T]
             if sweep == 0:
                 state[k, LOW], state[k, HIGH] = measured[k, 0, 2], measured[k, 1, 2]

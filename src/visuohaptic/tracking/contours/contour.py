@@ -197,6 +197,17 @@ class ContourTracker:
         found, strength = self._found(grey, lines, guess, noise, free_ends)
         state, noise_var = self._fitted(grey, lines, found)
         contour = self._classified(lines, state, found, noise_var, searched_all=guess is None)
+        poor = (contour.reason == PointReason.LOST) | (contour.reason == PointReason.POOR_FIT)
+        if self._blur is not None:
+            # Softer than in the last frame by far more than the noise of its blur.
+            poor |= state[:, columns.BLUR] > (1.0 + 3.0 * _SAME_BLUR) * self._blur
+        doubtful = _long_runs(poor)
+        if self._blur is not None and doubtful.any():
+            again, noise_var = self._fitted(grey, lines, found, doubtful)
+            better = doubtful & (again[:, columns.NEXT_STEP] != 0.0)
+            better &= self._classified(lines, again, found, noise_var, searched_all=False).valid
+            state[better] = again[better]
+            contour = self._classified(lines, state, found, noise_var, searched_all=guess is None)
         self._noise_var = noise_var
         self._position = np.where(contour.valid, contour.position_px, found)
         if contour.valid.any():
@@ -239,9 +250,18 @@ class ContourTracker:
         return found, strength
 
     def _fitted(
-        self, grey: UInt8[np.ndarray, "rows columns"], lines: ConstraintLines, found: Float[np.ndarray, "k"]
+        self,
+        grey: UInt8[np.ndarray, "rows columns"],
+        lines: ConstraintLines,
+        found: Float[np.ndarray, "k"],
+        doubtful: Bool[np.ndarray, "k"] | None = None,
     ) -> tuple[Float[np.ndarray, "k states"], float]:
-        """Maximum-likelihood fit of a blurred step at each point, and the variance of one pixel [grey levels^2]."""
+        """Maximum-likelihood fit of a blurred step at each point, and the variance of one pixel [grey levels^2].
+
+        Doubtful points may have a second edge close beyond the first, that of a body in front of the contour.
+        """
+        if doubtful is None:
+            doubtful = np.zeros(len(found), dtype=bool)
         chosen, last = self.settings, self._blur
         given = chosen.noise_grey**2 if chosen.noise_grey else 0.0
         best: tuple[float, Float[np.ndarray, "k states"], float] | None = None
@@ -250,7 +270,7 @@ class ContourTracker:
             state = np.zeros((len(lines), columns.STATES))
             state[:, columns.T], state[:, columns.BLUR] = found, start
             noise_var = refine(
-                grey, lines.origin_px, lines.direction_px, np.asarray(lines.half_width_px), state, given,
+                grey, lines.origin_px, lines.direction_px, np.asarray(lines.half_width_px), state, doubtful, given,
                 *((2, 0.3) if start is last else (5, 1.0)), chosen.min_contrast, chosen.plateau_px,
             )  # fmt: skip
             misfit = quick_median(state[:, columns.CHI2])
@@ -294,6 +314,8 @@ class ContourTracker:
         )  # fmt: skip
 
 
+#: Minimum number of neighbouring points without a good fit for which a second edge is searched: kinks have one or two.
+_RUN = 3
 #: Fraction of valid points below which the whole range is searched: three of eighty may be due to dirt.
 _FEW_VALID = 0.96
 #: A larger difference in blur from the last frame is a change: twice the noise of its median.
@@ -314,6 +336,13 @@ def quick_median(values: Float[np.ndarray, "k"]) -> float:
     """
     ordered, count = np.sort(values), len(values)
     return 0.5 * float(ordered[(count - 1) // 2] + ordered[count // 2])
+
+
+def _long_runs(points: Bool[np.ndarray, "k"]) -> Bool[np.ndarray, "k"]:
+    """The points of runs of at least ``_RUN`` neighbours."""
+    whole = np.convolve(points, np.ones(_RUN), mode="valid") == _RUN
+    long: Bool[np.ndarray, "k"] = np.convolve(whole, np.ones(_RUN)) > 0.0
+    return long
 
 
 def _first_noise(grey: UInt8[np.ndarray, "rows columns"], lines: ConstraintLines) -> float:

@@ -1,6 +1,6 @@
-"""``visuohaptic complete``: extend a visible surface into a transparent region, and plan the next touch.
+"""``visuohaptic complete``: extend a visible surface into a transparent region or a hidden one, and plan the next touch.
 
-reads   a surface (PLY, metres, z up); regions.json with the transparent regions; with --touches a CSV table with
+reads   a surface (PLY, metres, z up); regions.json with the transparent regions, or --hidden; with --touches a CSV table with
         x_m, y_m, z_m and optionally start_x_m ..., end_x_m ..., sigma_m (no contact: x_m is empty);
         --clear needs the outlines that `reconstruct` writes into regions.json (axis, radius, height)
 writes  the completed surface (PLY) with sigma_m, the standard deviation of each vertex [m]
@@ -30,7 +30,14 @@ _APART_M = (0.01, 0.1)
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("model", Path, "visible surface, PLY")
-    add("--region", Path, "regions.json", required=True)
+    add("--region", Path, "regions.json")
+    add(
+        "--hidden",
+        float,
+        "instead of --region: corners of a box around what no view shows of an opaque object, as its back [m]",
+        nargs=6,
+        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
+    )
     add("--cluster", int, "number of the region (default: the one nearest to the model)")
     add("--clear", bool, "complete a fully clear vessel from its outlines, without a visible band")
     add("--touches", Path, "CSV file of the touches so far")
@@ -54,17 +61,17 @@ def run(args: Any) -> dict[str, Any]:
     """Complete; returns the mapping that ``--json`` prints."""
     import numpy as np
 
-    from ....reconstruction.completion import Completion, load_hole_regions, read_touches
+    from ....reconstruction.completion import Completion, read_touches
     from ....reconstruction.completion.touch_registration import register_touches
 
     model = reconstruction.SurfaceMesh.load(args.model)
-    regions = load_hole_regions(args.region)
+    regions = _regions(args)
     number = args.cluster
     if number is None:
         number = int(np.argmin([abs(float(r.distance_m(model.vertices_m).min())) for r in regions]))
     if not 0 <= number < len(regions):
         raise core.InputError(
-            args.region, f"has {len(regions)} clusters, no number {number}", field="clusters"
+            args.region or "--hidden", f"has {len(regions)} clusters, no number {number}", field="clusters"
         )
     touches = read_touches(args.touches) if args.touches else []
     pose, rms_m = None, 0.0
@@ -127,6 +134,20 @@ def _plans(completion: Completion | BodyCompletion, args: Any) -> list[dict[str,
     return [_planned(plan) for plan in plans]
 
 
+def _regions(args: Any) -> list[HoleRegion]:
+    """The transparent regions of a file, or the hidden one of a box."""
+    import numpy as np
+
+    from ....reconstruction.completion import HoleRegion, load_hole_regions
+
+    if (args.region is None) == (args.hidden is None):
+        raise core.InputError("complete", "found none or both of --region and --hidden, expected one of them")
+    if args.region:
+        return load_hole_regions(args.region)
+    corners_m = np.array(np.meshgrid(*np.reshape(args.hidden, (2, 3)).T)).reshape(3, -1).T
+    return [HoleRegion.of_points(corners_m)]
+
+
 def _joined(
     args: Any,
     model: reconstruction.SurfaceMesh,
@@ -147,9 +168,9 @@ def _joined(
         return completion
     if region.body is None:
         raise core.InputError(
-            args.region,
+            args.region or "--hidden",
             "found no outline of the cluster (axis, radius, height), expected one for --clear",
-            remedy="create it with `visuohaptic reconstruct` and the method consistency",
+            remedy="create it with `visuohaptic reconstruct`",
         )
     beside = [other.body for other in others if other.body is not None]
     clear = BodyCompletion.standing(model, region.body, float(region.hull_m[:, 2].max()), beside)

@@ -10,6 +10,7 @@ example: visuohaptic reconstruct scan --out model
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +92,9 @@ def run(args: Arguments) -> dict[str, Any]:
     for region in found.regions:
         x, y, z = region.centroid_m
         size = " x ".join(f"{edge:.3f}" for edge in region.size_m)
-        args.report(f"transparent part at ({x:.3f}, {y:.3f}, {z:.3f}) m, {size} m, score {region.score:.2f}")
+        place = f"transparent part at ({x:.3f}, {y:.3f}, {z:.3f}) m, {size} m, score {region.score:.2f}"
+        lean_deg = math.degrees(region.body.lean_rad) if region.body else 0.0
+        args.report(place + (f", leans by {lean_deg:.0f} degrees" if lean_deg else ""))
     parts = f"{len(found.regions)} transparent part{'s' * (len(found.regions) != 1)}"
     args.report(f"{parts}, {len(found.surface.faces)} triangles in {args.out}")
     args.report(f"{'search' if found.search.found else 'nothing found'}: {found.search.text}")

@@ -63,6 +63,11 @@ def run(args: Any) -> dict[str, Any]:
         files.check_target(args.plot, files.FIGURE_SUFFIXES)
     if args.several is not None and not 2 <= args.several <= args.count:
         raise core.InputError("--several", f"found {args.several}, expected 2 to {args.count}, the --count")
+    if args.mass_sigma and args.mass is None:
+        raise core.InputError("--mass-sigma", "found without --mass", remedy="give the --mass it belongs to")
+    if args.mass is not None and not 0 <= args.mass_sigma <= max(args.mass, 0):
+        found = f"found {args.mass_sigma:g} kg, expected 0 to the --mass of {args.mass:g} kg"
+        raise core.InputError("--mass-sigma", found)
     begin = time.perf_counter()
     container = None
     if Path(args.object).suffix.lower() == ".npz":
@@ -225,7 +230,6 @@ def _report(args: Any, result: dict[str, Any]) -> None:
     )
     for rank, grasp in enumerate(result["grasps"], 1):
         x, y, z = (round(1e3 * value) for value in grasp["first_m"])
-        sigma_m = grasp["deformation_sigma_m"]
         line = (
             f"{rank}. score {grasp['score']:.2f} at ({x}, {y}, {z}) mm, "
             + (
@@ -234,7 +238,7 @@ def _report(args: Any, result: dict[str, Any]) -> None:
                 else f"{1e3 * grasp['width_m']:.0f} mm wide: "
             )
             + f"{grasp['force_N']:.1f} N, required {grasp['needed_N']:.1f} N, deformation {1e3 * grasp['deformation_m']:.2g} "
-            + f"± {'unknown' if sigma_m is None else format(1e3 * sigma_m, '.1g')} mm"
+            + f"± {1e3 * grasp['deformation_sigma_m']:.1g} mm"
         )
         if grasp["pose"]:
             line += f", approach {np.degrees(grasp['approach_elevation_rad']):.0f} degrees above horizontal"

@@ -11,8 +11,10 @@ writes
   --plot       the map with objects, path and pushes
 
 The result is one of: optimal; within N % of the optimum; no plan (proved); no plan found (not proved). Without a
-plan the exit code is 3. cost_s is the sum of the times of all actions. An object tagged as fixed, or as likely to
-topple, is never pushed. contact_m is the contact point on the outline, goal_m where the object's centre ends.
+plan the exit code is 3. cost_s is the sum of the times of all actions, by which plans are compared; expected_duration_s
+adds turns on the spot, braking before corners and the way to each push, as the robot drives them. An object tagged as
+fixed, or as likely to topple, is never pushed. contact_m is the contact point on the outline, goal_m where the object's
+centre ends.
 
 With --explore S, the result is a tour instead: which unknown objects to touch, and in which order, so that the expected
 benefit (passages opened first, then time saved) within S seconds is greatest; it ends at --goal if one is given. Each
@@ -125,9 +127,8 @@ def run(args: Any) -> dict[str, Any]:
         else {"cheapest": planning.make_plan(problem, costs, limits)}
     )
     found = plans["cheapest"]
-    result = found.to_json()
     args.exit_code = 0 if found.reachable else NO_RESULT
-    _report(args, found)
+    result = _report(args, found, problem)
     if found.gap > limits.gap and not found.proved:
         args.report(f"  note: the search ended with its budget; --budget {2 * args.budget:g} searches longer")
     if args.compare:
@@ -160,8 +161,15 @@ def _explore(args: Any, problem: PlanningProblem) -> dict[str, Any]:
     return tour.to_json()
 
 
-def _report(args: Any, plan: Plan) -> None:
+def _report(args: Any, plan: Plan, problem: PlanningProblem) -> dict[str, Any]:
+    """Print a plan; returns it with the expected duration of the drive."""
+    from ....tasks.mobile.travel import expected_duration_s
+
+    result = plan.to_json()
     args.report(plan.summary)
+    if plan.reachable:
+        result["expected_duration_s"] = round(expected_duration_s(plan, problem, problem.start_yaw_rad), 1)
+        args.report(f"  driven by `travel`, it is expected to take {result['expected_duration_s']:.0f} s")
     for task in plan.tasks:
         what = f" {task.object}" if task.object else ""
         risk = f", failure probability {task.failure_probability:.2f}" if task.kind != "navigate" else ""
@@ -169,3 +177,4 @@ def _report(args: Any, plan: Plan) -> None:
         args.report(f"  {task.kind}{what}{where}: {task.cost_s:.1f} s, {task.length_m:.2f} m{risk}")
     for note in plan.notes:
         args.report(f"  note: {note}")
+    return result

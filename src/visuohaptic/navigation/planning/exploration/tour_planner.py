@@ -262,6 +262,6 @@ class _Ways:
         if (begin, end) not in self._drives:
             low, high = min(begin, end), max(begin, end)
             path, cost = pull_string(self.domain, self.still, self.places[low], self.places[high])
-            ways = [tuple(drive_tasks(self.domain, way, cost)) for way in (path, path[::-1])]
+            ways = [tuple(drive_tasks(self.domain, self.still, way, cost)) for way in (path, path[::-1])]
             self._drives[low, high], self._drives[high, low] = ways if len(path) else (None, None)
         return self._drives[begin, end]

@@ -20,7 +20,7 @@ TURN_STEP = 0.05
 
 
 @kernel
-def hull_runs(points: np.ndarray) -> np.ndarray:
+def hull_runs(points):
     """Cells whose interior overlaps the convex hull of points: row, first column, column after the last."""
     n = len(points)
     low, high = np.inf, -np.inf
@@ -53,7 +53,7 @@ def hull_runs(points: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def runs_clear(counts: np.ndarray, runs: np.ndarray, first: int, end: int, column: int, row: int) -> bool:
+def runs_clear(counts, runs, first, end, column, row):
     """Whether runs ``first..end``, shifted by whole cells, are inside the map and contain no occupied cell."""
     rows, columns = counts.shape
     for k in range(first, end):
@@ -64,7 +64,7 @@ def runs_clear(counts: np.ndarray, runs: np.ndarray, first: int, end: int, colum
 
 
 @kernel
-def turned(outline: np.ndarray, x: float, y: float, angle: float, grow: float) -> np.ndarray:
+def turned(outline, x, y, angle, grow):
     """The outline at a pose, scaled about its origin."""
     c, s = grow * math.cos(angle), grow * math.sin(angle)
     placed = np.empty_like(outline)
@@ -75,7 +75,7 @@ def turned(outline: np.ndarray, x: float, y: float, angle: float, grow: float) -
 
 
 @kernel
-def hull_clear(counts: np.ndarray, one: np.ndarray, other: np.ndarray) -> bool:
+def hull_clear(counts, one, other):
     """Whether the convex hull of two outlines overlaps no occupied cell."""
     n = len(one)
     points = np.empty((2 * n, 2))
@@ -87,7 +87,7 @@ def hull_clear(counts: np.ndarray, one: np.ndarray, other: np.ndarray) -> bool:
 
 
 @kernel
-def turn_clear(counts: np.ndarray, outline: np.ndarray, x: float, y: float, begin: float, end: float) -> bool:
+def turn_clear(counts, outline, x, y, begin, end):
     """Whether a turn on the spot, in the direction of the sign of ``end - begin``, sweeps no occupied cell.
 
     Corners move on arcs: scaled by 1 / cos(half of a part's angle), their chord is a tangent of the arc.
@@ -103,13 +103,13 @@ def turn_clear(counts: np.ndarray, outline: np.ndarray, x: float, y: float, begi
 
 
 @kernel
-def shorter_turn(begin: float, end: float) -> float:
+def shorter_turn(begin, end):
     """Angle of the shorter turn between two headings, in [-pi, pi)."""
     return (end - begin + math.pi) % (2.0 * math.pi) - math.pi
 
 
 @kernel
-def poses_clear(counts: np.ndarray, outline: np.ndarray, path: np.ndarray, begin: float, end: float) -> bool:
+def poses_clear(counts, outline, path, begin, end):
     """Whether a robot that starts at a heading drives along a path, turning the shorter way at its corners, and ends at one.
 
     NaN: any heading. At nearly half a turn both directions must be free.
@@ -137,9 +137,7 @@ def poses_clear(counts: np.ndarray, outline: np.ndarray, path: np.ndarray, begin
 
 
 @kernel
-def free_drive(
-    counts: np.ndarray, outline: np.ndarray, x: float, y: float, heading: float, limit: float
-) -> float:
+def free_drive(counts, outline, x, y, heading, limit):
     """Length up to ``limit`` that a robot can drive straight ahead, in steps of half a cell; negative if it does not fit."""
     at = turned(outline, x, y, heading, 1.0)
     if not hull_clear(counts, at, at):
@@ -155,7 +153,7 @@ def free_drive(
 
 
 @kernel
-def _queue(heap: np.ndarray, used: int, key: int, state: int) -> np.ndarray:
+def _queue(heap, used, key, state):
     """Add an entry to a binary heap with ``used`` entries; returns the heap, a larger copy where it was full."""
     if used == len(heap):
         larger = np.empty((2 * used, 2), np.int64)
@@ -174,7 +172,7 @@ def _queue(heap: np.ndarray, used: int, key: int, state: int) -> np.ndarray:
 
 
 @kernel
-def _unqueue(heap: np.ndarray, used: int) -> None:
+def _unqueue(heap, used):
     """Remove the first of ``used`` entries of a binary heap."""
     key, state = heap[used - 1, 0], heap[used - 1, 1]
     at = 0
@@ -193,20 +191,8 @@ def _unqueue(heap: np.ndarray, used: int) -> None:
 
 @kernel
 def lattice_path(
-    counts: np.ndarray,
-    outline: np.ndarray,
-    price: np.ndarray,
-    to_go: np.ndarray,
-    moves: np.ndarray,
-    angles: np.ndarray,
-    runs: np.ndarray,
-    starts: np.ndarray,
-    place: np.ndarray,
-    seeds: np.ndarray,
-    seed_costs: np.ndarray,
-    goal: np.ndarray,
-    turn_price: float,
-) -> np.ndarray:
+    counts, outline, price, to_go, moves, angles, runs, starts, place, seeds, seed_costs, goal, turn_price,
+):  # fmt: skip
     """A* over (node, heading): steps forwards along a heading and turns to the next one, each with its swept outline.
 
     Parameters

@@ -19,7 +19,7 @@ from ..search._travel_kernels import UNITS, clearances_at, travel_field
 from ..search.cell_paths import resampled
 from ..search.drives import pull_string
 from ..search.push_states import Deadline, PushStep
-from ..search.search_domain import SearchDomain
+from ..search.search_domain import SearchDomain, sampled
 from . import _footprint_kernels as kernels
 
 #: Maximum size of the cells on which objects are drawn, and spacing of the lattice [m].
@@ -84,7 +84,7 @@ class FootprintDrives:
         counts, clearance = self._counts(shifts), self.domain.clearance_with(shifts)
         if len(disc) == 1:
             turns = kernels.poses_clear(counts, self.outline, start[None] * self.factor, begin, end)
-            return (disc, self._cost(clearance, disc, begin, end)) if turns else nowhere
+            return (disc, self._turns(disc, begin, end)) if turns else nowhere
         tried = None
         for margin_m in MARGINS_M:
             if self.deadline is not None and self.deadline.passed:
@@ -101,7 +101,7 @@ class FootprintDrives:
             for count in (0, CHORD_POINTS):
                 path = self._chords(counts, clearance, resampled(path, count), begin, end)
             if kernels.poses_clear(counts, self.outline, path * self.factor, begin, end):
-                return path, self._cost(clearance, path, begin, end)
+                return path, self.domain.driving_cost(shifts, path) + self._turns(path, begin, end)
         return nowhere
 
     def leg(
@@ -301,18 +301,17 @@ class FootprintDrives:
         return path[kept]
 
     def _cost(self, clearance: Float[np.ndarray, "r c"], path: Path, begin: float, end: float) -> float:
-        """Cost (4.1) of a path, and of its turns, at which the farthest corner moves at full speed [cells at full speed]."""
-        steps = np.diff(path, axis=0)
-        lengths, headings = np.hypot(*steps.T), np.arctan2(steps[:, 1], steps[:, 0])
-        parts = np.maximum(np.ceil(2.0 * lengths), 1).astype(int)
-        number = np.repeat(np.arange(len(parts)), parts)
-        share = (np.arange(len(number)) - np.repeat(np.cumsum(parts) - parts, parts) + 0.5) / parts[number]
-        places = path[number] + share[:, None] * steps[number]
-        slow = self._slowness(clearances_at(clearance, places)) * (lengths / parts)[number]
+        """Cost (4.1) of a path by interpolated clearances, and of its turns [cells at full speed]."""
+        places, lengths = sampled(path, 0.5)
+        slow = self._slowness(clearances_at(clearance, places)) @ lengths
+        return float(slow) + self._turns(path, begin, end)
+
+    def _turns(self, path: Path, begin: float, end: float) -> float:
+        """Cost of the turns of a path, at which the farthest corner moves at full speed [cells at full speed]."""
+        headings = np.arctan2(*np.diff(path, axis=0).T[::-1])
         turns = np.diff(np.concatenate([[begin], headings, [end]]))
         turns = np.abs((turns + math.pi) % (2.0 * math.pi) - math.pi)
-        reach = self.domain.robot.reach_m / self.domain.map.resolution_m
-        return float(slow.sum() + reach * np.nansum(turns))
+        return self.domain.robot.reach_m / self.domain.map.resolution_m * float(np.nansum(turns))
 
     def _slowness(self, clearance: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
         """v_max over the speed at a clearance [cells]; the lowest speed below the radius, between cell centres."""

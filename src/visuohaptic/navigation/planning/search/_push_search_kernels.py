@@ -17,7 +17,7 @@ from ._travel_kernels import clearance_at, flood
 
 
 @kernel
-def descend(cost: np.ndarray, clearance: np.ndarray, seeds: np.ndarray, cell: int) -> np.ndarray:
+def descend(cost, clearance, seeds, cell):
     """Cells (x, y) from a seed to a cell, by steepest descent over the eight neighbours of a travel cost field."""
     columns = clearance.shape[1]
     path = np.empty((1024, 2))
@@ -47,7 +47,7 @@ def descend(cost: np.ndarray, clearance: np.ndarray, seeds: np.ndarray, cell: in
 
 
 @kernel
-def largest_in_blocks(clearance: np.ndarray, block: int) -> np.ndarray:
+def largest_in_blocks(clearance, block):
     """The maximum clearance of each block."""
     rows, columns = clearance.shape
     out = np.zeros(((rows + block - 1) // block, (columns + block - 1) // block), np.float32)
@@ -65,9 +65,7 @@ def largest_in_blocks(clearance: np.ndarray, block: int) -> np.ndarray:
 
 
 @kernel
-def block_patch(
-    clearance: np.ndarray, polygon: np.ndarray, radius: float, reach: float, block: int
-) -> tuple[np.ndarray, int, int]:
+def block_patch(clearance, polygon, radius, reach, block):
     """Maximum of min(clearance, distance from a polygon) in the blocks around it, and the first row and column.
 
     Exact to one cell where it decides whether a robot fits; elsewhere the distance of the block's centre is used.
@@ -103,7 +101,7 @@ def block_patch(
 
 
 @kernel
-def _meets(points: np.ndarray, dx: float, dy: float, others: np.ndarray, first: int, last: int) -> bool:
+def _meets(points, dx, dy, others, first, last):
     """Whether any of the displaced points lies inside one of the other outlines."""
     for i in range(len(points)):
         if inside_polygon(points[i, 0] + dx, points[i, 1] + dy, others[first:last]):
@@ -113,20 +111,8 @@ def _meets(points: np.ndarray, dx: float, dy: float, others: np.ndarray, first: 
 
 @kernel
 def free_push_length(
-    occupied: np.ndarray,
-    clearance: np.ndarray,
-    outline: np.ndarray,
-    around: np.ndarray,
-    polygon: np.ndarray,
-    others: np.ndarray,
-    other_start: np.ndarray,
-    robot_x: float,
-    robot_y: float,
-    dir_x: float,
-    dir_y: float,
-    radius: float,
-    limit: float,
-) -> float:
+    occupied, clearance, outline, around, polygon, others, other_start, robot_x, robot_y, dir_x, dir_y, radius, limit,
+):  # fmt: skip
     """Collision-free distance of an object and the robot behind it [cells], in steps of half a cell.
 
     ``outline`` holds points along the object's edge, slightly inside it; ``others`` the concatenated polygons of the
@@ -189,19 +175,7 @@ def free_push_length(
 
 
 @kernel
-def opening_lengths(
-    without: np.ndarray,
-    polygon: np.ndarray,
-    dir_x: float,
-    dir_y: float,
-    radius: float,
-    block: int,
-    limit: float,
-    from_x: float,
-    from_y: float,
-    goal_x: float,
-    goal_y: float,
-) -> np.ndarray:
+def opening_lengths(without, polygon, dir_x, dir_y, radius, block, limit, from_x, from_y, goal_x, goal_y):
     """Push lengths at which the robot's side of an object is connected with other free space around the object.
 
     With the object in place, the free blocks around it form several components. Each blocked block has a push length

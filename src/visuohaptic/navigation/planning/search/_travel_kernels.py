@@ -22,15 +22,13 @@ MIN_STEP = 181
 
 
 @kernel
-def _slowness(clearance: float, radius: float, slow: float) -> float:
+def _slowness(clearance, radius, slow):
     """Cost (4.1) at a clearance of at least the radius: ``slow`` at the radius, 1 from three radii on."""
     return slow + min((clearance / radius - 1.0) * 0.5, 1.0) * (1.0 - slow)
 
 
 @kernel
-def nodes_around(
-    clearance: np.ndarray, x: float, y: float, radius: float, slow: float, reach: int, block: int
-) -> tuple[np.ndarray, np.ndarray]:
+def nodes_around(clearance, x, y, radius, slow, reach, block):
     """Free nodes in a window of ``reach`` around a point (flat index), and the costs from the point to them [units]."""
     rows, columns = clearance.shape
     x, y = x / block, y / block
@@ -50,9 +48,7 @@ def nodes_around(
 
 
 @kernel
-def reach_costs(
-    clearance: np.ndarray, cost: np.ndarray, points: np.ndarray, radius: float, slow: float, block: int
-) -> np.ndarray:
+def reach_costs(clearance, cost, points, radius, slow, block):
     """Minimum cost [units] of reaching each point over the free blocks around it; FAR where none is free."""
     found = np.full(len(points), int(FAR), np.int64)
     for i in range(len(points)):
@@ -63,7 +59,7 @@ def reach_costs(
 
 
 @kernel
-def mark_region(region: np.ndarray, polygon: np.ndarray, radius: float, label: int, block: int) -> None:
+def mark_region(region, polygon, radius, label, block):
     """Label the blocks all of whose cell centres are nearer than ``radius`` to a polygon; existing labels are kept."""
     rows, columns = region.shape
     inside = radius - 0.7072 * (block - 1)
@@ -80,7 +76,7 @@ def mark_region(region: np.ndarray, polygon: np.ndarray, radius: float, label: i
 
 
 @kernel
-def _cell_cost(clearance: float, radius: float, slow: float) -> int:
+def _cell_cost(clearance, radius, slow):
     """Cost (4.1) of a cell [units], -1 where the robot does not fit."""
     if clearance >= 3.0 * radius:
         return UNITS
@@ -90,24 +86,13 @@ def _cell_cost(clearance: float, radius: float, slow: float) -> int:
 
 
 @kernel
-def _bordered(cell: int, columns: int) -> int:
+def _bordered(cell, columns):
     """The flat index of a cell in a layer with a border of one cell."""
     return cell + 2 * (cell // columns) + columns + 3
 
 
 @kernel
-def travel_field(
-    clearance: np.ndarray,
-    radius: float,
-    slow: float,
-    seeds: np.ndarray,
-    seed_cost: np.ndarray,
-    region: np.ndarray,
-    charge: np.ndarray,
-    cost_to_go: np.ndarray,
-    bound: int,
-    targets: np.ndarray,
-) -> np.ndarray:
+def travel_field(clearance, radius, slow, seeds, seed_cost, region, charge, cost_to_go, bound, targets):
     """Minimum any-angle travel cost from the seeds to every cell [units].
 
     Eikonal equation with the cost (4.1), 1 far from obstacles and ``slow`` at the radius, on the eight triangles around
@@ -254,7 +239,7 @@ def travel_field(
 
 
 @kernel
-def clearance_at(clearance: np.ndarray, x: float, y: float) -> float:
+def clearance_at(clearance, x, y):
     """Clearance between cell centres, bilinear; 0 outside the map."""
     rows, columns = clearance.shape
     if x < 0.0 or y < 0.0 or x >= columns or y >= rows:
@@ -270,7 +255,7 @@ def clearance_at(clearance: np.ndarray, x: float, y: float) -> float:
 
 
 @kernel
-def clearances_at(clearance: np.ndarray, points: np.ndarray) -> np.ndarray:
+def clearances_at(clearance, points):
     """Clearance at points between cell centres, bilinear; 0 outside the map."""
     found = np.zeros(len(points))
     for i in range(len(points)):
@@ -279,17 +264,7 @@ def clearances_at(clearance: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def segment_cost(
-    clearance: np.ndarray,
-    radius: float,
-    slow: float,
-    x0: float,
-    y0: float,
-    x1: float,
-    y1: float,
-    forced: bool,
-    enough: float,
-) -> float:
+def segment_cost(clearance, radius, slow, x0, y0, x1, y1, forced, enough):
     """Integral of the cost (4.1) along a segment [cells at full speed]; infinite where it collides.
 
     ``forced`` treats a clearance below the radius as equal to the radius. Also infinite once the cost reaches ``enough``.
@@ -315,9 +290,7 @@ def segment_cost(
 
 
 @kernel
-def string_pull(
-    clearance: np.ndarray, radius: float, slow: float, path: np.ndarray, window: int
-) -> tuple[np.ndarray, float]:
+def string_pull(clearance, radius, slow, path, window):
     """Cheapest subset of a path's points that is connected by collision-free straight segments.
 
     A shortest-path problem over pairs of points at most ``window`` apart; steps
@@ -363,7 +336,7 @@ def string_pull(
 
 
 @kernel
-def flood(clearance: np.ndarray, radius: float, seeds: np.ndarray, targets: np.ndarray) -> np.ndarray:
+def flood(clearance, radius, seeds, targets):
     """Cells connected with the seeds, 8-connected, with at least the radius as clearance; not all once a target is found."""
     rows, columns = clearance.shape
     flat = clearance.ravel()

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int32
 
 from ....core.geometry import rotation_2d
 from ....io.maps.occupancy_map import OccupancyMap
@@ -173,6 +174,18 @@ def _samples(outline: Outline, outside: float) -> Path:
     rings = shapely.get_exterior_ring(shapely.get_parts(body if inner.is_empty else inner))
     points: Path = shapely.get_coordinates(shapely.segmentize(rings, OUTLINE_STEP))
     return points
+
+
+def joined_outlines(outlines: Sequence[Outline]) -> tuple[Float[np.ndarray, "v 2"], Int32[np.ndarray, "o"]]:
+    """Concatenated outlines, and the start index of each, followed by the end of the last.
+
+    Parameters
+    ----------
+    outlines
+        Corners of each outline.
+    """
+    starts = np.cumsum([0, *(len(outline) for outline in outlines)]).astype(np.int32)
+    return np.concatenate(outlines) if outlines else np.zeros((0, 2)), starts
 
 
 def grid_from_world(

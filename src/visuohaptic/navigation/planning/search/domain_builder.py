@@ -72,23 +72,11 @@ def build_search_domain(
         lower_clearance(clearance, outline, full_speed_clearance(radius))
     block = block or _block(occupied.size, radius)
     return SearchDomain(
-        problem,
-        costs,
-        grid,
-        robot,
-        needed_clearance(radius),
-        robot.v_max_m_s / robot.v_min_m_s,
-        occupied,
-        clearance,
-        tuple(movable),
-        tuple(fixed),
-        why,
-        block,
-        clearance if block == 1 else largest_in_blocks(clearance, block),
-        outlines,
-        tuple(passages),
+        problem, costs, grid, robot, needed_clearance(radius), robot.v_max_m_s / robot.v_min_m_s, occupied, clearance,
+        tuple(movable), tuple(fixed), why, block,
+        clearance if block == 1 else largest_in_blocks(clearance, block), outlines, tuple(passages),
         place_costs(problem, costs.on_route_s, occupied, outlines),
-    )
+    )  # fmt: skip
 
 
 def _body(problem: PlanningProblem, obj: MovableObject, costs: PushCosts) -> Body:

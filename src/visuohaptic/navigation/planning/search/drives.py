@@ -50,7 +50,8 @@ def pull_string(
 
     Returns
     -------
-    corners in grid coordinates, cost [cells at full speed]; empty and infinite if there is no path
+    corners in grid coordinates, and the cost of driving along them, from
+    :meth:`~visuohaptic.navigation.planning.search.search_domain.SearchDomain.driving_cost`; empty and infinite without a path
     """
     nowhere = np.zeros((0, 2)), float("inf")
     if np.hypot(*(goal - start)) < 1e-9:
@@ -67,10 +68,10 @@ def pull_string(
         joined = [np.concatenate(pair) for pair in zip(halves[1:-1:2], halves[2::2], strict=True)]
         parts = [halves[0], *joined, halves[-1]]
     pulled = [_without_corners(domain, shifts, part, deadline) for part in parts]
-    path = np.concatenate([path for path, _ in pulled])
+    path = np.concatenate(pulled)
     distinct = np.ones(len(path), dtype=bool)
     distinct[1:] = np.hypot(*np.diff(path, axis=0).T) > 1e-9
-    return path[distinct], sum(cost for _, cost in pulled)
+    return path[distinct], domain.driving_cost(shifts, path[distinct])
 
 
 def drives_cost(
@@ -292,10 +293,8 @@ def _halved(path: Path) -> tuple[Float[np.ndarray, "a 2"], Float[np.ndarray, "b 
     return np.vstack([path[:after], middle]), np.vstack([middle, path[after:]])
 
 
-def _without_corners(
-    domain: SearchDomain, shifts: Shifts, path: Path, deadline: Deadline | None
-) -> tuple[Path, float]:
-    """A path on the map with its corners cut by chords until the deadline, and its cost."""
+def _without_corners(domain: SearchDomain, shifts: Shifts, path: Path, deadline: Deadline | None) -> Path:
+    """A path on the map with its corners cut by chords until the deadline."""
 
     low = np.maximum(np.floor(path.min(axis=0)).astype(int) - 2, 0)
     clearance = domain.part(domain.clearance, low, np.ceil(path.max(axis=0)).astype(int) + 2, shifts, 1)
@@ -313,7 +312,7 @@ def _without_corners(
         path, cost = dense[kept], cost_now
         if gain < 1e-3:
             break
-    return path + low, float(cost)
+    return path + low
 
 
 def _cells_along(domain: SearchDomain, drive: _Drive, nodes: Path, block: int) -> Corridor | None:

@@ -47,7 +47,7 @@ ALONE_GAP = 0.02
 #: path of the bound; with those at bottlenecks, by weight; the infeasibility proof; a first plan with all bodies.
 ALONE, CROSSED, SOON, PROOF, LATE = 0.3, 0.35, (0.4, 0.55), 0.75, (0.8, 0.9, 1.0)
 #: End of the reason where a passage is as wide as the robot within a cell: nothing is proved, the robot may fit between centres.
-NARROW = " on the centres of cells; a passage is about as wide as the robot: a finer map decides"
+NARROW = " on the centres of cells; a passage is about as wide as the robot"
 
 
 def search_pushes(
@@ -320,7 +320,7 @@ class _Search:
         if not self.cells.size:
             return "the robot does not fit at its start", True
         if heuristic.free_field[self.cells].min() >= heuristic.far:
-            what = "walls and what cannot be pushed" if domain.immovable else "walls"
+            what = "walls and what is not pushed" if domain.immovable or still.any() else "walls"
             loose = domain.relaxed
             near, ends = (loose.seeds(heuristic.base, point)[0] for point in (self.start, goal))
             joined = flood(heuristic.base, loose.radius, near, ends)[ends].any()

@@ -18,17 +18,19 @@ from ...problem.passages import Passage
 from ...problem.planning_problem import MovableObject, PlanningProblem
 from ...problem.push_costs import PushCosts
 from ...problem.robot_model import RobotModel
-from ...pushing._outline_kernels import clear_straight, distance_patch
+from ...pushing._outline_kernels import clear_straight, distance_patch, obstacle_distances
 from ...pushing.push_model import PushModel
 from ..arrays import Among, Clearance, Labels, Nodes, Outline, Path, Point, Shifts
 from ._push_search_kernels import block_patch
 from ._travel_kernels import UNITS, nodes_around
-from .bodies import Body, lower_window
+from .bodies import Body, joined_outlines, lower_window
 from .bodies import grid_from_world as grid_from_world
 from .bodies import world_from_grid as world_from_grid
 
 #: Tolerance of a clearance for rounding errors of coordinates [m].
 CLEAR_SLACK_M = 1e-6
+#: Spacing of the samples along a path where its cost is summed [radii]: the error of a midpoint is of second order.
+SAMPLE = 0.125
 #: Maximum number of cached distance patches.
 MAX_PATCHES = 5000
 #: Maximum number of nodes of cached lattices.
@@ -298,6 +300,26 @@ class SearchDomain:
         )
         return found
 
+    def driving_cost(self, shifts: Shifts, path: Path) -> float:
+        """Cost (4.1) of a path on exact distances from occupied squares and outlines [cells at full speed].
+
+        Parameters
+        ----------
+        shifts
+            Displacements of the bodies from their mapped positions [cells].
+        path
+            Corners in grid coordinates [cells].
+        """
+        resolution_m, robot = self.map.resolution_m, self.robot
+        places, lengths = sampled(path, SAMPLE * robot.radius_m / resolution_m)
+        outlines = [body.outline + shift for body, shift in zip(self.bodies, shifts, strict=True)]
+        distance_m = resolution_m * obstacle_distances(
+            self.occupied, self.clearance, *joined_outlines([*outlines, *self.immovable_outlines]), places,
+            3.0 * robot.radius_m / resolution_m,
+        )  # fmt: skip
+        # Where a robot leaves an obstacle that it is too near to, it drives as at its radius.
+        return float(robot.cost_s_per_m(np.maximum(distance_m, robot.radius_m)) @ lengths) * robot.v_max_m_s
+
     def labels(self, block: int) -> Labels:
         """Blocks that passages touch: their index + 1; empty without passages.
 
@@ -341,16 +363,22 @@ class SearchDomain:
         return cells_at_full_speed * self.map.resolution_m / self.robot.v_max_m_s
 
 
-def joined_outlines(outlines: Sequence[Outline]) -> tuple[Float[np.ndarray, "v 2"], Int32[np.ndarray, "o"]]:
-    """Concatenated outlines, and the start index of each, followed by the end of the last.
+def sampled(path: Path, step: float) -> tuple[Path, Float[np.ndarray, "k"]]:
+    """Middles of equal parts of a path's segments, and the lengths of the parts.
 
     Parameters
     ----------
-    outlines
-        Corners of each outline.
+    path
+        Corners.
+    step
+        Maximum length of a part.
     """
-    starts = np.cumsum([0, *(len(outline) for outline in outlines)]).astype(np.int32)
-    return np.concatenate(outlines) if outlines else np.zeros((0, 2)), starts
+    steps = np.diff(path, axis=0)
+    lengths = np.hypot(*steps.T)
+    parts = np.maximum(np.ceil(lengths / step), 1).astype(int)
+    number = np.repeat(np.arange(len(parts)), parts)
+    share = (np.arange(len(number)) - np.repeat(np.cumsum(parts) - parts, parts) + 0.5) / parts[number]
+    return path[number] + share[:, None] * steps[number], (lengths / parts)[number]
 
 
 def full_speed_clearance(radius: float) -> float:

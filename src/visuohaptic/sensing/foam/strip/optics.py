@@ -147,11 +147,14 @@ class StripOptics:
         origin = plane.project(geometry.back_m)
         front = plane.project(geometry.back_m + width * geometry.outward)
         size = np.array([plane.camera.width - 1, plane.camera.height - 1])
-        outside = ~((origin >= 0) & (origin <= size) & (front >= 0) & (front <= size)).all(axis=1)
-        if outside.any():
+        #: Points outside the image, which are hidden in every frame.
+        self.outside: Bool[np.ndarray, "K"] = ~np.all(
+            (origin >= 0) & (origin <= size) & (front >= 0) & (front <= size), axis=1
+        )
+        if 2 * self.outside.sum() > len(origin):
             raise InputError(
                 "T_camera_foam",
-                f"{int(outside.sum())} of {len(origin)} points of the strip are outside the image",
+                f"{int(self.outside.sum())} of {len(origin)} points of the strip are outside the image, expected less than half",
                 remedy="check T_camera_foam and strip in sensor.yaml",
             )
         self._origin_px = np.ascontiguousarray(origin)
@@ -259,7 +262,7 @@ class StripOptics:
             front_sigma = np.hypot(front_sigma, np.sqrt(np.maximum(skew_m**2 - common**2, 0.0)))
         sigma = np.hypot(front_sigma, back_sigma)
         noise = np.hypot(front_slope * front.noise_px, back_sigma)
-        finite = np.isfinite(width) & np.isfinite(sigma)
+        finite = np.isfinite(width) & np.isfinite(sigma) & ~self.outside
         rest_m = self.rest_width_m * np.ones(len(width)) if zero is None else zero.width_m
         rest_px = self.plane.project(back_m + rest_m[:, None] * outward) - base_px
         # The deflection of a point is unknown without its width at rest.
@@ -320,8 +323,9 @@ class StripOptics:
         with np.errstate(divide="ignore", invalid="ignore"):
             ahead = np.where(self._direction_px > 0, size - base_px, -base_px) / self._direction_px
         border = np.nanmin(np.where(self._direction_px == 0, np.inf, ahead), axis=1) - 1.0
+        start = _SEARCH_FROM * self._length_px
         lines = ConstraintLines(
-            base_px, self._direction_px, _SEARCH_FROM * self._length_px, border, self._half_width_px
+            base_px, self._direction_px, start, np.maximum(start, border), self._half_width_px
         )
         front = ContourTracker(self._front_tracker.settings).track(grey, lines)
         if 2 * front.valid.sum() < len(front.valid):

@@ -2,6 +2,7 @@ from .explore_floor import FloorExploration as FloorExploration
 from .navigate import Travel as Travel
 from .navigate import drive_task as drive_task
 from .navigate import travel as travel
+from .plan_duration import expected_duration_s as expected_duration_s
 from .travel_memory import TravelMemory as TravelMemory
 from .travel_memory import map_with_footprints as map_with_footprints
 from .travel_motion import Motion as Motion

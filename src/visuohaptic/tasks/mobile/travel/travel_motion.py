@@ -13,6 +13,11 @@ from ....core.clock_watch import ClockWatch
 from ..force_guard import ForceGuard, GuardState
 from .travel_types import TravelCommand, TravelObservation, TravelOutcome
 
+#: Speed of a retreat [m/s].
+RETREAT_M_S = 0.1
+#: Error of the heading at which a turn on the spot is complete [rad].
+ON_HEADING_RAD = 0.02
+
 ResultT = TypeVar("ResultT")
 #: A generator that yields one command per control period, and returns when the motion is complete.
 Motion = Generator[TravelCommand, None, ResultT]
@@ -182,9 +187,9 @@ class TravelMotion:
         start_s = self.now_s()
         while self.now_s() - start_s < 20.0:
             error = math.remainder(heading_rad - float(self.pose_m()[2]), 2.0 * math.pi)
-            rate = math.copysign(max(min(1.0, 3.0 * abs(error)), 0.05), error)
-            if abs(error) < 0.02:
+            if abs(error) < ON_HEADING_RAD:
                 break
+            rate = math.copysign(turn_rate(abs(error)), error)
             if not (yield from self.go(0.0, rate, leaving=leaving)):
                 break
         yield from self.halt()
@@ -242,6 +247,17 @@ class TravelMotion:
         x, y, heading = self.seen.pose_m
         px, py = self.seen.point_m
         return speed_m_s * (math.cos(heading) * (px - x) + math.sin(heading) * (py - y)) > 0.0
+
+
+def turn_rate(left_rad: float) -> float:
+    """Rate of a turn on the spot [rad/s].
+
+    Parameters
+    ----------
+    left_rad
+        Angle that is left [rad].
+    """
+    return max(min(1.0, 3.0 * left_rad), 0.05)
 
 
 def force_unread() -> TravelInterrupted:

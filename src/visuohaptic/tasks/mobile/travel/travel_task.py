@@ -8,18 +8,17 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from ....core.robots import BaseState
-from ....navigation.grid.cost_grid import SpeedLimits, grid_layers
-from ....navigation.planning.path_follower import FollowLimits, PathFollower
+from ....navigation.planning.path_follower import PathFollower
 from ....navigation.planning.policies import make_plan
 from ....navigation.problem.path_plan import Plan, Task
 from ....navigation.problem.planning_problem import PlanningProblem
 from ...framework.machine import Machine, Rule
 from ..force_guard import MAX_UNREAD
+from .plan_duration import Clearance, clearance_of, expected_duration_s, follow_limits
 from .travel_memory import TravelMemory
-from .travel_motion import Motion, TravelInterrupted, TravelMotion
+from .travel_motion import RETREAT_M_S, Motion, TravelInterrupted, TravelMotion
 from .travel_plans import TravelPlans
 from .travel_pushes import TravelPushes
 from .travel_types import (
@@ -91,7 +90,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         self.pushes = TravelPushes(self.robot, self.memory, self.motion, self.settings, self._note)
         self._objects = tuple(item.id for item in problem.objects)
         self._tasks: list[Task] = []
-        self._clearance: Callable[[Float[np.ndarray, "2"]], float] = lambda _: math.inf
+        self._clearance: Clearance = lambda _: math.inf
         self._driven_m = 0.0
         self._as_planned = False  #: whether the last push reached its planned goal
         self._behind_m = 0.0  #: known free distance straight behind the robot
@@ -150,14 +149,16 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
             self._tasks = list(plan.tasks)
         elif turn is not None:
             self.pushes.margin_m, problem, tasks = turn
-            self._tasks = list(tasks)
+            self._tasks, plan = list(tasks), Plan(True, tasks)
         elif self.plans.reset_failures():
             self._note("failures reset")
             return TravelState.PLAN
         else:
             self._finish(TravelOutcome.NO_PLAN, last.reason)
             return None
-        self._clearance = _clearance(problem)
+        self._clearance = clearance_of(problem)
+        expected_s = expected_duration_s(plan, problem, float(pose[2]), self.pushes.margin_m)
+        self._note("set out", expected_s=expected_s)
         return self._next()
 
     def _next(self) -> TravelState | None:
@@ -172,10 +173,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
     def _drive(self) -> Motion[TravelState | None]:
         """Follow the path of the plan until its end, or until a contact."""
         task, robot, settings, motion = self._tasks[0], self.robot, self.settings, self.motion
-        radius_m = robot.radius_m + self.pushes.margin_m
-        limits = FollowLimits(radius_m, robot.v_max_m_s, min(robot.v_min_m_s, robot.v_max_m_s))
-        if robot.footprint_m:  # planned to turn on the spot at every corner
-            limits = replace(limits, corner_rad=0.0)
+        limits = replace(follow_limits(robot), radius_m=robot.radius_m + self.pushes.margin_m)
         follower = PathFollower(np.array(task.path_m), limits, clearance=self._clearance)
         last, start_s = motion.pose_m(), motion.now_s()
         moved_s, bumped_s = start_s, math.nan
@@ -232,7 +230,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
 
     def _back_off(self) -> Motion[TravelState | None]:
         """Retreat straight back over floor that was just driven on."""
-        yield from self.motion.straight(-0.1, self._behind_m, 4.0 + self._behind_m / 0.05)
+        yield from self.motion.straight(-RETREAT_M_S, self._behind_m, 4.0 + self._behind_m / 0.05)
         if self._as_planned:
             self._tasks.pop(0)
             return self._next()
@@ -335,20 +333,3 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         self.records.append(
             TravelRecord(motion.now_s(), str(self.state), event, motion.seen.pose_m, object, values)
         )
-
-
-def _clearance(problem: PlanningProblem) -> Callable[[Float[np.ndarray, "2"]], float]:
-    """Function that returns the distance to the nearest obstacle, from the map used for planning."""
-    robot = problem.robot
-    layers = grid_layers(problem.map, SpeedLimits(robot.radius_m, robot.v_max_m_s, robot.v_min_m_s))
-    distance, grid = layers.distance_m, problem.map
-    x, y, yaw = grid.origin
-    c, s, scale = math.cos(yaw), math.sin(yaw), 1.0 / grid.resolution_m
-    rows, columns = grid.shape
-
-    def clearance(point: Float[np.ndarray, "2"]) -> float:
-        dx, dy = float(point[0]) - x, float(point[1]) - y
-        column, row = int((c * dx + s * dy) * scale), int((c * dy - s * dx) * scale)
-        return float(distance[row, column]) if 0 <= row < rows and 0 <= column < columns else 0.0
-
-    return clearance
