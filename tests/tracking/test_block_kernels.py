@@ -8,6 +8,7 @@ from scipy.ndimage import map_coordinates
 from scipy.special import betaln, expit
 
 from visuohaptic.tracking.templates.alignment._block_kernels import block_step, block_sums
+from visuohaptic.tracking.templates.alignment._scatter_kernels import block_covariance, seen_blurs
 
 SIDE, DOWN, ACROSS, BORDER = 8, 3, 4, 2
 #: The last blocks of a row and of a column take what is left.
@@ -69,12 +70,15 @@ def scene(rng: np.random.Generator, theta: np.ndarray) -> tuple[np.ndarray, ...]
     """Sums of blocks whose image is the template moved by ``theta`` and softened; the last block shows something else."""
     x, y = np.linspace(-0.8, 0.8, ACROSS), np.linspace(-0.6, 0.6, DOWN)
     softened = rng.normal(0, 0.01, (DOWN, ACROSS, 2, 4))
+    known = np.random.default_rng(9).normal(0, 0.003, (DOWN, ACROSS, 2, 1))
+    softened = np.concatenate([softened, known], axis=-1)
     sums = np.zeros((DOWN, ACROSS, 28))
     for j in range(DOWN):
         for i in range(ACROSS):
             t, gx, gy = rng.normal(0, [[30.0], [300.0], [300.0]], (3, SIDE * SIDE))
             v, u = (part.ravel() / SIDE for part in np.mgrid[:SIDE, :SIDE] - 0.5 * (SIDE - 1))
-            motion = np.hstack([fields(x[i], y[j]), softened[j, i]]) @ theta
+            # The last column is a known motion, which a block shows beside those of the unknowns.
+            motion = design_of(x[i], y[j], softened[j, i]) @ theta - softened[j, i, :, 4]
             shown = 0.7 * (t - gx * motion[0] - gy * motion[1]) + 0.1 * u * t - 0.05 * v * t + 20.0
             if (j, i) == (DOWN - 1, ACROSS - 1):
                 shown = rng.normal(90, 30, SIDE * SIDE)
@@ -88,10 +92,15 @@ def fields(x: float, y: float) -> np.ndarray:
     return np.array([[1, x, y, 0, 0, 0, -x * x, -x * y], [0, 0, 0, 1, x, y, -x * y, -y * y]])
 
 
+def design_of(x: float, y: float, softened: np.ndarray) -> np.ndarray:
+    """Motions of a block due to the twelve unknowns, (2, 12)."""
+    return np.hstack([fields(x, y), softened[:, :4]])
+
+
 def twin(sums, x, y, softened, independent, noise, blur, passes):
     """What :func:`block_step` does, by least squares on every block and dense algebra."""
     motions, squares, chance, variances = [], [], [], []
-    for s in sums.reshape(-1, 28):
+    for s, known in zip(sums.reshape(-1, 28), softened[..., 4].reshape(-1, 2), strict=True):
         a = np.zeros((7, 7))
         a[UPPER] = s
         a = a + np.triu(a, 1).T
@@ -102,7 +111,7 @@ def twin(sums, x, y, softened, independent, noise, blur, passes):
         beside = left[1:, 1:] - np.outer(left[1:, 0], left[0, 1:]) / left[0, 0]
         metric = beside[:2, :2] + np.eye(2) * (1e-5 * np.trace(beside[:2, :2]) + 1e-9)
         seen = np.linalg.solve(metric, beside[:2, 2])
-        motions.append(-seen / gain)
+        motions.append(-seen / gain + known)
         squares.append(gain**2 * metric)
         variances.append(max((beside[2, 2] - seen @ beside[:2, 2]) / (s[0] - 6), 1 / 12))
         m = independent - 2
@@ -113,9 +122,9 @@ def twin(sums, x, y, softened, independent, noise, blur, passes):
     motions, squares, chance, variances = (
         np.array(part)[used] for part in (motions, squares, chance, variances)
     )
-    design = np.stack(
-        [np.hstack([fields(u, v), softened[j, i]]) for j, v in enumerate(y) for i, u in enumerate(x)]
-    )[used]
+    design = np.stack([design_of(u, v, softened[j, i]) for j, v in enumerate(y) for i, u in enumerate(x)])[
+        used
+    ]
     size = sums[..., 0].ravel()[used]
     wider = size / independent
     probability, scatter = expit(chance), 1.0
@@ -161,3 +170,81 @@ def test_the_step_equals_its_numpy_twin(seed: int) -> None:
     assert probability[-1, -1] == probability.min()
     assert probability.ravel()[:-1].min() > 0.9
     assert fits[:-1, :, 7] == pytest.approx(0.7, abs=0.05)
+
+
+def fitted(rng: np.random.Generator, scatter: float) -> tuple[np.ndarray, ...]:
+    """Motions of 12 x 12 blocks that scatter more than their pixels tell, the fit to them, and what produced them."""
+    x = y = np.linspace(-0.9, 0.9, 12)
+    softened = np.concatenate([rng.normal(0, 0.01, (12, 12, 2, 4)), np.zeros((12, 12, 2, 1))], axis=-1)
+    design = np.array([[design_of(x[i], y[j], softened[j, i]) for i in range(12)] for j in range(12)])
+    theta = np.concatenate([rng.normal(0, 0.003, 8), np.zeros(4)])
+    fits = np.zeros((12, 12, 9))
+    half = rng.normal(0, 300.0, (12, 12, 2, 2))
+    metric = half @ half.swapaxes(2, 3) + 1e3 * np.eye(2)
+    fits[..., 0], fits[..., 1], fits[..., 2] = metric[..., 0, 0], metric[..., 0, 1], metric[..., 1, 1]
+    noise = np.linalg.solve(np.linalg.cholesky(metric).swapaxes(2, 3), rng.normal(0, scatter, (12, 12, 2, 1)))
+    fits[..., 3:5] = design @ theta + noise[..., 0]
+    fits[..., 6] = 1.0
+    prior = np.diag([0.0] * 8 + [6.0**-2] * 3 + [1.0])
+    matrix = prior + np.einsum("jiak,jiab,jibl->kl", design, metric, design)
+    step = np.linalg.solve(matrix, np.einsum("jiak,jiab,jib->k", design, metric, fits[..., 3:5]))
+    return x, y, softened, fits, step, theta, design, metric, matrix
+
+
+def test_the_covariance_is_that_of_fits_without_each_block() -> None:
+    """A jackknife, made here by leaving out every block and fitting the others."""
+    x, y, softened, fits, step, _, design, metric, matrix = fitted(np.random.default_rng(3), 2.0)
+    probability, found = np.ones((12, 12)), np.zeros((12, 12))
+    ratio = block_covariance(x, y, softened, 1.0, 1.0, 6.0, 12, step, probability, fits, found)
+    whole = np.einsum("jiak,jiab,jib->k", design, metric, fits[..., 3:5])
+    inverse = np.linalg.inv(matrix)
+    expected = inverse[:, 8:] @ np.diag([6.0**-2] * 3 + [1.0]) @ inverse[8:]
+    for j, i in np.ndindex(12, 12):
+        d, w = design[j, i], metric[j, i]
+        without = np.linalg.solve(matrix - d.T @ w @ d, whole - d.T @ w @ fits[j, i, 3:5])
+        expected += np.outer(without - step, without - step)
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(found / scale, expected / scale, atol=1e-6)
+    assert ratio == pytest.approx(np.trace(matrix @ expected) / 12, rel=1e-6)
+
+
+@pytest.mark.parametrize("scatter", [1.0, 4.0])
+def test_the_covariance_follows_a_scatter_that_the_pixels_do_not_know(scatter: float) -> None:
+    z2 = []
+    for seed in range(60):
+        x, y, softened, fits, step, theta, *_ = fitted(np.random.default_rng(seed), scatter)
+        found = np.zeros((12, 12))
+        block_covariance(x, y, softened, 1.0, 1.0, 6.0, 12, step, np.ones((12, 12)), fits, found)
+        off = (step - theta)[:8]
+        z2.append(off @ np.linalg.solve(found[:8, :8], off) / 8)
+    # 480 squares: 6.5 % at one sigma; a covariance of a hundred blocks' scatter adds a tenth to the mean of its inverse.
+    assert np.mean(z2) == pytest.approx(1.0, abs=0.3)
+
+
+def test_a_blur_of_the_image_is_that_of_the_template_where_each_block_is() -> None:
+    """Second moments are mapped by the derivative of the warp, made here by finite differences."""
+    rng = np.random.default_rng(4)
+    h = np.array([[90.0, 20.0, 300.0], [-15.0, 60.0, 200.0], [0.1, -0.2, 1.0]])
+    x, y, unit, variance = np.linspace(-0.9, 0.9, 5), np.linspace(-0.5, 0.5, 3), 60.0, 0.7
+    softened = rng.normal(0, 0.01, (3, 5, 2, 4))
+    seen, mean, moments = np.zeros((3, 5, 2, 5)), np.zeros(3), np.array([0.8, 0.3, 1.4])
+    seen_blurs(softened, x, y, h, unit, variance, seen, mean)
+
+    def warp(at: np.ndarray) -> np.ndarray:
+        mapped = h @ np.append(at, 1.0)
+        return mapped[:2] / mapped[2]
+
+    blurs = []
+    for j, i in np.ndindex(3, 5):
+        at, step = np.array([x[i], y[j]]), 1e-5
+        jacobian = np.stack([warp(at + step * axis) - warp(at - step * axis) for axis in np.eye(2)], axis=-1)
+        back = np.linalg.inv(jacobian / (2 * step * unit))
+        there = back @ moments[[[0, 1], [1, 2]]] @ back.T
+        blurs.append(0.5 * np.trace(there))
+        expected = softened[j, i, :, :3] @ [there[0, 0], there[0, 1], there[1, 1]]
+        np.testing.assert_allclose(seen[j, i, :, :3] @ moments, expected, rtol=1e-6)
+        known = -variance * softened[j, i, :, [0, 2]].sum(axis=0)
+        np.testing.assert_allclose(
+            seen[j, i, :, 3:], np.column_stack([softened[j, i, :, 3], known]), rtol=1e-12
+        )
+    assert mean @ moments == pytest.approx(np.mean(blurs), rel=1e-6)

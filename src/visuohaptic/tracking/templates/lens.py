@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from jaxtyping import Float32
 
@@ -34,7 +36,7 @@ def lens_samples(camera: Camera, template: Template, pose: Pose) -> Float32[np.n
 def lens_offset(samples: Float32[np.ndarray, "17 17 2"], template: Template) -> Float32[np.ndarray, "2 R C"]:
     """Lens displacement at every pixel of the template.
 
-    It is smooth: 17 x 17 exact points and cubic interpolation have an error below 1e-3 px.
+    It is smooth: a cubic spline through 17 x 17 exact points has an error below 1e-4 px.
 
     Parameters
     ----------
@@ -43,11 +45,14 @@ def lens_offset(samples: Float32[np.ndarray, "17 17 2"], template: Template) -> 
     template
         The same template, of R x C pixels.
     """
-    import cv2
+    down, across = (_spline(size) for size in template.image.shape)
+    return np.ascontiguousarray(np.stack([down @ part @ across.T for part in samples.transpose(2, 0, 1)]))
 
-    rows, columns = template.image.shape
-    # The first and last sample are on the first and last pixel: scale by samples - 1, not by size.
-    sample_x = np.tile(np.linspace(0, 16, columns, dtype=np.float32), (rows, 1))
-    sample_y = np.repeat(np.linspace(0, 16, rows, dtype=np.float32)[:, None], columns, axis=1)
-    spread = cv2.remap(samples, sample_x, sample_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    return np.ascontiguousarray(spread.transpose(2, 0, 1))
+
+@lru_cache(maxsize=64)
+def _spline(size: int) -> Float32[np.ndarray, "size 17"]:
+    """Values at every pixel of a side of the cubic spline through 17 samples, the outer ones on its first and last pixel."""
+    from scipy.interpolate import CubicSpline
+
+    spline = CubicSpline(np.linspace(0, size - 1, 17), np.eye(17))
+    return np.asarray(spline(np.arange(size)), np.float32)

@@ -28,8 +28,9 @@ from .template import Template
 
 _log = logging.getLogger(__name__)
 
-#: chi^2 of the eight coordinates of the corners about the six of a pose that one frame in 10,000 exceeds.
-_NO_POSE_CHI2 = -2.0 * float(np.log(1e-4))
+#: The corners' covariance is known up to a factor, whose inverse has so many degrees of freedom: the maximum of the
+#: likelihood of chi^2, F-distributed, in open pictures of another renderer.
+_SCATTER_FREEDOM = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +78,8 @@ class _Track:
     lens: Float32[np.ndarray, "17 17 2"] | None = None  #: lens displacement beyond the homography [px]
     offset: Float32[np.ndarray, "2 R C"] | None = None  #: the same at every pixel
     tries: int = 0  #: number of detections since it was lost
-    blur: float | None = (
-        None  #: blur of the image relative to the template [template px^2]; None: not measured yet
-    )
+    #: blur of the image relative to the template [template px^2]; None: not measured yet
+    blur: float | None = None
     curve: float | None = None  #: curve from light to grey levels; None: not measured yet
     blur_age: int = 0  #: frames since the blur was measured
     blur_scale: float = 0.0  #: size in the image when the blur was measured [px]
@@ -210,8 +210,8 @@ class TemplateTracker(Closing):
         if not poses:
             return self._loose(track, t_s, "no pose has the template in front of the camera", alignment)
         chosen, ambiguous, covariance = self._choose(track, poses)
-        # Of corners that fit no pose, the scatter about it is the better estimate of their accuracy.
-        scatter = 0.5 * chosen.chi2 if chosen.chi2 > _NO_POSE_CHI2 else 1.0
+        # The eight coordinates of the corners scatter about the six of a pose: two more observations of the factor.
+        scatter = (_SCATTER_FREEDOM + chosen.chi2) / (_SCATTER_FREEDOM + 2.0)
         within = corners_within(scatter * alignment.corner_covariance, self.settings.esm.right_px)
         if within < self.settings.esm.min_probability:
             return self._loose(track, t_s, f"the corners fit no pose (chi2 {chosen.chi2:.0f})", alignment)

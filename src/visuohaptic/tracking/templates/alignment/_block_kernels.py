@@ -216,8 +216,8 @@ def block_step(sums, x, y, softened, independent, full, noise, blur, passes, ste
     x, y
         Centred coordinates of the blocks' middles, (columns,) and (rows,).
     softened
-        Apparent motion of each block due to a blur of 1 px^2, along x, across, along y, and due to the curve,
-        (rows, columns, 2, 4).
+        Apparent motion of each block due to a blur of 1 px^2 of the image, along x, across, along y, due to the curve, and
+        a known one, (rows, columns, 2, 5).
     independent
         Number of independent values in a block, (rows, columns).
     full
@@ -252,6 +252,8 @@ def block_step(sums, x, y, softened, independent, full, noise, blur, passes, ste
             if sums[j, i, 0] < full:
                 continue
             _block_fit(sums[j, i], scratch, fit)
+            fit[3] += softened[j, i, 0, 4]
+            fit[4] += softened[j, i, 1, 4]
             m = max(independent[j, i] - 2.0, 3.0)
             # Density of a chance correlation; for the template, with unknown noise and blur, it is 1.
             beta = math.lgamma(0.5) + math.lgamma(0.5 * (m - 2.0)) - math.lgamma(0.5 * (m - 1.0))

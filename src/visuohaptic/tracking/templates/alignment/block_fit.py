@@ -24,8 +24,60 @@ import numpy as np
 from jaxtyping import Float
 
 from .esm_pyramid import NO_OFFSET, Work
-from .esm_template import BLUR_VARIANCES
+from .esm_template import BLUR_VARIANCES, Level
 from .warp import is_proper, motion_jacobian
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Blocks:
+    """Motions of the blocks, and the common motion that was fitted to them."""
+
+    fields: tuple[np.ndarray, np.ndarray, np.ndarray]  #: x, y and apparent motions, as in ``block_step``
+    noise: tuple[
+        float, float
+    ]  #: variance of a sum relative to that of independent pixels; variance of a pixel
+    step: Float[np.ndarray, "12"]  #: common motion, blur and curve
+    moved: Float[np.ndarray, "8"]  #: motion that was applied
+    probability: Float[np.ndarray, "down across"]
+    fits: Float[np.ndarray, "down across 9"]
+    jacobian: Float[
+        np.ndarray, "8 8"
+    ]  #: derivative of the corners [px of the image] with respect to the motion
+
+    def covariance(self) -> Float[np.ndarray, "8 8"] | None:
+        """Covariance of the corners [px^2 of the image] from the scatter of the blocks; None if they do not determine it.
+
+        Errors of the model (blur, compression, interpolation, paper that is not flat) are common to neighbouring pixels,
+        much less to neighbouring blocks: the scatter of the blocks contains them, and needs no independent pixels (Liang
+        and Zeger, Biometrika 73 (1986); each block about the fit to the others, as in a jackknife).
+        """
+        found, ratio = self._scatter(self.step, self.fits, 12)
+        # Not better than independent pixels: blocks that scatter are taken for other content, which leaves the others.
+        found /= min(max(ratio, 1e-3), 1.0)
+        return np.asarray(self.jacobian @ found[:8, :8] @ self.jacobian.T) if ratio > 0.0 else None
+
+    def excess(self, off: Float[np.ndarray, "8"]) -> float:
+        """Variance of the motion of a fit to all pixels, relative to that with independent pixels.
+
+        Parameters
+        ----------
+        off
+            Its corners relative to those of this fit [px of the image]: the blocks scatter about it, whose blur and curve
+            are those of the level.
+        """
+        step, fits = np.zeros(12), self.fits.copy()
+        step[:8] = self.moved + np.linalg.solve(self.jacobian, off)
+        fits[..., 3:5] -= self.fields[2][..., 4]
+        return max(self._scatter(step, fits, 8)[1], 1.0)
+
+    def _scatter(self, step: np.ndarray, fits: np.ndarray, count: int) -> tuple[np.ndarray, float]:
+        from ._scatter_kernels import block_covariance
+
+        found = np.zeros((12, 12))
+        ratio = block_covariance(
+            *self.fields, *self.noise, BLUR_VARIANCES[-1], count, step, self.probability, fits, found
+        )
+        return found, float(ratio)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +95,7 @@ class BlockFit:
     shade: Float[
         np.ndarray, "6"
     ]  #: illumination as a polynomial in 1, x, y, x^2, x y, y^2 of the centred coordinates, 1 at the middle
+    blocks: Blocks
 
     def probability(self, within_px: float) -> float:
         """Probability that the template is present and all its corners are accurate to ``within_px``.
@@ -96,6 +149,7 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
     """
     from ._block_kernels import block_step, block_sums
     from ._esm_kernels import exponential
+    from ._scatter_kernels import seen_blurs
 
     level, image, h = work.pair(k)
     h = np.ascontiguousarray(h / h[2, 2])
@@ -110,14 +164,19 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
     noise = max(1.0, 1.0 / work.relative**2)
     offset = work.bent if work.offset is not None and k == 0 else NO_OFFSET
     x, y = _middles(level.x, level.side), _middles(level.y, level.side)
+    variance_here = work.template.variance(work.chain, work.blur if k == 0 else 0) / (
+        work.block[0] * work.block[1]
+    )
+    softened, blurs = np.zeros((down, across, 2, 5)), np.zeros(3)
+    seen_blurs(level.softened, x, y, h, level.unit, variance_here, softened, blurs)
     converged, before, factor = False, np.zeros(12), 1.0
     for _ in range(passes):
         place = h @ to_centred
         block_sums(
-            image, level.image, level.gradient_x, level.gradient_y, offset, place, k == 0, level.side, work.border, sums
+            image, level.image, level.gradient_x, level.gradient_y, offset, place, k == 0, level.side, level.border, sums
         )  # fmt: skip
         log_odds, variance = block_step(
-            sums, x, y, level.softened, level.independent, 0.5 * level.side**2, noise, BLUR_VARIANCES[-1], turns,
+            sums, x, y, softened, level.independent, 0.5 * level.side**2, noise, BLUR_VARIANCES[-1], turns,
             step, matrix, probability, fits,
         )  # fmt: skip
         if not np.isfinite(log_odds):
@@ -128,8 +187,8 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
         if length > 0.0:
             factor = np.clip(factor / (1.0 - min(float(before @ matrix @ step) / length, 0.9)), 0.5, 4.0)
         before[:8] = step[:8]
-        step *= factor
-        exponential(step[:8], growth)
+        moved = factor * step[:8]
+        exponential(moved, growth)
         h = h @ growth
         h = h / h[2, 2]
         back = h @ level.from_template
@@ -137,20 +196,38 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
         work.homography = back / back[2, 2]
         if not is_proper(work.homography, work.template.corners):
             return None
-        converged = np.abs(step[:8]).max() * level.unit < work.settings.tolerance_px
+        converged = np.abs(moved).max() * level.unit < work.settings.tolerance_px
         if converged:
             break
     corners = work.template.corners @ level.from_template[:2, :2].T + level.from_template[:2, 2]
     jacobian = motion_jacobian(h, corners).reshape(8, 8) * 2.0 ** (work.image_base + k)
-    covariance = jacobian @ np.linalg.inv(matrix)[:8, :8] @ jacobian.T
+    blocks = Blocks((x, y, softened), (noise, variance), step, moved, probability, fits, jacobian)
+    softer = -float(blurs @ step[8:11]) - variance_here
+    return _result(work, level, blocks, log_odds, bool(converged), softer)
+
+
+def _result(
+    work: Work, level: Level, blocks: Blocks, log_odds: float, converged: bool, softer: float
+) -> BlockFit | None:
+    """The fit with its covariance; None if the blocks do not determine it."""
+    covariance = blocks.covariance()
+    if covariance is None:
+        return None
+    x, y, _ = blocks.fields
+    variance, probability = blocks.noise[1], blocks.probability
     # Expected squared correlation of each block: blank paper contains no information.
     telling = 1.0 / (1.0 + variance / np.maximum(work.light[0] ** 2 * level.contrast, 1e-9))
-    seen = float((telling * probability).sum() / telling.sum())
-    softer = -0.5 * float(step[8] + step[10]) / factor
-    curve = -float(step[11]) / factor
-    shade = _shade(x, y, fits, probability)
     return BlockFit(
-        work.homography, covariance, seen, log_odds, variance, bool(converged), softer, curve, shade
+        homography=work.homography,
+        covariance=covariance,
+        seen=float((telling * probability).sum() / telling.sum()),
+        log_odds=log_odds,
+        variance=variance,
+        converged=converged,
+        softer=softer,
+        curve=-float(blocks.step[11]),
+        shade=_shade(x, y, blocks.fits, probability),
+        blocks=blocks,
     )
 
 

@@ -306,7 +306,8 @@ def _in_even_light(work: Work, fit: BlockFit, even: bool) -> BlockFit:
         or off @ np.linalg.solve(fit.covariance, off) >= 20.1  # chi^2 of 8 degrees of freedom
     ):
         return fit
-    return replace(fit, homography=homography, covariance=_covariance(work, work.centred))
+    covariance = fit.blocks.excess(off) * _covariance(work, work.centred)
+    return replace(fit, homography=homography, covariance=covariance)
 
 
 def _noise_variance(work: Work) -> float:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...points.homography import apply_homography
-from .esm_template import BLUR_VARIANCES, CURVES, LENS, EsmTemplate, Level
+from .esm_template import CURVES, EsmTemplate, Level
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,15 +185,6 @@ class Work:
         self.finest = self.template.finest(self.chain, self.blur, self.curve)
         return before != (self.blur, self.curve)
 
-    @property
-    def border(self) -> int:
-        """Width of the border of a level that is affected by blur from outside the template [px].
-
-        Beyond three standard deviations of the blur it is less than 0.15 %.
-        """
-        reach = int(3.0 * np.sqrt(max(BLUR_VARIANCES[self.blur], LENS)))
-        return min(self.finest.side // 3, reach)
-
     def shade(self, light: np.ndarray) -> None:
         """Apply uneven illumination to the finest level, and exclude its border.
 
@@ -202,8 +193,8 @@ class Work:
         light
             Polynomial of the centred coordinates, 1 at the middle, (6,).
         """
-        inner = slice(self.border, -self.border)
         level = self.finest
+        inner = slice(level.border, -level.border)
         level = replace(
             level,
             x=level.x[inner],
@@ -211,7 +202,7 @@ class Work:
             image=level.image[inner, inner],
             gradient_x=level.gradient_x[inner, inner],
             gradient_y=level.gradient_y[inner, inner],
-            rows=level.rows[: -2 * self.border],
+            rows=level.rows[: -2 * level.border],
         )
         if self.offset is not None:
             self.bent = np.ascontiguousarray(self.bent[:, inner, inner])
