@@ -128,7 +128,7 @@ def _suitable(
         )
     if (suits or large) and repair:
         state, notes = repair_mesh(state, thickness_m, around)
-        suits = why_not_as_it_is(state)
+        suits = suits and why_not_as_it_is(state)
     if suits:
         remedy = "repair it, or resample it with --remesh cast" if repair else "allow remeshing"
         raise InputError(where, f"cannot be used as it is: {suits}", field="mesh", remedy=remedy)

@@ -121,6 +121,7 @@ def repair_mesh(state: MeshState, thickness_m: float, around: int) -> tuple[Mesh
     tuple
         The mesh, and a description of the changes for display.
     """
+    fine = not why_not_as_it_is(state)  # but for single triangles: its wall is not made coarser for them
     notes: list[str] = []
     if state.branching_edges or _parts(state) > 1:
         return state, notes
@@ -146,13 +147,13 @@ def repair_mesh(state: MeshState, thickness_m: float, around: int) -> tuple[Mesh
     if large_faces(state):
         vertices, faces = split_edges(vertices, faces, DIAGONAL * limit, clamped_foot(vertices))
         state = _state(state, vertices, faces)
-    if _usual_length(vertices, _loaded(state)) > limit:
+    if not fine and _usual_length(vertices, _loaded(state)) > limit:
         vertices, faces = split_edges(vertices, faces, limit, clamped_foot(vertices))
         # The halves of long triangles may be too narrow: collapse these.
         vertices, faces, _ = collapse_edges(vertices, faces, 0.75 * limit, 2 * tolerance)
     faces = flip_edges(vertices, faces, tolerance)
     state = _state(state, vertices, faces)
-    if "obtuse" in why_not_as_it_is(state):
+    if not fine and "obtuse" in why_not_as_it_is(state):
         vertices, faces, more = collapse_edges(vertices, faces, length, tolerance)
         moved = max(moved, more)
         state = _state(state, vertices, flip_edges(vertices, faces, tolerance))
