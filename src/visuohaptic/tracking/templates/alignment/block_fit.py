@@ -24,7 +24,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
-from .esm_pyramid import NO_OFFSET, Work
+from .esm_pyramid import NO_OFFSET, EsmSettings, Work
 from .esm_template import BLUR_VARIANCES, Level
 from .warp import is_proper, motion_jacobian
 
@@ -127,6 +127,26 @@ def corners_within(covariance: Float[np.ndarray, "8 8"], within_px: float) -> fl
         # A corner whose larger variance is v has an error beyond r with probability at most exp(-r^2 / 2 v).
         missed += math.exp(-0.5 * within_px**2 / max(larger, 1e-12))
     return max(0.0, 1.0 - missed)
+
+
+def doubt(fit: BlockFit | None, settings: EsmSettings) -> str:
+    """Why a fit is rejected; empty if it is accepted.
+
+    Parameters
+    ----------
+    fit
+        None if the blocks do not determine one.
+    settings
+        With the limits.
+    """
+    if fit is None or not fit.converged:
+        return "no convergence"
+    if fit.seen < settings.min_seen:
+        return f"only {100 * fit.seen:.0f} % of the template is visible"
+    probability = fit.probability(settings.right_px)
+    if probability < settings.min_probability:
+        return f"accurate to {settings.right_px:g} px with a probability of {probability:.3f} only"
+    return ""
 
 
 def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
