@@ -165,7 +165,9 @@ def test_speeds_before_the_goal_and_at_corners():
     sharp = PathFollower(np.array([[0.0, 0.0], [1.0, 0.0], [1.0 + math.cos(0.31), math.sin(0.31)]]))
     assert told(sharp, 0.9905, 0.0)[0] == pytest.approx(math.sqrt(0.5 * 0.0095))
     assert told(sharp, 0.995, 0.0) == pytest.approx((0.0, 3.0 * 0.31))
-    near = PathFollower(np.array([[0.0, 0.0], [2.0, 0.0]]), clearance=lambda point: 2.0 - point[0])
+    near = PathFollower(
+        np.array([[0.0, 0.0], [2.0, 0.0]]), clearance=lambda point: float(np.hypot(2.0 - point[0], point[1]))
+    )
     limits = FollowLimits()
     # What is nearest 30 cm ahead counts, if the path goes as far.
     assert told(near, 1.3, 0.0)[0] == pytest.approx(limits.speed_m_s(0.4))

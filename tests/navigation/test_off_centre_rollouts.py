@@ -39,7 +39,9 @@ def domain():
 
 def box_at(pose):
     """The box after a motion, metres about its first centre."""
-    return affinity.translate(affinity.rotate(shapely.Polygon(BOX), pose[2], (0, 0), use_radians=True), *pose[:2])
+    return affinity.translate(
+        affinity.rotate(shapely.Polygon(BOX), pose[2], (0, 0), use_radians=True), *pose[:2]
+    )
 
 
 def approaches(domain, scene):
@@ -110,7 +112,9 @@ def test_the_sample_of_drives_is_limited_and_of_all_sides(domain):
 
 def test_the_box_and_the_robot_fit_where_no_wall_is(domain):
     scene = drives.scene_of(domain, 0)
-    walls = shapely.box(-PLACE[0], -PLACE[1], 6.0 - PLACE[0], 4.0 - PLACE[1]).exterior.buffer(CELL_M, join_style="mitre")
+    walls = shapely.box(-PLACE[0], -PLACE[1], 6.0 - PLACE[0], 4.0 - PLACE[1]).exterior.buffer(
+        CELL_M, join_style="mitre"
+    )
     x, y = np.meshgrid(np.linspace(-3.2, 3.2, 33), np.linspace(-2.2, 2.2, 23))
     poses = np.stack([x.ravel(), y.ravel(), np.linspace(-1.0, 1.0, x.size)], axis=1)
     gaps_m = np.array([box_at(pose).distance(walls) for pose in poses])
