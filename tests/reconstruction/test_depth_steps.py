@@ -180,3 +180,24 @@ def test_a_moved_view_is_brought_back_and_is_likely_there() -> None:
     edges = np.log(0.9 * 0.2 * CAMERA.focal_px / both._edge_px / math.sqrt(2 * math.pi) + 0.1)
     assert right == pytest.approx(planes + edges, rel=1e-3)
     assert _mixture(np.array([30.0]), 5.0) == pytest.approx(math.log(0.1))
+
+
+def test_points_of_another_view_are_those_in_its_picture_and_edges_those_at_its_depth() -> None:
+    both = views(scene(), scene())
+    fx, fy, cx, cy = both.numbers
+    asked = [(-0.45, 3.2), (-0.55, 3.2), (159.45, 3.2), (159.55, 3.2)]
+    asked += [(7.6, -0.45), (7.6, -0.55), (7.6, 119.45), (7.6, 119.55)]
+    points_m = np.array([((u - cx) / fx * 0.8, (v - cy) / fy * 0.8, 0.8) for u, v in asked])
+    points_m = np.concatenate([points_m, [[0.0, 0.0, 0.04], [0.0, 0.0, -1.0]]])
+    # The camera is where a pose of the other one brings it: only the difference counts.
+    pose = moved(np.eye(4), np.array([0.3, 0.1, -0.4, 0.5, -0.2, 0.1]))
+    world, u, v, z, i, j = both._projected(points_m, pose, pose)
+    kept = points_m[:8:2]
+    np.testing.assert_allclose(world, kept @ pose[:3, :3].T + pose[:3, 3])
+    np.testing.assert_allclose(np.stack([u, v], axis=1), asked[::2], atol=1e-9)
+    np.testing.assert_allclose(z, 0.8)
+    assert list(zip(i.tolist(), j.tolist(), strict=True)) == [(3, 0), (3, 159), (0, 8), (119, 8)]
+    # The same rim, 9 cm behind: beyond twice a reach of 4 cm, within twice 5 cm.
+    behind = np.array([np.eye(4), moved(np.eye(4), np.array([0, 0, 0, 0, 0, -0.09]))])
+    assert len(both._edge_rows(0, 1, behind, 0.04)[0]) == 0
+    assert len(both._edge_rows(0, 1, behind, 0.05)[0]) > 100
