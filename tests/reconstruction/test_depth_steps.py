@@ -26,7 +26,7 @@ def scene() -> np.ndarray:
 
 def found_in(depth_m: np.ndarray) -> set[tuple[int, int]]:
     """Pixels of the steps: those of distance zero."""
-    return set(map(tuple, np.argwhere(depth_edges(depth_m, CAMERA).distance_px == 0.0).tolist()))
+    return {(i, j) for i, j in np.argwhere(depth_edges(depth_m, CAMERA).distance_px == 0.0).tolist()}
 
 
 def rim() -> set[tuple[int, int]]:
