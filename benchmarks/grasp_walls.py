@@ -5,7 +5,7 @@ by 10 % along the height, and a modulus of .75 to 1.3 times that of PET. The out
 two heights and firmly at one, all at random; the grasp is planned elsewhere.
 
     python -m benchmarks.grasp_walls --seeds open --count 30
-    python -m benchmarks.grasp_walls --oval         opaque containers that are not round, on the map of their class
+    python -m benchmarks.grasp_walls --oval         opaque containers that are not round, on the map of their outline
     python -m benchmarks.grasp_walls --fit          most probable constants of ``recognition.touch.refinement`` for a measured outline
     python -m benchmarks.grasp_walls --fit --oval   the same for a map of a class
 """
@@ -26,13 +26,24 @@ from tests.worlds.shells import Revolution
 from visuohaptic.core.measurement import AIR_PA
 from visuohaptic.core.resources import one_blas_thread
 from visuohaptic.deformation import mesh_container, object_map
+from visuohaptic.deformation.shapes import ContainerDescription, load_container
 from visuohaptic.deformation.shells.shell_material import IsotropicMaterial
 from visuohaptic.demo import hand_chapters
-from visuohaptic.demo.bottle import NECK_M, WALL_M, TableBottle, other_table_container, random_table_bottle
+from visuohaptic.demo.bottle import (
+    GROUPS,
+    NECK_M,
+    WALL_M,
+    TableBottle,
+    container_of_outline,
+    other_table_container,
+    random_table_bottle,
+)  # fmt: skip
 from visuohaptic.demo.probe_chapters import HEIGHT_SIGMA_M
 from visuohaptic.demo.story import Known
+from visuohaptic.recognition import UNKNOWN
 from visuohaptic.recognition.touch import stiffness_samples
 from visuohaptic.recognition.touch.contents import wall_from_stiffness
+from visuohaptic.recognition.touch.outline_match import nearest_variant
 from visuohaptic.recognition.touch.refinement import CLASS, OUTLINE
 from visuohaptic.simulation.tabletop import OvalContainer
 from visuohaptic.simulation.tabletop.deformable import DeformableContainer
@@ -147,7 +158,7 @@ def profile(seed: int, oval: bool = False) -> tuple[np.ndarray, np.ndarray, np.n
         )  # fmt: skip
         several = np.array([np.interp(z, at, one) for one in logs])
         return z, true - several.mean(axis=0), several - several.mean(axis=0)
-    model = mesh_container(known.class_model, around=32)
+    model = mesh_container(class_shape(bottle.name, known), around=32)
     k, (x, y, height) = object_map(model, band=False).stiffness_N_per_m, model.mesh.vertices_m.T
     turns = np.round(np.arctan2(y, x) % math.pi, 6)
     prior = []
@@ -159,6 +170,13 @@ def profile(seed: int, oval: bool = False) -> tuple[np.ndarray, np.ndarray, np.n
         scaled = z * model.height_m / float(known.outline_m[-1, 1])
         prior.append(np.interp(scaled, height[ring][order], np.log(k[ring][order])))
     return z, true - np.array(prior), np.zeros((2, len(z)))
+
+
+def class_shape(name: str, known: Known) -> ContainerDescription:
+    """The member of a class that is nearest to the measured outline; of none, the outline itself."""
+    if name == UNKNOWN:
+        return container_of_outline(known.outline_m, known.squash)
+    return nearest_variant(load_container(GROUPS[name][0]), known.outline_m)
 
 
 def most_probable(

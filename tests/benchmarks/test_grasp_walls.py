@@ -13,7 +13,7 @@ from visuohaptic.recognition.touch.refinement import CLASS, OUTLINE
 def test_the_constants_are_the_most_probable_ones_of_the_campaign() -> None:
     """Printed by ``benchmarks.grasp_walls --fit --count 24``, and with ``--oval``: within a fifth, of which half is rounding."""
     np.testing.assert_allclose(OUTLINE, (0.178, 0.230, 0.0100), rtol=0.1)
-    np.testing.assert_allclose(CLASS, (0.514, 0.394, 0.0072), rtol=0.1)
+    np.testing.assert_allclose(CLASS, (0.548, 0.246, 0.0053), rtol=0.1)
     assert np.hypot(*CLASS[:2]) == pytest.approx(UNSTATED_SIGMA)
 
 

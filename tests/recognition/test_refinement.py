@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import InputError, StiffnessMap
-from visuohaptic.recognition.touch import correct_map, map_of_outline, stiffness_samples
+from visuohaptic.deformation import mesh_container, object_map
+from visuohaptic.deformation.shapes.container import Base, ContainerDescription, WallSection
+from visuohaptic.recognition.touch import correct_map, map_of_outline, map_of_oval, stiffness_samples
 from visuohaptic.recognition.touch._round_body import round_body
 
 
@@ -25,13 +27,13 @@ def test_a_corrected_map_is_right_where_it_was_touched_and_doubtful_elsewhere() 
 
 
 def test_the_deviation_of_a_corrected_map_is_that_of_its_two_parts() -> None:
-    """A common factor of 50 % and a local one of 40 % over 7 mm, conditioned on one exact measurement, in closed form."""
-    z = np.array([0.0, 0.007, 1.0])
+    """A common factor of 55 % and a local one of 25 % over 5 mm, conditioned on one exact measurement, in closed form."""
+    z = np.array([0.0, 0.005, 1.0])
     points = np.stack([0 * z, 0 * z, z], axis=1)
     found = StiffnessMap(points, np.array([[0, 1, 2]]), np.full(3, 1000.0), np.full(3, 200.0))
     new = correct_map(found, points[:1], np.array([1300.0]), np.array([1e-6]))
-    shared = 0.5**2 + 0.4**2 * np.exp([0.0, -0.5, -np.inf])
-    whole = 0.5**2 + 0.4**2
+    shared = 0.55**2 + 0.25**2 * np.exp([0.0, -0.5, -np.inf])
+    whole = 0.55**2 + 0.25**2
     np.testing.assert_allclose(new.stiffness_N_per_m, 1000 * 1.3 ** (shared / whole), rtol=1e-4)
     sigma = np.sqrt(np.maximum(whole - shared**2 / whole, 0.0))
     relative = new.stiffness_sigma_N_per_m / new.stiffness_N_per_m
@@ -96,3 +98,32 @@ def test_deviations_of_another_map_are_refused() -> None:
     found = StiffnessMap(points, np.array([[0, 1, 2]]), np.full(3, 1000.0), np.full(3, 200.0))
     with pytest.raises(InputError, match=r"correct_map: deviations: found \(4,\) deviations, .* of 3 points"):
         correct_map(found, points[:1], np.array([1300.0]), np.array([0.1]), np.zeros((5, 4)))
+
+
+def test_the_lid_of_an_oval_is_a_mixture_that_squeezes_decide() -> None:
+    """Near the rim a lid changes the stiffness by a factor; a squeeze there tells it, one in the middle does not."""
+    oval = ContainerDescription(
+        name="oval",
+        base=Base(shape="ellipse", radius=(0.042, 0.042), radius_y=(0.026, 0.026)),
+        sections=[WallSection(height=(0.15, 0.15))],
+        wall=(7e-4, 7e-4),
+    )
+    model = mesh_container(oval, around=16)
+    x, y, z = model.mesh.vertices_m.T
+    on_top = np.flatnonzero((np.abs(y) < 1e-9) & (x > 0) & (z > 0.12) & (z < 0.14))[0]
+    alone, held = (map_of_oval(model, p)[0].stiffness_N_per_m for p in (0.0, 1.0))
+    given = np.isfinite(alone)
+    np.testing.assert_allclose(
+        alone[given], object_map(model, band=False).stiffness_N_per_m[given], rtol=1e-9
+    )
+    assert held[on_top] > 1.5 * alone[on_top]
+    surface, deviations = map_of_oval(model, 0.5)
+    assert surface.stiffness_N_per_m[on_top] == pytest.approx(np.sqrt(alone[on_top] * held[on_top]), rel=1e-9)
+    lid = np.log(held[on_top] / alone[on_top])
+    # Variances of the lid and of the wall: p (1 - p) of the factor's logarithm, and 55 % squared.
+    assert (deviations[:, on_top] ** 2).sum() / 3 == pytest.approx(0.25 * lid**2 + 0.55**2, rel=1e-9)
+    middle = np.flatnonzero((np.abs(y) < 1e-9) & (x > 0) & (z > 0.07) & (z < 0.08))[0]
+    places = model.mesh.vertices_m[[middle, on_top]]
+    for true in (alone, held):
+        after = correct_map(surface, places, true[[middle, on_top]], np.full(2, 0.05), deviations)
+        assert after.stiffness_N_per_m[on_top] == pytest.approx(true[on_top], rel=0.1)

@@ -147,8 +147,10 @@ def _wall(
     return np.column_stack([r, z, thickness]), mass
 
 
-def container_of_outline(outline_m: Float[np.ndarray, "k 2"], squash: float = 1.0) -> ContainerDescription:
-    """A container of no class, as measured.
+def container_of_outline(
+    outline_m: Float[np.ndarray, "k 2"], squash: float = 1.0, like: ContainerDescription | None = None
+) -> ContainerDescription:
+    """A container as measured, of a neck with the thickness of a thread.
 
     Parameters
     ----------
@@ -156,7 +158,10 @@ def container_of_outline(outline_m: Float[np.ndarray, "k 2"], squash: float = 1.
         Radius and height [m], upwards; the half-axis along x if it is not round.
     squash
         Ratio of the half-axes along y and x.
+    like
+        Container of its class, for wall and material; by default PET as thick as that of no class.
     """
+    wall_m = WALL_M if like is None else float(like.wall[0])
     z = np.linspace(outline_m[0, 1], outline_m[-1, 1], HEIGHTS + 1)
     radii = [(float(r), float(r)) for r in np.interp(z, outline_m[:, 1], outline_m[:, 0])]
     across = None if squash == 1.0 else (squash * radii[0][0], squash * radii[0][0])
@@ -164,8 +169,16 @@ def container_of_outline(outline_m: Float[np.ndarray, "k 2"], squash: float = 1.
     return ContainerDescription(
         name=UNKNOWN,
         base=Base(shape="ellipse" if across else "circle", radius=radii[0], radius_y=across),
-        sections=[WallSection(height=(step, step), radius=radius) for radius in radii[1:]],
-        wall=(WALL_M, WALL_M),
+        sections=[
+            WallSection(
+                height=(step, step),
+                radius=radius,
+                wall=(max(NECK_M, wall_m),) * 2 if low >= 0.9 * z[-1] else None,
+            )
+            for low, radius in zip(z[:-1], radii[1:], strict=True)
+        ],
+        wall=(wall_m, wall_m),
+        material="PET" if like is None else like.material,
     )
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from ..core import Estimate, Frame
 from ..deformation.maps.features import HEIGHTS
 from ..deformation.shapes.container import load_container
-from ..recognition.touch import map_of_outline, smooth_errors, stiffness_samples
+from ..recognition.touch import map_of_outline, map_of_oval, smooth_errors, stiffness_samples
 from ..recognition.touch.belief import with_outline
 from ..recognition.touch.contents import FILLINGS, SCALE, ContentsModel, wall_from_stiffness
 from ..recognition.touch.haptic_model import UNKNOWN, HapticModel, ModelSettings, fit_model
@@ -273,13 +273,13 @@ def _report_classes(mission: Mission, found: Classification) -> str:
 
 
 def _take_class(known: Known, name: str) -> float:
-    """Store the class with its nearest variant, or the outline itself for an unknown one; returns its wall [m]."""
-    known.class_name = name
-    known.class_model = (
-        container_of_outline(known.outline_m, known.squash)
-        if name == UNKNOWN
-        else nearest_variant(load_container(GROUPS.get(name, (name,))[0]), known.outline_m)
-    )
+    """Store the class with its nearest variant, or the outline itself if it is unknown or oval; returns its wall [m]."""
+    known.class_name, variant = name, None
+    if name != UNKNOWN:
+        variant = nearest_variant(load_container(GROUPS.get(name, (name,))[0]), known.outline_m)
+    if variant is None or known.squash < 1.0:
+        variant = container_of_outline(known.outline_m, known.squash, variant)
+    known.class_model = variant
     return float(known.class_model.wall[0])
 
 
@@ -341,17 +341,17 @@ def _between_fingers(known: Known, lift: LiftPlan) -> Float[np.ndarray, "k 2"]:
 
 
 def _planned(known: Known) -> tuple[GraspPlan, float]:
-    """Grasps on the class's model, with heights scaled to the bottle's, and of a round one with the stiffness of its outline."""
-    from ..deformation import Contents, mesh_container, object_map
+    """Grasps on the class's model, with heights scaled to the bottle's and the stiffness of its outline."""
+    from ..deformation import mesh_container
     from ..grasping import GraspTask, GripperModel, Load, object_load
     from ..grasping.planner import plan_grasps
 
     model = mesh_container(known.class_model, around=32)
     # Heights are relative: the class's variant has not exactly the height of the bottle.
     scale = model.height_m / float(known.outline_m[-1, 1])
-    squeezed, deviations = (*known.curves, *known.firm_curves), None
+    squeezed = (*known.curves, *known.firm_curves)
     if known.squash < 1.0:
-        surface = object_map(model, Contents(fill=known.fill) if known.closed else None, band=False)
+        surface, deviations = map_of_oval(model, known.belief.closed, known.fill)
     else:
         heights_m, logs = stiffness_samples(
             known.outline_m, _outline_errors(known), known.wall_m, known.belief.closed,

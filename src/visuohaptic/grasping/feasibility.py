@@ -22,7 +22,7 @@ MIN_OVERLAP = 0.5
 SPILL_MARGIN = 2.0
 #: Relative standard deviation of the stiffness of a map that states none: that of a class's map for one of its objects, common
 #: and local part, see ``recognition.touch.refinement.CLASS``.
-UNSTATED_SIGMA = float(np.hypot(0.5, 0.4))
+UNSTATED_SIGMA = float(np.hypot(0.55, 0.25))
 
 
 class Verdict(IntEnum):

@@ -35,6 +35,7 @@ from .outline_match import container_outline as container_outline
 from .outline_match import nearest_variant as nearest_variant
 from .refinement import correct_map as correct_map
 from .refinement import map_of_outline as map_of_outline
+from .refinement import map_of_oval as map_of_oval
 from .state import HapticStateModel as HapticStateModel
 from .state import StateCurve as StateCurve
 from .state import fit_state_model as fit_state_model

@@ -7,16 +7,20 @@ Symbols: k measurements, v points of the map, q heights, s possible bodies.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from ...core import InputError, StiffnessMap
 
+if TYPE_CHECKING:
+    from ...deformation import ShellObject
+
 #: Standard deviations of the logarithm of the ratio of true to simulated stiffness, of a class's shape: of the part that is common
 #: to an object (wall, modulus, size), and of the part that varies over the wall; correlation length of the latter [m]. Rounded from
-#: the most probable ones of 24 open oval containers (``benchmarks.grasp_walls --fit --oval --count 24``): 0.514, 0.394, 0.0072.
-CLASS = (0.5, 0.4, 0.007)
+#: the most probable ones of 24 open oval containers (``benchmarks.grasp_walls --fit --oval --count 24``): 0.548, 0.246, 0.0053.
+CLASS = (0.55, 0.25, 0.005)
 #: The same of a measured outline with sampled errors and a wall that was fitted to squeezes: what is left of wall and modulus, and
 #: what the outline does not resolve. From 24 open containers (``benchmarks.grasp_walls --fit --count 24``): 0.178, 0.230, 0.0100.
 OUTLINE = (0.18, 0.23, 0.01)
@@ -45,6 +49,40 @@ def map_of_outline(
     return StiffnessMap(vertices_m, faces, stiffness, sigma), each - mean
 
 
+def map_of_oval(
+    model: ShellObject, closed: float, fill: float = 0.0
+) -> tuple[StiffnessMap, Float[np.ndarray, "4 v"]]:
+    """Map of a measured body that is not round, before it is squeezed, and the deviations of the logarithm of its stiffness.
+
+    A lid holds the rim and encloses the air. Besides the lid, the wall and its modulus are unknown, see :data:`CLASS`.
+
+    Parameters
+    ----------
+    model
+        Its shell, without a lid.
+    closed
+        Probability of a lid.
+    fill
+        Fraction of the volume that is filled.
+    """
+    from ...deformation import Contents, object_map
+
+    vertices = model.mesh.vertices_m
+    held = replace(model, fixed=model.fixed | (vertices[:, 2] > vertices[:, 2].max() - 1e-6))
+    contents = Contents(closed=True, fill=fill)
+    maps = (object_map(model, band=False), object_map(held, contents, band=False))
+    stiffness = np.array([one.stiffness_N_per_m for one in maps])
+    given = (np.isfinite(stiffness) & (stiffness > 0)).all(axis=0)
+    logs = np.log(np.where(given, stiffness, 1.0))
+    lid = np.sqrt(closed * (1.0 - closed)) * (logs[1] - logs[0])
+    # Their mean square over one less than their number is the sum of both variances.
+    wall = CLASS[0] * given
+    deviations = np.sqrt(1.5) * np.array([lid, -lid, wall, -wall])
+    mean = np.where(given, np.exp((1.0 - closed) * logs[0] + closed * logs[1]), np.nan)
+    sigma = mean * np.sqrt(lid**2 + CLASS[0] ** 2 + OUTLINE[0] ** 2 + OUTLINE[1] ** 2)
+    return StiffnessMap(vertices, model.surface_faces, mean, sigma), deviations
+
+
 def correct_map(
     found: StiffnessMap,
     points_m: Float[np.ndarray, "k 3"],
@@ -70,7 +108,8 @@ def correct_map(
     relative_sigma
         Relative standard deviation of each measurement.
     deviations
-        Of the logarithm of stiffness of possible round bodies at the map's points, with a mean of 0; see :func:`map_of_outline`.
+        Of the logarithm of stiffness of possible bodies at the map's points, with a mean of 0; see :func:`map_of_outline`
+        and :func:`map_of_oval`.
     """
     points = np.atleast_2d(np.asarray(points_m, dtype=float))
     measured, sigma = np.asarray(measured_N_per_m, dtype=float), np.asarray(relative_sigma, dtype=float)
