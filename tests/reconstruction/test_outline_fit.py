@@ -153,10 +153,15 @@ def test_a_search_is_repeated_on_both_sides_in_turns_until_it_gains_nothing(monk
 
 
 @pytest.mark.parametrize(
-    "low_high_m", [((-0.05, -0.1, 0.01), (0.07, 0.02, 0.08)), ((0.06, -0.06, 0.03), (0.13, 0.02, 0.08))]
+    "low_high_m",
+    [
+        ((-0.05, -0.1, 0.01), (0.07, 0.02, 0.08)),
+        ((0.06, -0.06, 0.03), (0.13, 0.02, 0.08)),
+        ((0.085, -0.0425, 0.04), (0.115, 0.0025, 0.08)),
+    ],
 )
 def test_a_bowl_of_which_only_the_rim_shows_is_found_whole(low_high_m):
-    """Readings are lost within 7 mm of a circle of 75 mm at a height of 65 mm, the part that was found is half of it, or 7 cm."""
+    """Readings are lost within 7 mm of a circle of 75 mm at a height of 65 mm, the part that was found is half of it, 7 cm, or 4.5."""
     rng = np.random.default_rng(7)
     middle, radius, height = np.array([0.03, -0.02]), 0.075, 0.065
     rows, columns = np.mgrid[0:120, 0:160]

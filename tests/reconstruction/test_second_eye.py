@@ -51,3 +51,17 @@ def test_vessels_of_glass_cast_no_shadow_and_an_empty_floor_tells_nothing():
         image.reading[40:110, 70:90] = image.reading[40:110, 100:120] = DROPPED
     # Known only to be between the limits, 0.1 m on either side: the mean of what is compared.
     assert abs(second_eye_m(images, 180.0, WINDOW_PX)) < 0.01
+
+
+@pytest.mark.parametrize("eye_m", [-0.06, 0.06])
+def test_few_edges_tell_the_side_and_no_short_baseline(eye_m):
+    """Of a few rows the other side remains possible, and a mean over both would be a baseline in between."""
+    found = []
+    for seed in range(5):
+        images = seen(
+            random_table(np.random.default_rng(3)).opaque_twin(), eye_m, np.random.default_rng(seed)
+        )
+        for image in images:
+            image.reading[10 * seed + 50 :] = image.reading[: 10 * seed + 46] = 0
+        found.append(second_eye_m(images, 180.0, WINDOW_PX))
+    assert np.median(found) == pytest.approx(eye_m, abs=0.015)

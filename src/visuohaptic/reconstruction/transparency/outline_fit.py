@@ -45,6 +45,8 @@ _RADII = (2, 3, 5)
 #: Number of directions in which the axis of a bowl is tried from a fragment of its rim, and maximum number of initial bodies of
 #: each kind (the likeliest, apart from each other) from which the search starts.
 _TURNS, _SEARCHES = 8, 4
+#: Radii of the rims of which a part may be the half, a quarter, a sixth or a tenth, in widths of the part: 1 / (2 sin(arc / 2)).
+_CHORDS = (0.5, 0.71, 1.0, 1.62)
 #: Minimum radius and height of a body [m].
 _MIN_RADIUS_M, _MIN_HEIGHT_M = 0.01, 0.02
 
@@ -221,8 +223,8 @@ def body_bounds_m(points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3"]:
     points_m
         Centres (n, 3) of the voxels of the part [m].
     """
-    # A part is at least a sixth of a rim: wider bodies would include surrounding objects.
-    widest_m = max(float(np.ptp(points_m, axis=0)[:2].max()), 4 * _MIN_RADIUS_M)
+    # A part is at least a twelfth of a rim, whose chord is half of the radius: wider bodies would include surrounding objects.
+    widest_m = max(2 * float(np.ptp(points_m, axis=0)[:2].max()), 4 * _MIN_RADIUS_M)
     return np.array([_MIN_RADIUS_M, _MIN_HEIGHT_M, widest_m])
 
 
@@ -325,10 +327,10 @@ def _starts(strong_m: Float[np.ndarray, "n 3"], opening: float) -> list[Float[np
 
 
 def _rims(low_m: Float[np.ndarray, "3"], high_m: Float[np.ndarray, "3"]) -> list[Float[np.ndarray, "6"]]:
-    """Initial open bodies of whose rim the part is a half or a smaller fragment."""
+    """Initial open bodies of whose rim the part is a half or a smaller fragment, see ``_CHORDS``."""
     middle, width_m = 0.5 * (low_m + high_m), float((high_m - low_m)[:2].max())
     found = []
-    for radius, turn in product((0.5 * width_m, 0.75 * width_m), np.arange(_TURNS) * 2 * np.pi / _TURNS):
+    for radius, turn in product(width_m * np.array(_CHORDS), np.arange(_TURNS) * 2 * np.pi / _TURNS):
         axis = middle[:2] + radius * np.array([np.cos(turn), np.sin(turn)])
         found.append(np.array([*axis, radius, radius, high_m[2] - 0.5 * radius, high_m[2]]))
     return found
@@ -352,8 +354,9 @@ def _covariance(
     bends = [float((2 * here - a - b).sum()) for a, b in zip(ahead, back, strict=True)]
     curvature = np.diag(bends)
     for i, j in combinations(range(len(ways)), 2):
-        both = float((2 * here - each(ways[i] + ways[j]) - each(-ways[i] - ways[j])).sum())
-        curvature[i, j] = curvature[j, i] = 0.5 * (both - bends[i] - bends[j])
+        # Over all four corners: of two, what is no parabola over half a window makes maxima of leaning bodies look like saddles.
+        corners = sum(m * n * each(m * ways[i] + n * ways[j]) for m, n in product((-1, 1), repeat=2))
+        curvature[i, j] = curvature[j, i] = -0.25 * float(np.sum(corners))
     curvature /= step_m**2
     known = len(ways) - 1
     for count in (len(ways), known):

@@ -337,13 +337,14 @@ def surface_ratios(
 
 
 def second_eye_m(images: Sequence[RayImage], focal_px: float, window_px: float) -> float:
-    """Posterior mean of the baseline of an unknown second eye along the rows, from the shadows beside the edges of opaque things [m].
+    """Posterior median of the baseline of an unknown second eye along the rows, from the shadows beside the edges of opaque things [m].
 
     A camera that matches two images, or an image and a pattern, reads nothing where its second eye does not see the surface: on one side of
     every depth step, over a width that grows with the baseline. Matching windows fail at steps as well, but on both sides alike. The expected
     surface is that of the other views, so a vessel of glass casts no shadow. A camera that shows no shadows has its second eye at 0.
     Pixels are sorted by the shortest baseline with which they are in a shadow. Those nearer than the true one fail at a rate above one half, all
-    others as the pixels on the other side of the steps do; rates have uniform priors.
+    others as the pixels on the other side of the steps do; rates have uniform priors. A wrong eye moves a body in proportion to its error, and the
+    median has the least absolute one: few edges leave both sides possible, and the mean is then a short baseline that nothing speaks for.
 
     Parameters
     ----------
@@ -376,9 +377,12 @@ def second_eye_m(images: Sequence[RayImage], focal_px: float, window_px: float) 
 
     each = np.diff(counts, axis=1, prepend=0.0)
     alike = evidence(each.sum(axis=0))
-    logs = []
+    # An eye to the right, one to the left and none are as probable before.
+    logs = [np.log([len(_TRIED_M)])]
     for own, other in ((counts[0], each[1]), (counts[1], each[0])):
         in_shadow = np.log(2) + beta.logsf(0.5, own[:, 0] + 1, own[:, 1] - own[:, 0] + 1)
         logs.append(evidence(own) + in_shadow + np.cumsum(evidence(other) - alike))
-    chances = np.exp(np.concatenate([[0.0], *logs]) - max(0.0, np.max(logs)))
-    return float(chances @ np.concatenate([[0.0], _TRIED_M, -_TRIED_M]) / chances.sum())
+    told = np.concatenate([logs[2][::-1], logs[0], logs[1]])
+    chances = np.exp(told - told.max())
+    below = (np.cumsum(chances) - 0.5 * chances) / chances.sum()
+    return float(np.interp(0.5, below, np.concatenate([-_TRIED_M[::-1], [0.0], _TRIED_M])))
