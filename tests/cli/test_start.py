@@ -123,7 +123,11 @@ def test_sizes_are_asked_for_and_checked(recording, monkeypatch, capsys):
         (["0"], SIZE, "known load: found '0', expected a number of grams"),
         ([""], SIZE, "known load: found '', expected a number of grams"),
         (["{0}", "{1}", "{0}", ""], SIZE, "contradicts the others"),
-        ([], [*SIZE, "--tag", "9"], "outside the image; measure strip and printed tag with a ruler"),
+        (
+            [],
+            [*SIZE, "--tag", "9"],
+            "outside the image, expected less than half; measure strip and printed tag with a ruler",
+        ),
     ],
 )
 def test_what_cannot_be_right_is_refused(recording, monkeypatch, capsys, answers, words, problem):

@@ -120,3 +120,71 @@ def test_bad_paths_are_refused():
         PathFollower(np.array([[0.0, np.nan]]))
     with pytest.raises(InputError, match="v_max"):
         FollowLimits(v_max_m_s=0.01)
+
+
+def told(follower, x, y, heading=0.0):
+    return follower.command(BaseState(0.0, x, y, heading, 0.0, 0.0))
+
+
+def test_commands_are_those_of_the_law():
+    """Samson's law with its gains, along x: a tenth of a radian and 2 cm off; on the other side both signs change."""
+    for side in (1.0, -1.0):
+        follower = PathFollower(np.array([[0.0, 0.0], [5.0, 0.0]]))
+        assert told(follower, 0.0, 0.0, 0.029 * side)[0] > 0.0  # no rotation at standstill
+        speed, turn = told(follower, 1.0, 0.02 * side, 0.1 * side)
+        v = 0.3 * math.cos(0.1)
+        assert speed == pytest.approx(v)
+        assert turn == pytest.approx(side * (-30.0 * v * 0.02 * math.sin(0.1) / 0.1 - 3.0 * 0.1))
+        assert told(follower, 1.0, 0.5 * side)[1] == pytest.approx(-1.2 * side)
+        # From 0.8 rad on it stands and turns until 0.03 rad are left.
+        assert told(follower, 1.0, 0.0, 0.79 * side)[0] == pytest.approx(0.3 * math.cos(0.79))
+        for error, rate in ((0.81, 1.2), (0.3, 0.9), (0.031, 0.093)):
+            assert told(follower, 1.0, 0.0, error * side) == pytest.approx((0.0, -rate * side))
+        assert told(follower, 1.0, 0.0, 0.029 * side)[0] > 0.29
+    assert told(PathFollower(np.array([[0.0, 0.0], [5.0, 0.0]])), 0.0, 0.0, 0.031)[0] == pytest.approx(0.0)
+
+
+def test_speeds_before_the_goal_and_at_corners():
+    """sqrt(2 a s) before a stop; before a gentle corner not below the least speed, before a slight one no slower at all."""
+    goal = PathFollower(np.array([[0.0, 0.0], [2.0, 0.0]]))
+    for rest_m in (0.5, 0.1, 0.02, 0.007):
+        expected = min(0.3, max(math.sqrt(2 * 0.25 * rest_m), 0.02))
+        assert told(goal, 2.0 - rest_m, 0.0)[0] == pytest.approx(expected)
+    assert told(goal, 1.995, 0.0) == (0.0, 0.0)
+    assert goal.done
+    for corner, expected in ((0.04, 0.3), (0.06, math.sqrt(0.5 * 0.1)), (0.29, math.sqrt(0.5 * 0.1))):
+        path = np.array([[0.0, 0.0], [1.0, 0.0], [1.0 + math.cos(corner), math.sin(corner)]])
+        follower = PathFollower(path)
+        assert told(follower, 0.9, 0.0)[0] == pytest.approx(expected)
+        assert follower.rest_m == pytest.approx(path[1:])
+        # Within a centimetre the next segment counts, without a stop.
+        expected = max(0.05, math.sqrt(0.5 * 0.0105)) if corner > 0.05 else 0.3
+        assert told(follower, 0.9895, 0.0)[0] == pytest.approx(expected)
+        assert told(follower, 0.9905, 0.0)[0] == pytest.approx(0.3 * math.cos(corner))
+        assert follower.rest_m == pytest.approx(path[2:])
+    sharp = PathFollower(np.array([[0.0, 0.0], [1.0, 0.0], [1.0 + math.cos(0.31), math.sin(0.31)]]))
+    assert told(sharp, 0.9905, 0.0)[0] == pytest.approx(math.sqrt(0.5 * 0.0095))
+    assert told(sharp, 0.995, 0.0) == pytest.approx((0.0, 3.0 * 0.31))
+    near = PathFollower(
+        np.array([[0.0, 0.0], [2.0, 0.0]]), clearance=lambda point: float(np.hypot(2.0 - point[0], point[1]))
+    )
+    limits = FollowLimits()
+    # What is nearest 30 cm ahead counts, if the path goes as far.
+    assert told(near, 1.3, 0.0)[0] == pytest.approx(limits.speed_m_s(0.4))
+    assert told(near, 1.8, 0.0)[0] == pytest.approx(0.05)
+
+
+def test_beside_the_goal_it_drives_there_slowly_and_then_turns():
+    """Slipped off by 6 cm to the left: it turns to the goal, drives at 5 cm/s at most, and turns to the heading that is wanted."""
+    follower = PathFollower(np.array([[0.0, 0.0], [2.0, 0.0]]), heading_rad=1.0)
+    told(follower, 1.0, 0.0)
+    down = -math.pi / 2
+    assert told(follower, 2.0, 0.06, down + 0.21) == pytest.approx((0.0, -0.63))
+    assert told(follower, 2.0, 0.06, down - 0.19) == pytest.approx((0.05, 0.57))
+    assert told(follower, 2.0, 0.03, down) == pytest.approx((0.03, 0.03))
+    assert told(follower, 2.0, 0.019, 1.5) == pytest.approx((0.0, -1.2))
+    assert told(follower, 2.0, 0.019, 0.979) == pytest.approx((0.0, 0.063))
+    assert not follower.done
+    assert told(follower, 2.0, 0.019, 0.981) == (0.0, 0.0)
+    assert follower.done
+    assert follower.rest_m == pytest.approx(np.array([[2.0, 0.0]]))

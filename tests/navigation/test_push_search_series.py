@@ -102,14 +102,15 @@ def test_contacts_follow_the_learnt_centre_of_friction():
         assert abs(off[0] * push.direction[1] - off[1] * push.direction[0]) < 1e-9
 
 
-def test_a_push_ends_at_the_same_distance_from_a_body_wherever_both_were_moved():
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_push_ends_at_the_same_distance_from_a_body_wherever_both_were_moved(side):
     """In a room whose walls are far away only the bodies count: moved together, they stop the same push at the same length."""
     from visuohaptic.navigation.planning.search.push_lengths import free_length, push_step
     from visuohaptic.navigation.problem.push_costs import PushCosts
 
     items = (
-        MovableObject("crate", box(2.0, 2.0, 0.4), STOOL),
-        MovableObject("stool", box(3.1, 2.0, 0.4), STOOL),
+        MovableObject("crate", box(5.0 - 3.0 * side, 2.0, 0.4), STOOL),
+        MovableObject("stool", box(5.0 - 1.9 * side, 2.0, 0.4), STOOL),
     )
     grid = rooms(10.0, 4.0, [])
     problem = PlanningProblem(
@@ -119,15 +120,20 @@ def test_a_push_ends_at_the_same_distance_from_a_body_wherever_both_were_moved()
     heuristic = PushHeuristic(domain, PushCosts(), (0, 1))
     cell_m, far = problem.map.resolution_m, 40.0
     ahead = [
-        np.dot(domain.bodies[0].push(k).direction, [1.0, 0.0]) for k in range(len(domain.bodies[0].contacts))
+        np.dot(domain.bodies[0].push(k).direction, [side, 0.0]) for k in range(len(domain.bodies[0].contacts))
     ]
     contact = int(np.argmax(ahead))
     assert ahead[contact] == pytest.approx(1.0)
-    for shift in (0.0, 30.0, 80.0):
+    for shift in (0.0, 30.0 * side, 80.0 * side):
         step = push_step(heuristic, np.array([[shift, 0.0], [shift, 0.0]]), 0, contact, far)
         # Between the faces there are 1.1 m less two halves of 0.4 m; lengths are sampled in steps of half a cell.
         found_m = free_length(heuristic, step, far) * cell_m
         assert 0.7 - 0.5 * cell_m - 1e-6 < found_m < 0.7 + 1e-6, shift
     # Alone it goes on.
-    apart = push_step(heuristic, np.array([[80.0, 0.0], [0.0, 0.0]]), 0, contact, far)
+    apart = push_step(heuristic, np.array([[80.0 * side, 0.0], [0.0, 0.0]]), 0, contact, far)
     assert free_length(heuristic, apart, far) == pytest.approx(far)
+    # Up to the wall of the room, a cell thick: 3.95 m and 5.45 m from the centre of the crate, less half of it.
+    for shift, gap_m in ((80.0, 3.75), (50.0, 5.25)):
+        alone = push_step(heuristic, np.array([[side * shift, 0.0], [0.0, 80.0]]), 0, contact, 200.0)
+        length_m = free_length(heuristic, alone, 200.0) * cell_m
+        assert gap_m - 0.5 * cell_m - 1e-6 < length_m < gap_m + 1e-6, shift

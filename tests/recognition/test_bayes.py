@@ -38,7 +38,7 @@ from visuohaptic.recognition.touch.belief import (
     WIDTH_VARIANCE,
     sequential_likelihood,
 )
-from visuohaptic.recognition.touch.calibration import EXPLORATIONS, best_or_first, rate_of_each
+from visuohaptic.recognition.touch.calibration import EXPLORATIONS, _explored, best_or_first, rate_of_each
 from visuohaptic.recognition.touch.haptic_model import PARAMETERS, RANGE_WIDENING
 from visuohaptic.recognition.touch.unknown_class import FIRST_WIDTH
 from visuohaptic.recognition.touch.zeros import with_zeros
@@ -406,6 +406,26 @@ def test_calibration_lowers_what_is_wrong_with_confidence() -> None:
             hit.append(warm.answers[int(np.argmax(fraction))] == unseen.label[row])
     # 300 explorations in seven bins: chance alone gives about 0.05.
     assert calibration_error(np.array(confidence), np.array(hit)) < 0.12
+
+
+@pytest.mark.parametrize(("widths", "freedom"), [(False, 6), (True, 9)])
+def test_objects_that_are_left_out_are_explored_touch_by_touch(widths: bool, freedom: int) -> None:
+    """Two sides at each of three places, and its width; each object equally often, without itself in training."""
+    data = synthetic(8)
+    model = fit_model(data, settings=ModelSettings(use_width=widths))
+    out = np.arange(len(data)) % 4 == 0
+    judged = _explored(
+        model, data, np.array(data.label), out, 2 * int(out.sum()), 3, np.random.default_rng(3)
+    )
+    first = int(widths and data.height_m is not None)
+    assert judged.likelihood.shape[:3] == (2 * out.sum(), 3, 2)
+    assert judged.freedom == freedom + first
+    assert np.array_equal(np.unique(judged.obj), np.flatnonzero(out))
+    assert set(np.unique(judged.obj, return_counts=True)[1]) == {2}
+    assert [judged.model.answers[k] for k in judged.truth] == [data.label[k] for k in judged.obj]
+    assert not np.allclose(judged.model.mean, model.mean)
+    # A sum of squares grows with every touch.
+    assert (np.diff(judged.likelihood[:, :, 1], axis=1) > 0).all()
 
 
 def test_the_simplest_candidate_is_kept_within_one_standard_error() -> None:

@@ -16,6 +16,7 @@ from visuohaptic.recognition.data import (
     read_curves,
     stiffness_grid,
 )
+from visuohaptic.recognition.data.readings import _positive
 
 
 def test_without_noise_the_coefficients_are_those_of_the_simulation() -> None:
@@ -24,6 +25,28 @@ def test_without_noise_the_coefficients_are_those_of_the_simulation() -> None:
     expected = curve_coefficients(d, f)
     found = fit_curve(d, f, TouchNoise(1e-9, 0.0))
     np.testing.assert_allclose((found.i_N_per_m, found.I_N_per_m, found.II), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("linear", "bend"), [(900.0, 4e4), (3000.0, -6e4)])
+def test_curvature_is_the_quadratic_coefficient_relative_to_that_of_a_line(
+    linear: float, bend: float
+) -> None:
+    d = np.linspace(0.0005, 0.008, 16)
+    found = fit_curve(d, linear * d + bend * d**2, TouchNoise(1e-9, 0.0))
+    assert found.curvature[0] == pytest.approx(
+        bend * 0.01 / ((linear * d + bend * d**2) @ d / (d @ d)), rel=1e-6
+    )
+    half = CurveCoefficients(linear, linear, 0.3, 0.01, 0.06).curvature
+    assert half[1] == pytest.approx(0.2 * half[0])
+
+
+@pytest.mark.parametrize("away", [-6.0, -1.0, 0.0, 0.5, 3.0, 9.0])
+def test_a_compliance_is_the_mean_of_its_distribution_without_what_is_negative(away: float) -> None:
+    sigma = 2e-4
+    whole = truncnorm(-away, np.inf, loc=away * sigma, scale=sigma)
+    stiffness, relative = _positive(away * sigma, sigma)
+    assert stiffness == pytest.approx(1 / whole.mean(), rel=1e-6)
+    assert relative == pytest.approx(whole.std() / whole.mean(), rel=1e-4)
 
 
 @pytest.mark.parametrize("stiffness", [200.0, 3000.0, 20e3])

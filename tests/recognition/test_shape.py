@@ -162,3 +162,22 @@ def test_a_sheet_is_as_thick_as_it_is_from_two_millimetres_on() -> None:
     assert found[2][0] > found[1][0] + 0.1
     # The logarithm of the thickness counts, .6 of it.
     assert found[3][0] - found[2][0] == pytest.approx(0.6 * np.log(1.5), rel=0.1)  # of thinned points
+
+
+def test_a_description_of_a_rod_is_what_its_distances_angles_and_length_are() -> None:
+    """Points on a line, against all pairs of them; of three points the first is the middle one in a third of all triples."""
+    line = np.zeros((150, 3))
+    line[:, 0] = np.linspace(0.0, 0.3, 150)
+    found = describe_cloud(line)
+    length = np.abs(line[:, :1] - line[:, 0]).ravel()
+    # 32 bins whose centres are equally spaced in the logarithm, from 4 mm to 2 m.
+    edges = np.log(0.004) + np.arange(32) * np.log(2.0 / 0.004) / 31
+    place = np.interp(np.log(np.maximum(length, 1e-9)), edges, np.arange(32.0))
+    share = np.maximum(1 - np.abs(place[:, None] - np.arange(32)), 0).mean(axis=0)
+    np.testing.assert_allclose(found[:32] ** 2, share, atol=0.03)  # 4,000 pairs: at most .006
+    assert np.linalg.norm(found[:32] ** 2 - share) < 0.05
+    angles = (found[32:44] / 0.5) ** 2
+    np.testing.assert_allclose(angles[[0, -1]], [2 / 3, 1 / 3], atol=0.04)  # 2,000 triples: .011
+    np.testing.assert_allclose(angles[1:-1], 0.0, atol=1e-6)
+    expected = 0.6 * np.log([0.002, 0.002, np.std(line[:, 0], ddof=1)])
+    np.testing.assert_allclose(found[44:], expected, atol=1e-5)

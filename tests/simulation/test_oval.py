@@ -5,6 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from tests.worlds.oval_shells import Oval
 
 from visuohaptic.deformation import mesh_container, object_map
 from visuohaptic.deformation.shapes.container import Base, ContainerDescription, Top, WallSection
@@ -49,6 +50,20 @@ def test_an_elliptic_tube_is_as_stiff_as_one_of_triangle_shells() -> None:
     for felt, tip in ((found.across, (0.0, 0.026, 0.075)), (found.along, (0.042, 0.0, 0.075))):
         near = int(np.argmin(np.linalg.norm(points - tip, axis=1)))
         assert stiffness(felt, float(points[near, 2])) == pytest.approx(true[near], rel=0.12)
+
+
+def test_a_wall_with_shoulder_and_groove_is_as_stiff_as_one_of_solids() -> None:
+    r = np.interp(Z, [0.0, 0.06, 0.1, 0.135, 0.15], [0.04, 0.04, 0.038, 0.016, 0.015])
+    r = r - 0.004 * np.exp(-(((Z - 0.055) / 0.005) ** 2))
+    thick = np.where(Z > 0.135, 1.2e-3, 7e-4)
+    found = oval_container(np.column_stack([r, Z, thick]), (0.6, 0.0), HDPE)
+    levels = np.column_stack([r, 0.6 * r, Z])
+    solid = Oval(levels, 0.5 * (thick[1:] + thick[:-1]), HDPE.youngs_modulus_Pa, HDPE.poisson_ratio, terms=15)
+    heights = np.array([0.02, 0.055, 0.07, 0.1, 0.115, 0.13, 0.145])
+    # As many harmonics of the point force in both.
+    for axis, felt in enumerate((found.along, found.across)):
+        same = [stiffness(felt, float(height)) for height in heights]
+        np.testing.assert_allclose(same, 1.0 / solid._compliance(heights - 1e-5, axis), rtol=0.03)
 
 
 def test_air_in_an_oval_container_resists_and_more_the_less_of_it_there_is() -> None:

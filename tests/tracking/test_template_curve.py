@@ -10,6 +10,7 @@ from scipy.special import erf
 
 from visuohaptic.core import Camera, Frame
 from visuohaptic.tracking.points import apply_homography
+from visuohaptic.tracking.pose import estimate_plane_poses
 from visuohaptic.tracking.templates import BLUR_VARIANCES, EsmTemplate, Template, TemplateTracker, align
 
 #: Light that black ink and white paper reflect; samples of a pixel along each axis; side of a module [px].
@@ -106,3 +107,21 @@ def test_corners_that_fit_no_pose_are_not_valid() -> None:
     # The height was reduced to 5 / 8, which no tilt of the tag in this direction explains.
     assert not wrong.valid
     assert "fit no pose" in wrong.detail
+
+
+def test_corners_about_the_pose_are_two_more_observations_of_their_variance() -> None:
+    """A factor of the variance, by its density: known as by two degrees of freedom, and the scatter has two more."""
+    image, _ = photo(0.8, True, np.random.default_rng(4))
+    tag = Template.from_tag(5, size_m=0.04)
+    camera = Camera.simple(240, 240, 595.0)  # the photo has 600 px, so that the corners fit badly
+    with TemplateTracker([tag], camera, threaded=False) as tracker:
+        seen = tracker.update(Frame(image, 0.0, 0))[0]
+    assert seen.alignment is not None
+    corners, covariance = seen.alignment.corners, seen.alignment.corner_covariance
+    alone = estimate_plane_poses(camera, tag.points_m(tag.esm.corners), corners, covariance)[0]
+    assert alone.chi2 == pytest.approx(seen.chi2, rel=1e-3)
+    assert abs(seen.chi2 - 2.0) > 1.0  # else, the number of degrees of freedom would have no effect
+    inverse = np.linspace(0, 20, 200_001)
+    density = np.exp(-inverse) * inverse * np.exp(-0.5 * seen.chi2 * inverse)
+    factor = density.sum() / (density @ inverse)
+    np.testing.assert_allclose(np.diag(seen.covariance), factor * np.diag(alone.covariance), rtol=0.01)

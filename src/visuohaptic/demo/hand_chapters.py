@@ -299,7 +299,7 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
     lift = _lift_plan(best, float(best.first_m[2]) / scale, mission.known)
     mission.log(
         f"  {1e3 * mission.known.mass_kg:.0f} g need {best.needed_N:.1f} N at {1e3 * lift.place.height_m:.0f} mm; {best.force_N:.1f} N "
-        f"are expected to deform the wall by {1e3 * best.deformation_m:.1f} ± {1e3 * best.deformation_sigma_m:.1f} mm there, and to hold with a probability of {best.success:.3f}"
+        f"are expected to deform the wall by {1e3 * best.deformation_m:.2f} ± {1e3 * best.deformation_sigma_m:.2f} mm there, and to hold with a probability of {best.success:.3f}"
     )
     begin_s = hand.arm.pose()[0]
     held = grasp_and_lift(hand, lift)

@@ -96,7 +96,7 @@ def _row(number: int, one: ChapterResult) -> dict[str, Any]:
         "outcome": one.outcome.value,
         "reason": one.reason,
         "correct": _YES_NO[one.correct],
-        "time [s]": f"{one.duration_s:.0f}",
+        "computing [s]": f"{one.duration_s:.0f}",
     }
 
 

@@ -211,13 +211,13 @@ def _smoothed(depth_m: Float32[np.ndarray, "h w"], edges: DepthEdges) -> Float32
     Inverse depth is linear on planes. Normals of single readings err by a tenth of a radian, as if planes held a
     camera that slides along them.
     """
-    from scipy.ndimage import uniform_filter
+    from scipy.ndimage import maximum_filter, uniform_filter
 
     measured = np.isfinite(depth_m)
     inverse = np.where(measured, 1 / np.where(measured, depth_m, 1.0), 0.0)
     share = uniform_filter(measured.astype(np.float64), _WINDOW_PX)
     mean = uniform_filter(inverse.astype(np.float64), _WINDOW_PX) / np.maximum(share, 1e-6)
-    kept = measured & (share > _MEASURED) & (edges.distance_px > 0.5 * _WINDOW_PX)
+    kept = measured & (share > _MEASURED) & ~maximum_filter(edges.distance_px == 0, _WINDOW_PX)
     found: Float32[np.ndarray, "h w"] = np.where(kept, 1 / np.maximum(mean, 1e-6), np.nan).astype(np.float32)
     return found
 

@@ -176,7 +176,9 @@ def read_profile(
         total = seen.table.sum(axis=0)
         budget = ErrorBudget(
             image_N=math.hypot(*(contact.budget.image_N for contact in contacts)),
-            calibration_N=material.force_sigma_N(seen.sums.sum(axis=0), -float(total[_RELIEF])),
+            calibration_N=material.force_sigma_N(
+                seen.sums.sum(axis=0), -float(total[_RELIEF]), float(seen.lateral_N.sum())
+            ),
             model_N=math.hypot(*(contact.budget.model_N for contact in contacts)),
             zero_N=math.hypot(total[_ZERO_SLOPE] * contour.zero_sigma_m, total[_SHARED]),
         )
@@ -215,6 +217,7 @@ class _Integrals:
     pressure_sigma_Pa: Float[np.ndarray, "n"]
     table: Float[np.ndarray, "R 17"]  #: columns ``_FIRST`` to ``_SHEARED``
     sums: Float[np.ndarray, "R p"]  #: derivative of the force by the parameters of the loading curve
+    lateral_N: Float[np.ndarray, "R"]  #: derivative of the force by the lateral expansion
     at_rest: ErrorBudget  #: without contacts: the force is zero within the noise of the whole strip
 
 
@@ -276,6 +279,7 @@ def _integrated(
     table, sums = table[:count], sums[:count]
     table[:, _RELIEF] *= boundary == "tension"  # no other law subtracts it
     first, last = table[:, _FIRST].astype(np.int64), table[:, _LAST].astype(np.int64)
+    lateral_N = _widened(table, sums, pressure, material)
     narrow = s[last] - s[first] < NARROW_PER_WIDTH * material.width_m
     spurious = (table[:, _MAX_STRAIN] < RELEASE_STRAIN) & narrow
     for k in np.flatnonzero(spurious):
@@ -298,8 +302,28 @@ def _integrated(
         pressure_sigma,
         table[~spurious],
         sums[~spurious],
+        lateral_N[~spurious],
         at_rest,
     )
+
+
+def _widened(
+    table: Float[np.ndarray, "R 17"],
+    sums: Float[np.ndarray, "R p"],
+    pressure_Pa: Float[np.ndarray, "n"],
+    material: FoamMaterial,
+) -> Float[np.ndarray, "R"]:
+    """Give forces and pressures, which the kernel has for narrow bodies, the lateral expansion that each breadth permits.
+
+    Returns the derivative of each force by that expansion.
+    """
+    narrow_N, lateral_N = material.expansion_N(sums, table[:, _MAX_STRAIN])
+    held_N = material.tension.lateral * (lateral_N - narrow_N)
+    for k in np.flatnonzero(table[:, _FORCE] > 0.0):
+        points = slice(int(table[k, _FIRST]), int(table[k, _LAST]) + 1)
+        pressure_Pa[points] *= 1.0 + held_N[k] / table[k, _FORCE]
+    table[:, [_FORCE, _ENLARGED]] += held_N[:, None]
+    return lateral_N
 
 
 def _contact(
@@ -324,7 +348,7 @@ def _contact(
         model2 += (relief * material.tension.ratio) ** 2
     budget = ErrorBudget(
         image_N=float(np.sqrt(row[_IMAGE_VAR])),
-        calibration_N=material.force_sigma_N(seen.sums[k], -float(row[_RELIEF])),
+        calibration_N=material.force_sigma_N(seen.sums[k], -float(row[_RELIEF]), float(seen.lateral_N[k])),
         model_N=float(np.sqrt(model2)),
         zero_N=math.hypot(row[_ZERO_SLOPE] * contour.zero_sigma_m, row[_SHARED]),
     )

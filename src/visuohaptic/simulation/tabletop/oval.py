@@ -1,8 +1,8 @@
 """Containers of elliptic cross-section that deform between two fingers.
 
-The wall is a thin tube of similar ellipses, with the half-axes ``r(z)`` and ``squash r(z)``. Its displacements, along the height,
-around and outwards, are harmonics of the ellipse's parameter with cubic splines of the height as amplitudes (Ritz), its strains
-those of Sanders' shell theory, with the local size of a wall that tapers slowly. The library's own models are triangle shells and
+The wall is a thin shell of similar ellipses, with the half-axes ``r(z)`` and ``squash r(z)``. The components of its displacement are
+harmonics of the ellipse's parameter with cubic splines of the height as amplitudes (Ritz). Strains are those of Koiter's linear shell
+theory on the surface as it is, with its shoulders and grooves. The library's own models are triangle shells and
 harmonics of shells of revolution. The foot is clamped, and the rim is held by a lid.
 
 A pinch of the narrow sides flattens a section and reduces the volume to first order, one of the wide sides increases it. The
@@ -12,11 +12,13 @@ pressure of enclosed air therefore adds to the stiffness itself; what is lost to
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
+from scipy.interpolate import PchipInterpolator
 from scipy.linalg import solveh_banded
 
 from ...core.measurement import AIR_PA
@@ -25,8 +27,9 @@ from .deformable import MIN_AIR, WATER_FILL, BulkFill, DeformableContainer
 if TYPE_CHECKING:
     from ...deformation.shells.shell_material import IsotropicMaterial
 
-#: Number of even harmonics, points of a section for its integrals, and heights.
-HARMONICS, POINTS, NODES = 14, 256, 61
+#: Number of harmonics of each component, which spread the force of a finger over some millimetres; points of a quarter of a section for
+#: its integrals, and heights.
+HARMONICS, POINTS, NODES = 15, 45, 61
 #: Maximum deformation of the curves [m].
 MAX_M = 0.01
 #: Gauss-Legendre points and weights of an element along the height.
@@ -109,11 +112,10 @@ def oval_container(
     """
     z, (squash, yaw_rad) = np.linspace(wall_m[0, 1], wall_m[-1, 1], NODES), oval
     r, t = (np.interp(z, wall_m[:, 1], wall_m[:, k]) for k in (0, 2))
-    section = _Section.of(squash, material.poisson_ratio)
     areas = math.pi * squash * r**2
     volume = float(np.sum(0.5 * (areas[1:] + areas[:-1]) * np.diff(z)))
     air_m3 = max(1.0 - filling.solid * fill, MIN_AIR) * volume
-    tips, moved, swells = _compliance(section, (z, r, t), material, closed=closed)
+    tips, moved, swells = _compliance(squash, (z, r, t), material, closed=closed)
     if closed:
         gas = AIR_PA / air_m3
         tips = tips - 2.0 * gas * moved**2 / (1.0 + gas * swells)
@@ -127,65 +129,8 @@ def oval_container(
     return OvalContainer(narrow, wide, yaw_rad)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Term:
-    """Part of a strain: a displacement's harmonics, derived by the height, times functions of the section."""
-
-    field: int  #: index of the displacement in u, v, w
-    order: int  #: of the derivative by the height
-    size: int  #: power of the section's size
-    values: Float[np.ndarray, "n p"]  #: of each harmonic, at the points of a section of size 1
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Section:
-    """An elliptic section with the half-axes ``squash`` and 1: its strains, and what its tips and its area feel of w."""
-
-    energies: tuple[tuple[_Term, _Term, tuple[float, float], Float[np.ndarray, "n n"]], ...]
-    area: Float[np.ndarray, "n"]  #: change of the area by the harmonics of w, for a section of size 1
-    tips: Float[np.ndarray, "2 n"]  #: -w at the narrow and the wide sides
-
-    @classmethod
-    def of(cls, squash: float, nu: float) -> _Section:
-        """Integrate over the ellipse x = squash cos(phi), y = sin(phi).
-
-        An energy is a product of two terms; its factors are those of the membrane and of the plate.
-        """
-        phi = np.arange(POINTS) * 2.0 * math.pi / POINTS
-        n = 2.0 * np.arange(HARMONICS)[:, None]
-        g = np.hypot(squash * np.sin(phi), np.cos(phi))  # ds / dphi
-        curvature, ds = squash / g**3, 2.0 * math.pi / POINTS * g
-        even, odd = np.cos(n * phi), np.sin((n + 2.0) * phi)
-
-        def along(values: np.ndarray) -> np.ndarray:
-            """Derivative by the arc length; exact for harmonics."""
-            orders = 1j * np.fft.rfftfreq(POINTS, 1.0 / POINTS)
-            return np.asarray(np.fft.irfft(orders * np.fft.rfft(values), POINTS) / g)
-
-        u, v, w = range(3)
-        stretch = [_Term(u, 1, 0, even)]
-        hoop = [_Term(v, 0, -1, along(odd)), _Term(w, 0, -1, curvature * even)]
-        shear = [_Term(u, 0, -1, along(even)), _Term(v, 1, 0, odd)]
-        bend = [_Term(w, 2, 0, even)]
-        ring = [_Term(w, 0, -2, along(along(even))), _Term(v, 0, -2, -along(curvature * odd))]
-        twist = [_Term(w, 1, -1, 2.0 * along(even)), _Term(v, 1, -1, -2.0 * curvature * odd)]
-        pairs = [
-            *((one, one, (1.0, 0.0)) for one in (stretch, hoop)), (shear, shear, (0.5 * (1.0 - nu), 0.0)),
-            (stretch, hoop, (nu, 0.0)), (hoop, stretch, (nu, 0.0)),
-            *((one, one, (0.0, 1.0)) for one in (bend, ring)), (twist, twist, (0.0, 0.5 * (1.0 - nu))),
-            (bend, ring, (0.0, nu)), (ring, bend, (0.0, nu)),
-        ]  # fmt: skip
-        energies = tuple(
-            (a, b, factors, (a.values * ds) @ b.values.T)
-            for first, second, factors in pairs
-            for a in first
-            for b in second
-        )
-        return cls(energies, even @ ds, -np.column_stack([even[:, 0], even[:, POINTS // 4]]).T)
-
-
 def _compliance(
-    section: _Section,
+    squash: float,
     wall: tuple[np.ndarray, np.ndarray, np.ndarray],
     material: IsotropicMaterial,
     *,
@@ -197,38 +142,100 @@ def _compliance(
     """
     z, r, t = wall
     count, step = 6 * HARMONICS, float(z[1] - z[0])
-    size = count * len(z)
+    half, size = count // 2, count * len(z)
     bands, swelling = np.zeros((2 * count, size)), np.zeros(size)
     at, weights = 0.5 + 0.5 * _GAUSS[0], 0.5 * step * _GAUSS[1]
-    lower = np.tril_indices(2 * count)
-    shapes = [_hermite(float(x), step) for x in at]
+    x, around = np.polynomial.legendre.leggauss(POINTS)
+    phi, quarters = 0.25 * math.pi * (x + 1.0), math.pi * around
+    harmonics, lower = _harmonics(phi), np.tril_indices(2 * count)
+    smooth, nu = PchipInterpolator(z, r), material.poisson_ratio
+    root = np.linalg.cholesky(np.array([[1.0, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - nu)]])).T
+    shapes = [_hermite(float(place), step) for place in at]
     for k in range(len(z) - 1):
-        # Shape function, displacement, harmonic; twice.
-        whole = np.zeros((4, 3, HARMONICS, 4, 3, HARMONICS))
-        for x, weight, shape in zip(at, weights, shapes, strict=True):
-            radius, thick = (float((1.0 - x) * one[k] + x * one[k + 1]) for one in (r, t))
-            sheet = material.youngs_modulus_Pa * thick / (1.0 - material.poisson_ratio**2)
-            stiffness = np.array([sheet, sheet * thick**2 / 12.0])
-            for a, b, factors, integral in section.energies:
-                scale = weight * float(stiffness @ factors) * radius ** (1 + a.size + b.size)
-                part = np.multiply.outer(np.outer(shape[a.order], shape[b.order]), scale * integral)
-                whole[:, a.field, :, :, b.field] += part.transpose(0, 2, 1, 3)
-            felt = weight * radius * np.outer(shape[0], section.area)
-            swelling[count * k : count * (k + 2)].reshape(4, 3, HARMONICS)[:, 2] += felt
-        bands[lower[0] - lower[1], count * k + lower[1]] += whole.reshape(2 * count, -1)[lower]
+        whole = np.zeros((2 * count, 2 * count))
+        for place, weight, shape in zip(at, weights, shapes, strict=True):
+            height, thick = z[k] + place * step, float((1.0 - place) * t[k] + place * t[k + 1])
+            sheet = material.youngs_modulus_Pa * thick / (1.0 - nu**2)
+            taper = [float(smooth(height, order)) for order in range(3)]
+            strains, normal = _strains(squash, taper, phi, harmonics, shape)
+            area = np.sqrt((normal**2).sum(axis=0))
+            for part, stiffness in zip(strains, (sheet, sheet * thick**2 / 12.0), strict=True):
+                scaled = np.sqrt(weight * stiffness * quarters * area) * np.tensordot(root, part, 1)
+                flat = scaled.reshape(3, 2 * count, POINTS).transpose(0, 2, 1).reshape(-1, 2 * count)
+                whole += flat.T @ flat
+            felt = np.einsum("i,dkp,dp,p->idk", shape[0], harmonics[0], normal, weight * quarters)
+            swelling[count * k : count * (k + 2)] += felt.ravel()
+        bands[lower[0] - lower[1], count * k + lower[1]] += whole[lower]
     # Very stiff supports: the foot, also against tilting of the wall, and the rim under a lid.
-    half = count // 2
-    for low, high in [(0, half), (count - HARMONICS, count), (size - count, size - half)][
-        : 3 if closed else 2
-    ]:
+    tilt, rim = (half, half + 2 * HARMONICS), (size - count, size - half)
+    for low, high in ((0, half), tilt, rim)[: 3 if closed else 2]:
         bands[0, low:high] *= 1e9
+    ends = _harmonics(np.array([0.0, 0.5 * math.pi]))[0]
     loads = np.zeros((size, 2 * len(z) + 1))
     for node in range(len(z)):
-        loads[count * node + 2 * HARMONICS : count * node + half, 2 * node : 2 * node + 2] = section.tips.T
+        for axis in range(2):
+            first = count * node + axis * HARMONICS
+            loads[first : first + HARMONICS, 2 * node + axis] = -ends[axis, :, axis]
     loads[:, -1] = swelling
     moved = solveh_banded(bands, loads, lower=True)
     tips = 2.0 * np.einsum("sk,sk->k", loads[:, :-1], moved[:, :-1])
     return tips.reshape(-1, 2).T, (swelling @ moved[:, :-1]).reshape(-1, 2).T, float(swelling @ moved[:, -1])
+
+
+def _harmonics(phi: Float[np.ndarray, "p"]) -> Float[np.ndarray, "3 3 n p"]:
+    """Functions of the ellipse's parameter and their first two derivatives, for the components along x, y and z."""
+    even = 2.0 * np.arange(HARMONICS)
+    order = np.stack([even + 1.0, even + 1.0, even])
+    # A sine is a cosine a quarter of a turn later.
+    phase = order[..., None] * phi - np.array([0.0, 0.5 * math.pi, 0.0])[:, None, None]
+    return np.stack([order[..., None] ** m * np.cos(phase + 0.5 * math.pi * m) for m in range(3)])
+
+
+def _strains(
+    squash: float,
+    taper: Sequence[float],
+    phi: Float[np.ndarray, "p"],
+    harmonics: Float[np.ndarray, "3 3 n p"],
+    shape: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> tuple[tuple[Float[np.ndarray, "3 4 3 n p"], Float[np.ndarray, "3 4 3 n p"]], Float[np.ndarray, "3 p"]]:
+    """Stretch and bending of the unit displacements, 11, 22 and twice 12 in an orthonormal frame, and X_phi x X_z.
+
+    ``taper`` is the larger half-axis and its first two derivatives by the height. Displacements are by shape function of the height
+    and harmonic of each component.
+    """
+    c, s, nothing = np.cos(phi), np.sin(phi), np.zeros_like(phi)
+    size, slope, bend = taper
+    along = np.stack([squash * slope * c, slope * s, nothing + 1.0])
+    hoop = np.stack([-squash * size * s, size * c, nothing])
+    mixed = np.stack([-squash * slope * s, slope * c, nothing])
+    curved = {
+        (0, 0): bend * np.stack([squash * c, s, nothing]),
+        (0, 1): mixed,
+        (1, 1): -size * np.stack([squash * c, s, nothing]),
+    }
+    normal = np.cross(hoop, along, axis=0)
+    unit, tangents = normal / np.sqrt((normal**2).sum(axis=0)), np.stack([along, hoop])
+    metric = np.einsum("adp,bdp->pab", tangents, tangents)
+
+    def moved(m: int, n: int) -> Float[np.ndarray, "4 3 n p"]:
+        """Derivative of the displacements, m times by the height and n times by the parameter."""
+        return np.asarray(np.multiply.outer(shape[m], harmonics[n]))
+
+    first = (moved(1, 0), moved(0, 1))
+    stretch, bent = {}, {}
+    for (a, b), second in curved.items():
+        stretch[a, b] = 0.5 * (tangents[a, :, None] * first[b] + tangents[b, :, None] * first[a])
+        turn = np.linalg.solve(metric, np.einsum("adp,dp->pa", tangents, second)[..., None])[..., 0].T
+        bent[a, b] = unit[:, None] * (moved(2 - a - b, a + b) - turn[0] * first[0] - turn[1] * first[1])
+    frame = np.linalg.inv(np.linalg.cholesky(metric)).transpose(1, 2, 0)
+    (p, _), (q, o) = frame
+
+    def physical(of: dict[tuple[int, int], np.ndarray]) -> Float[np.ndarray, "3 4 3 n p"]:
+        one, two, three = of[0, 0], of[0, 1], of[1, 1]
+        shear = p * (q * one + o * two)
+        return np.stack([p * p * one, q * q * one + 2.0 * q * o * two + o * o * three, 2.0 * shear])
+
+    return (physical(stretch), physical(bent)), normal
 
 
 def _hermite(x: float, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

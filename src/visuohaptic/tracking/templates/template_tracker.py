@@ -20,6 +20,7 @@ from .alignment.block_fit import corners_within
 from .alignment.esm import Alignment, align
 from .alignment.esm_blur import matching_blur
 from .alignment.esm_pyramid import EsmSettings
+from .alignment.esm_template import CURVES
 from .alignment.warp import is_proper
 from .detector import DetectorSettings
 from .lens import lens_offset, lens_samples
@@ -250,11 +251,10 @@ class TemplateTracker(Closing):
         """Measure the blur of the image periodically, and repeat the alignment if it changed."""
         size = float(np.linalg.norm(alignment.corners[2] - alignment.corners[0]))
         track.blur_age += 1
-        same = (
-            abs(size / max(track.blur_scale, 1e-9) - 1) < 0.05 and track.blur_age < self.settings.blur_frames
-        )
+        near = abs(size / max(track.blur_scale, 1e-9) - 1) < 0.05
+        same = near and track.blur_age < self.settings.blur_frames
         # Half the distance between two curves.
-        if same and track.curve is not None and abs(alignment.curve - track.curve) < 0.25:
+        if same and track.curve is not None and abs(alignment.curve - track.curve) < 0.5 * CURVES[1]:
             return alignment
         track.blur_age, track.blur_scale = 0, size
         # An alignment with the wrong blur biases the next measurement.

@@ -42,7 +42,7 @@ class Orienteering:
         last
             Index of the object.
         """
-        opens, saved = self.values[visited if len(self.values) > 1 else 0, last].tolist()
+        opens, saved = self.values[visited % len(self.values), last].tolist()
         return opens, saved
 
     def tour(self, order: tuple[int, ...]) -> tuple[Value, int] | None:

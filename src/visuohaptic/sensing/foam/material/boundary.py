@@ -87,8 +87,9 @@ def calibrate_tension(
 
     The contours are resampled at the point spacing of the sensor (mean over
     eight phases), because the slope of the flank of a plate depends on the spacing. The forces F of all depths obey
-    ``F_enlarged / F - 1 = kappa relief / F + lambda int h m eps^2 ds / F + e``; e is the scatter
-    of a plate and that of the residuals, lambda has its prior.
+    ``F_enlarged / F - 1 = kappa relief / F + lambda c int h m eps^2 ds / F + e``, with the part c that remains at the
+    breadth of the plate; e is the scatter of a plate, that of the residuals, and the error of the law by sheared foam, which
+    all depths share. lambda has its prior.
 
     Parameters
     ----------
@@ -107,7 +108,7 @@ def calibrate_tension(
         The plate covers the whole record, or its forces do not fit the material.
     """
     material = replace(material, tension=Tension())
-    taken, enlarged, relief, lateral = [], [], [], []
+    taken, rows = [], []
     for record in records:
         top = float(record.delta_m.max())
         if not 0.04 * material.width_m <= top <= material.densification_strain * material.width_m:
@@ -119,25 +120,15 @@ def calibrate_tension(
                 f"at depth {record.depth_m:g} m the contour ends {ends * 1e3:.2f} mm deep, expected 0",
                 remedy="use a plate narrower than the strip and record the contour beyond its flanks",
             )
-        samples = []
-        for phase in np.arange(8) / 8:
-            s = np.arange(record.s_m[0] + phase * spacing_m, record.s_m[-1], spacing_m)
-            samples.append(contour_force(s, np.interp(s, record.s_m, record.delta_m), material))
-        mean = np.mean(samples, axis=0)
         taken.append(record.force_N)
-        enlarged.append(mean[0])
-        relief.append(mean[1])
-        strain = np.maximum(record.delta_m, 0.0) / material.width_m
-        lateral.append(
-            material.height_m * float(np.trapezoid(material.stress(strain) * strain**2, record.s_m))
-        )
+        rows.append(_effects(record, material, spacing_m))
     if len(taken) < 2:
         raise CalibrationError(
             where,
             f"found {len(taken)} usable depths between strain 0.04 and densification, expected 2 or more",
         )
-    force = np.array(taken)
-    excess, effect = np.array(enlarged) / force - 1, np.array(relief) / force
+    enlarged, effect, sheared, lateral = np.array(rows).T / np.array(taken)
+    excess = enlarged - 1
     weight = float(effect @ effect)
     worst = float(np.max(np.abs(excess)))
     if worst > 0.25:
@@ -148,8 +139,10 @@ def calibrate_tension(
         )
     if weight < 1e-6:
         raise CalibrationError(where, "the contours have no flanks", remedy="use a narrower plate")
-    design = np.column_stack([effect, np.array(lateral) / force])
-    (kappa, expansion), covariance = _regressed(design, excess, material.tension.lateral_sigma)
+    design = np.column_stack([effect, lateral])
+    (kappa, expansion), covariance = _regressed(
+        design, excess, SHEARED_SIGMA * sheared, material.tension.lateral_sigma
+    )
     sigma, expansion_sigma = (float(x) for x in np.sqrt(np.diag(covariance)))
     if not -2 * sigma <= kappa <= 2.0:
         raise CalibrationError(
@@ -162,12 +155,31 @@ def calibrate_tension(
 
 
 def _regressed(
-    design: Float[np.ndarray, "n 2"], excess: Float[np.ndarray, "n"], lateral_sigma: float
+    design: Float[np.ndarray, "n 2"],
+    excess: Float[np.ndarray, "n"],
+    common: Float[np.ndarray, "n"],
+    lateral_sigma: float,
 ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]]:
-    """Posterior mean and covariance of kappa, with a flat prior, and lambda."""
+    """Posterior mean and covariance of kappa, with a flat prior, and lambda; ``common`` is the error that all depths share."""
     information, variance = np.diag([0.0, lateral_sigma**-2]), PLATE_SIGMA**2
     for _ in range(2):  # the second fit uses the residuals of the first one
-        covariance = np.linalg.inv(design.T @ design / variance + information)
-        mean = covariance @ design.T @ excess / variance
+        weighted = np.linalg.solve(variance * np.eye(len(excess)) + np.outer(common, common), design)
+        covariance = np.linalg.inv(design.T @ weighted + information)
+        mean = covariance @ weighted.T @ excess
         variance = PLATE_SIGMA**2 + float(np.mean((excess - design @ mean) ** 2))
     return mean, covariance
+
+
+def _effects(record: PlateRecord, material: FoamMaterial, spacing_m: float) -> Float[np.ndarray, "4"]:
+    """Forces of a contour as the sensor samples it [N]: enlarged law, relief, of sheared foam, and by lambda."""
+    samples = []
+    for phase in np.arange(8) / 8:
+        s = np.arange(record.s_m[0] + phase * spacing_m, record.s_m[-1], spacing_m)
+        delta = np.maximum(np.interp(s, record.s_m, record.delta_m), 0.0)
+        stress, tangent = material.stress(delta / material.width_m), np.diff(delta) / np.diff(s)
+        borne = 0.5 * (stress[1:] + stress[:-1]) * np.diff(s) * tangent**2 / (1 + tangent**2)
+        samples.append([*contour_force(s, delta, material), material.height_m * borne.sum()])
+    strain = np.maximum(record.delta_m, 0.0) / material.width_m
+    basis = material.height_m * np.trapezoid(material.loading.basis(strain), record.s_m, axis=0)
+    _, lateral_N = material.expansion_N(basis[None], strain.max(keepdims=True))
+    return np.array([*np.mean(samples, axis=0), -lateral_N[0]])

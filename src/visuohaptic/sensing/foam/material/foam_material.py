@@ -17,7 +17,7 @@ from jaxtyping import Float
 from ....core.errors import InputError
 from .hysteresis import HysteresisLaw
 from .stress_curve import CurveKind, StressCurve
-from .tension import Tension, softening
+from .tension import Tension, expanded, softening
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -102,27 +102,39 @@ class FoamMaterial:
         pressure = self.stress(np.minimum(delta_m / self.width_m, 1.0))
         return self.height_m * float(cell_m @ pressure)
 
-    def force_sigma_N(self, by_parameters: Float[np.ndarray, "p"], by_ratio_N: float) -> float:
+    def expansion_N(
+        self, by_parameters: Float[np.ndarray, "R p"], top: Float[np.ndarray, "R"]
+    ) -> Float[np.ndarray, "2 R"]:
+        """Derivative of the force of R contacts by the lateral expansion, in :attr:`narrow` and at their own breadths [N].
+
+        Parameters
+        ----------
+        by_parameters
+            Derivative of each force by the parameters of the curve [m^2].
+        top
+            Largest strain of each contact.
+        """
+        narrow = by_parameters @ self._taken
+        most = self.height_m * self.loading.stress(top) * top**2
+        breadth = np.maximum(-narrow, 0.0) / np.maximum(most, np.finfo(float).tiny)
+        return np.stack([narrow, narrow * expanded(breadth, self.width_m)])
+
+    def force_sigma_N(
+        self, by_parameters: Float[np.ndarray, "p"], by_ratio_N: float, by_lateral_N: float
+    ) -> float:
         """Standard deviation of a force from the calibration of curve and tension [N].
 
         Parameters
         ----------
         by_parameters
-            Derivative of the force by the parameters of :attr:`narrow` [m^2].
-        by_ratio_N
-            Derivative of the force by the ratio of the tension [N].
+            Derivative of the force by the parameters of the curve [m^2].
+        by_ratio_N, by_lateral_N
+            Derivatives of the force by the ratio of the tension and by the lateral expansion [N].
         """
-        tension = self.tension
-        by_lateral_N = float(by_parameters @ self._taken)
-        shared = tension.correlation * tension.sigma * tension.lateral_sigma
-        variance = float(by_parameters @ self.covariance @ by_parameters)
-        variance += (tension.sigma * by_ratio_N) ** 2 + 2.0 * shared * by_ratio_N * by_lateral_N
+        ratio_N, lateral_N = self.tension.sigma * by_ratio_N, self.tension.lateral_sigma * by_lateral_N
+        variance = float(by_parameters @ self.loading.covariance @ by_parameters)
+        variance += ratio_N**2 + lateral_N**2 + 2.0 * self.tension.correlation * ratio_N * lateral_N
         return float(np.sqrt(max(variance, 0.0)))
-
-    @property
-    def covariance(self) -> Float[np.ndarray, "p p"]:
-        """Covariance of the parameters of :attr:`narrow` [Pa^2]."""
-        return self.narrow.covariance
 
     def stress(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Loading stress [Pa].
@@ -287,7 +299,7 @@ def _schema() -> type[BaseModel]:
         sigma=(float, Field(ge=0, le=5)),
         calibrated=(bool, False),
         lateral=(float, Field(0.0, ge=-2, le=3)),
-        lateral_sigma=(float, Field(0.3, ge=0, le=5)),
+        lateral_sigma=(float, Field(Tension().lateral_sigma, ge=0, le=5)),
         correlation=(float, Field(0.0, ge=-1, le=1)),
     )
     elements = (list[float], Field(min_length=1, max_length=MAX_PARAMETERS))

@@ -262,8 +262,8 @@ def _infer_unseen(width_m: Float[np.ndarray, "K"]) -> tuple[Float[np.ndarray, "K
     count = len(width_m)
     known = np.flatnonzero(np.isfinite(width_m))
     padded = np.pad(width_m, count, constant_values=np.nan)
-    result, sigma = width_m.copy(), np.zeros(count)
-    for k in np.setdiff1d(np.arange(count), known):
+    result, sigma = width_m.copy(), np.where(np.isfinite(width_m), 0.0, math.inf)
+    for k in np.setdiff1d(np.arange(count), known) if len(known) else ():
         nearest = np.concatenate([known[known < k][-1:], known[known > k][:1]])
         weight = np.ones(1) if len(nearest) == 1 else np.abs(nearest[::-1] - k) / np.ptp(nearest)
         pairs = list(zip(weight, nearest, strict=True))

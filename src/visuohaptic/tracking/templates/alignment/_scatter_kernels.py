@@ -84,7 +84,9 @@ def block_covariance(x, y, softened, noise, variance, blur, count, step, probabi
     matrix, inverse = np.zeros((12, 12)), np.zeros((12, 12))
     field, spread = np.zeros((12, 2)), np.zeros((12, 2))
     vector = np.zeros(12)
-    active = np.arange(12) < count
+    active = np.zeros(12, np.bool_)
+    for k in range(count):
+        active[k] = True
     for k in range(8, 12):
         matrix[k, k] = 1.0 / (blur * blur) if k < 11 else 1.0
     prior = matrix.copy()

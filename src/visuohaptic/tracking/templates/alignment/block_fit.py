@@ -17,13 +17,14 @@ and Rubin, J. R. Stat. Soc. B 39 (1977)).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
 
-from .esm_pyramid import NO_OFFSET, Work
+from .esm_pyramid import NO_OFFSET, EsmSettings, Work
 from .esm_template import BLUR_VARIANCES, Level
 from .warp import is_proper, motion_jacobian
 
@@ -119,13 +120,33 @@ def corners_within(covariance: Float[np.ndarray, "8 8"], within_px: float) -> fl
     within_px
         Distance [px].
     """
-    larger = [
-        float(np.linalg.eigvalsh(covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2])[1]) for k in range(4)
-    ]
-    # A corner whose larger variance is v has an error beyond r with probability at most exp(-r^2 / 2 v).
-    return float(
-        max(0.0, 1.0 - sum(np.exp(-0.5 * within_px**2 / max(variance, 1e-12)) for variance in larger))
-    )
+    missed = 0.0
+    for k in range(0, 8, 2):
+        (xx, xy), (_, yy) = covariance[k : k + 2, k : k + 2].tolist()
+        larger = 0.5 * (xx + yy + math.hypot(xx - yy, 2.0 * xy))
+        # A corner whose larger variance is v has an error beyond r with probability at most exp(-r^2 / 2 v).
+        missed += math.exp(-0.5 * within_px**2 / max(larger, 1e-12))
+    return max(0.0, 1.0 - missed)
+
+
+def doubt(fit: BlockFit | None, settings: EsmSettings) -> str:
+    """Why a fit is rejected; empty if it is accepted.
+
+    Parameters
+    ----------
+    fit
+        None if the blocks do not determine one.
+    settings
+        With the limits.
+    """
+    if fit is None or not fit.converged:
+        return "no convergence"
+    if fit.seen < settings.min_seen:
+        return f"only {100 * fit.seen:.0f} % of the template is visible"
+    probability = fit.probability(settings.right_px)
+    if probability < settings.min_probability:
+        return f"accurate to {settings.right_px:g} px with a probability of {probability:.3f} only"
+    return ""
 
 
 def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
@@ -267,18 +288,18 @@ def _shade(x: np.ndarray, y: np.ndarray, fits: np.ndarray, probability: np.ndarr
 
     Uniform illumination if it explains the gains as well, by the criterion of Hannan and Quinn.
     """
-    x, y = (part.ravel() for part in np.meshgrid(x, y))
-    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+    flat = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     weight = (probability * fits[..., 8] / np.maximum(fits[..., 6], 1e-9)).ravel()
-    gain = fits[..., 7].ravel()
     used = weight > 0
-    basis, weight, gain = basis[used], np.sqrt(weight[used]), gain[used]
-    found = np.linalg.lstsq(basis * weight[:, None], gain * weight, rcond=None)[0]
-    left = [
-        ((gain - part) * weight) @ ((gain - part) * weight)
-        for part in (basis @ found, np.average(gain, weights=weight**2))
-    ]
-    count = len(gain)
-    if count < 12 or count * np.log(left[1] / max(left[0], 1e-12)) < 2 * 5 * np.log(np.log(count)):
-        return np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    return found / found[0]
+    count = int(used.sum())
+    if count < 12:
+        return flat
+    x, y = np.tile(x, len(y))[used], np.repeat(y, len(x))[used]
+    weight, gain = weight[used], fits[..., 7].ravel()[used]
+    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    weighted = basis * weight
+    found = np.linalg.lstsq(weighted @ basis.T, weighted @ gain, rcond=1e-12)[0]
+    off, even = gain - found @ basis, gain - (weight @ gain) / weight.sum()
+    if count * np.log((even * even) @ weight / max((off * off) @ weight, 1e-12)) < 10 * np.log(np.log(count)):
+        return flat
+    return np.asarray(found / found[0])

@@ -30,7 +30,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from ...points.homography import apply_homography
-from .block_fit import BlockFit, fit_blocks, recover
+from .block_fit import BlockFit, doubt, fit_blocks, recover
 from .esm_pyramid import MARGIN_PX, EsmSettings, GaussNewton, Work
 from .esm_template import CURVES, EsmTemplate
 from .warp import is_proper, motion_jacobian
@@ -110,7 +110,7 @@ def align(
     start = work.homography
     even = _descend(work)
     fit = fit_blocks(work, 0, 12, 4) if even else None
-    if _doubt(fit, settings):
+    if doubt(fit, settings):
         even, again = False, recover(work, start)
         if fit is None or (again is not None and again.log_odds > fit.log_odds):
             fit = again
@@ -119,10 +119,11 @@ def align(
         if fit is None or fit.seen < settings.min_seen or not work.soften(fit.softer, fit.curve):
             break
         even, work.homography, again = False, fit.homography, fit_blocks(work, 0, 12, 4)
-        if again is None or again.variance >= fit.variance:
+        worse = doubt(again, settings) and not doubt(fit, settings)
+        if worse or again is None or again.variance >= fit.variance:
             break
         fit = again
-    if fit is not None and not _doubt(fit, settings):
+    if fit is not None and not doubt(fit, settings):
         fit = _in_even_light(work, fit, even)
     return _judged(work, fit, start)
 
@@ -238,23 +239,11 @@ def _lost(homography: np.ndarray, reason: str) -> Alignment:
     )
 
 
-def _doubt(fit: BlockFit | None, settings: EsmSettings) -> str:
-    """Why a fit is rejected; empty if it is accepted."""
-    if fit is None or not fit.converged:
-        return "no convergence"
-    if fit.seen < settings.min_seen:
-        return f"only {100 * fit.seen:.0f} % of the template is visible"
-    probability = fit.probability(settings.right_px)
-    if probability < settings.min_probability:
-        return f"accurate to {settings.right_px:g} px with a probability of {probability:.3f} only"
-    return ""
-
-
 def _judged(work: Work, fit: BlockFit | None, start: Float[np.ndarray, "3 3"]) -> Alignment:
     """The result with its covariance and validity."""
     homography = work.to_image @ (work.homography if fit is None else fit.homography)
     homography = homography / homography[2, 2]
-    reason = _doubt(fit, work.settings)
+    reason = doubt(fit, work.settings)
     if fit is not None and not reason:
         before, after = (apply_homography(h, work.template.corners) for h in (start, fit.homography))
         moved = float(np.linalg.norm(after - before, axis=1).max()) * 2.0**work.image_base
@@ -307,6 +296,10 @@ def _in_even_light(work: Work, fit: BlockFit, even: bool) -> BlockFit:
     ):
         return fit
     covariance = fit.blocks.excess(off) * _covariance(work, work.centred)
+    if np.trace(covariance) > np.trace(fit.covariance):
+        return (
+            fit  # pixels that scatter by common causes count less than the blocks, whose light is their own
+        )
     return replace(fit, homography=homography, covariance=covariance)
 
 

@@ -100,6 +100,8 @@ class Work:
         self.stats = np.zeros(13)
         self.offset = offset
         self.margin = -np.inf
+        #: Area of which ``spline`` knows the coefficients: y0, x0, y1, x1.
+        self._splined = 0, 0, -1, -1
         self.clipped = image.dtype == np.uint8
         #: Whether the image region is large enough for the coarsest level.
         self.enough = self._build_pyramid(image, corners)
@@ -289,13 +291,18 @@ class Work:
         height, width = image.shape
         low = max(0, int(min(down)) - 8), max(0, int(min(across)) - 8)
         high = min(height, max(0, int(max(down)) + 9)), min(width, max(0, int(max(across)) + 9))
-        part = image[low[0] : high[0], low[1] : high[1]]
-        result = np.zeros_like(image)
-        if part.size:
-            result[low[0] : high[0], low[1] : high[1]] = cv2.sepFilter2D(
-                part, -1, _PREFILTER, _PREFILTER, borderType=cv2.BORDER_REFLECT_101
-            )
-        return result
+        y0, x0, y1, x1 = self._splined
+        if low[0] < y0 or low[1] < x0 or high[0] > y1 or high[1] > x1:
+            # Twice the margin: the passes that follow move by less, and use the same coefficients.
+            y0, x0, y1, x1 = max(0, low[0] - 8), max(0, low[1] - 8), high[0] + 8, high[1] + 8
+            self._splined = y0, x0, min(y1, height), min(x1, width)
+            part = image[y0:y1, x0:x1]
+            self._coefficients = np.zeros_like(image)
+            if part.size:
+                self._coefficients[y0:y1, x0:x1] = cv2.sepFilter2D(
+                    part, -1, _PREFILTER, _PREFILTER, borderType=cv2.BORDER_REFLECT_101
+                )
+        return self._coefficients
 
     def run(
         self, k: int, level: Level, image: np.ndarray, h: np.ndarray, rows: np.ndarray, how: GaussNewton
