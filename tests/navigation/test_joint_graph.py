@@ -68,7 +68,7 @@ def test_edge_costs_are_those_of_the_map_without_the_object(scene, joint):
     from visuohaptic.navigation.planning.search import grid_from_world
 
     occupied = problem.map.cells >= 50
-    clear_cells(occupied, grid_from_world(problem.map, problem.objects[0].footprint_m))
+    clear_cells(occupied, [grid_from_world(problem.map, problem.objects[0].footprint_m)])
     free = OccupancyMap((occupied * 100).astype(np.int8), problem.map.resolution_m)
     layers = grid_layers(free, SpeedLimits(ROBOT.radius_m))
     stool = joint.node("stool")

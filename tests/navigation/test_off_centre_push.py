@@ -11,7 +11,14 @@ import shapely
 
 from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, with_objects
 from visuohaptic.core import InputError
-from visuohaptic.navigation.planning import after_push, make_plan, plan_off_centre_pushes, without_pushing
+from visuohaptic.navigation.planning import (
+    after_push,
+    make_plan,
+    off_centre_rollouts,
+    plan_off_centre_pushes,
+    without_pushing,
+)
+from visuohaptic.navigation.planning.search import push_states
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem, PushMode, plan_from_json
 from visuohaptic.navigation.pushing import PushModel, line_path, simulate_push
 
@@ -110,6 +117,26 @@ def test_a_wall_behind_it_holds_it():
     for push in plan_off_centre_pushes(asked):
         outline = after_turn(asked, push).objects[0].footprint_m
         assert outline[:, 0].max() < 2.2 + 0.05  # half a cell, and 15 % of one inside
+
+
+def test_the_simulations_end_with_the_budget(monkeypatch):
+    asked, done = problem(slanting(0.9)), []
+
+    def simulated(*args):
+        done.append(args)
+        return simulate_push(*args)
+
+    # A clock that only a simulation moves, by 0.1 s.
+    monkeypatch.setattr(push_states, "_clocks_s", lambda: (0.1 * len(done), 0.1 * len(done)))
+    monkeypatch.setattr(off_centre_rollouts, "simulate_push", simulated)
+    for budget_s in (1.0, 8.0):
+        done.clear()
+        pushes = plan_off_centre_pushes(asked, deadline=push_states.Deadline.after(budget_s))
+        assert 5 * budget_s <= len(done) <= 5 * budget_s + 1  # half of the budget
+    steps = [np.diff(args[2][[0, -1], :2], axis=0)[0] for args in done]
+    assert np.ptp([math.atan2(y, x) for x, y in steps]) > 0.5 * math.pi  # not from one side alone
+    assert pushes  # from those that were simulated
+    assert plan_off_centre_pushes(asked, make_plan, deadline=push_states.Deadline.after(-1.0)) == ()
 
 
 def test_a_margin_without_sense_is_refused():

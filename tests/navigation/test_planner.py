@@ -154,6 +154,9 @@ def test_a_door_that_fits_the_robot_only_between_the_centres_of_cells_is_driven_
         plan = make_plan(problem(radius_m), None, PATIENT)
         assert len(plan.pushes) == len(doorway)
         assert faults(problem(radius_m), plan) == []
+        free = without_pushing(problem(radius_m), PATIENT)
+        assert free.reachable != bool(doorway)
+        assert alternatives(problem(radius_m), None, PATIENT)["no pushing"].cost_s == free.cost_s
     # Wider by 0.2 mm, and by 2 cm: cells of 1.5 mm do not decide the first.
     hardly, wide = (make_plan(problem(radius_m), None, PATIENT) for radius_m in (0.1502, 0.17))
     assert (hardly.reachable, hardly.proved, wide.reachable, wide.proved) == (False, False, False, True)
@@ -205,6 +208,12 @@ def test_replanning_after_a_push_and_with_a_tag_that_says_fixed():
     assert not rest.pushes
     assert faults(done, rest) == []
     assert done.objects[0].tag.explored == 2
+    under = problem.map.cells.copy()
+    row, column = problem.map.cell_from_world(problem.objects[0].centre_m).astype(int)
+    under[row, column] = -1  # a scan does not see what is inside an object
+    seen = replace(problem, map=OccupancyMap(under, problem.map.resolution_m, problem.map.origin))
+    left = after_push(seen, "stool", np.array(push.displacement_m), robot_m)
+    assert (left.map.cells == done.map.cells).all()
     with pytest.raises(InputError, match="has no object 'chair', there are: stool, table"):
         after_push(problem, "chair", np.zeros(2), robot_m)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from shapely import Point, Polygon
@@ -226,9 +227,38 @@ def test_an_object_leaves_neither_cells_nor_crumbs_and_takes_no_wall_along():
             # A mapper's object: a little larger than its outline.
             occupied[r, c] = body.distance(Point(c + 0.5, r + 0.5)) < 0.6
     alone = occupied.copy()
-    clear_cells(alone, outline)
+    clear_cells(alone, [outline])
     assert not alone.any()
     occupied[:, 20:22] = True  # a wall that passes beside it
-    clear_cells(occupied, outline)
+    clear_cells(occupied, [outline])
     kept = [r for r in range(30) if not body.buffer(0.01).intersects(Point(21.5, r + 0.5))]
     assert occupied[kept, 21].all()
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_cells_shared_with_a_wall_stay_its_own_where_its_face_or_a_closed_door_tells_it(turned):
+    # Walls whose faces lie within cells, and what touches them: cells are drawn where they overlap either.
+    walls = [shapely.box(0, 0, 12.4, 6.0), shapely.box(17.7, 0, 30, 6.0), shapely.box(0, 0, 30, 2.3)]
+    thin, door, beside = shapely.box(12.4, 4.2, 17.7, 5.1), shapely.box(12.4, 3, 17.7, 6), (2, 6, 6, 9)
+    shut = shapely.box(12.4, 2.3, 17.7, 6.0)
+
+    def drawn(*shapes):
+        columns, rows = np.meshgrid(np.arange(30), np.arange(12))
+        squares = shapely.box(columns, rows, columns + 1, rows + 1)
+        cells = shapely.intersects(shapely.union_all(shapes).buffer(-1e-6), squares)
+        return cells.T.copy() if turned else cells
+
+    def outline(body):
+        corners = np.array(body.exterior.coords)[:-1]
+        return corners[::-1, ::-1] if turned else corners
+
+    own = drawn(*walls)
+    for body, closed in ((thin, False), (thin, True), (shapely.box(*beside), False), (shut, True)):
+        cells = drawn(*walls, body)
+        clear_cells(cells, *(([], [outline(body)]) if closed else ([outline(body)],)))
+        assert (cells == own).all()
+    cells = drawn(*walls, door)
+    clear_cells(cells, [outline(door)])  # as thick as the wall: no face is seen beside it
+    lost = own & ~cells
+    assert (cells <= own).all()
+    assert (lost <= drawn(shapely.union_all([door]).boundary.buffer(0.01))).all()

@@ -84,7 +84,7 @@ class _Builder:
         # 1 and 2: distances without the object.
         unknown_blocks = not self.regions.layers.unknown_is_free
         occupied = (part >= OBSTACLE_FROM) | (unknown_blocks & (part < 0))
-        clear_cells(occupied, outline - (wide[1].start, wide[0].start))
+        clear_cells(occupied, [outline - (wide[1].start, wide[0].start)])
         distance = window_distance(occupied, wide, self.map.shape, outside_blocks=unknown_blocks)
         (i0, i1), (j0, j1) = (
             (n.start - w.start, n.stop - w.start) for n, w in zip(narrow, wide, strict=True)

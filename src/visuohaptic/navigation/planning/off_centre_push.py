@@ -24,10 +24,13 @@ from .off_centre_rollouts import Rollout, contacts_after, drive_of, fits, opens_
 from .replanning import after_push
 from .search.domain_builder import build_search_domain
 from .search.drives import pull_string
+from .search.push_states import Deadline
 from .search.search_domain import world_from_grid
 
 #: Maximum number of simulated candidates, and number of samples of the uncertain parameters for each.
 MAX_PLANS, SAMPLES = 6, 12
+#: Budget without a time limit [s].
+UNLIMITED_S = 1e9
 
 
 #: A drive to the start of a push, if it is elsewhere, and the push: start, contact, end and retreat of the robot's centre.
@@ -40,6 +43,7 @@ def plan_off_centre_pushes(
     *,
     margin_m: float = 0.0,
     among: Collection[str] | None = None,
+    deadline: Deadline | None = None,
 ) -> tuple[Tasks, ...]:
     """Pushes that rotate an object and clear a passage, the best first; empty if none was found.
 
@@ -53,6 +57,8 @@ def plan_off_centre_pushes(
         Difference between the radius of the problem's robot and that of the pushing rim [m].
     among
         Ids of the objects that may be pushed; all by default.
+    deadline
+        Time limit: a half of the time is for the simulations, the other half for what the pushes lead to.
 
     Returns
     -------
@@ -70,16 +76,18 @@ def plan_off_centre_pushes(
             "plan_off_centre_pushes", f"found a margin of {margin_m} m, expected 0 to the robot's radius"
         )
     domain = build_search_domain(problem)
-    ends = rollouts(domain, margin_m, among)
-    opening = [rollout for rollout in ends if opens_passage(rollout, rollout.pose)]
+    deadline = deadline or Deadline.after(UNLIMITED_S)
+    among = {obj.id for obj in problem.objects} if among is None else among
+    ends = rollouts(domain, margin_m, among, deadline.earlier(0.5 * deadline.left_s))
+    opening = [end for end in ends if not deadline.passed and opens_passage(end, end.pose)]
     if opening:
         chosen = _diverse(sorted(opening, key=_seconds))
     elif planner is not None:
-        ranked = sorted(ends, key=lambda rollout: (-contacts_after(rollout), _seconds(rollout)))
-        chosen = [rollout for rollout in _diverse(ranked) if _solved_after(rollout, planner)]
+        ranked = sorted(ends, key=lambda end: (deadline.passed or -contacts_after(end), _seconds(end)))
+        chosen = [end for end in _diverse(ranked) if not deadline.passed and _solved_after(end, planner)]
     else:
         chosen = []
-    pushes = filter(None, (_tasks(rollout, opens=bool(opening)) for rollout in chosen))
+    pushes = filter(None, (_tasks(end, deadline, opens=bool(opening)) for end in chosen))
     return tuple(sorted(pushes, key=_expected_s))
 
 
@@ -87,7 +95,7 @@ def via_off_centre(
     problem: PlanningProblem,
     rest: Callable[[PlanningProblem, str], Plan],
     among: Collection[str],
-    left: Callable[[], bool],
+    deadline: Deadline,
 ) -> Plan:
     """The cheapest plan that starts with an off-centre push, by the expected time of its tasks.
 
@@ -99,15 +107,17 @@ def via_off_centre(
         Planner for the problem after the push of an object with this id.
     among
         Ids of the objects that may be pushed.
-    left
-        Whether there is time left.
+    deadline
+        Time limit.
     """
     found, best_s = Plan(False, reason="off-centre pushes clear no path either"), math.inf
-    for push in plan_off_centre_pushes(problem, lambda after: rest(after, ""), among=among):
+    for push in plan_off_centre_pushes(
+        problem, lambda after: rest(after, ""), among=among, deadline=deadline
+    ):
         turn = push[-1]
         moved_m, at_m = np.array(turn.displacement_m), np.array(turn.path_m[-1])
         after = after_push(problem, turn.object, moved_m, at_m, turn_rad=turn.turn_rad)
-        plan = rest(after, turn.object) if left() else Plan(False)
+        plan = Plan(False) if deadline.passed else rest(after, turn.object)
         expected_s = _expected_s(push) + plan.cost_s
         if expected_s < best_s:
             found, best_s = replace(plan, tasks=(*push, *plan.tasks), gap=math.inf), expected_s
@@ -130,20 +140,20 @@ def _moved_m(rollout: Rollout) -> Point:
     return moved_m
 
 
-def _tasks(rollout: Rollout, *, opens: bool) -> Tasks:
-    """The drive and the push; none if there is no drive to its start."""
+def _tasks(rollout: Rollout, deadline: Deadline, *, opens: bool) -> Tasks:
+    """The drive and the push; none if there is no drive to its start, or no time left."""
     domain, obj, moved_m = rollout.scene.domain, rollout.scene.body.obj, _moved_m(rollout)
     grid, robot = domain.map, domain.robot
     still = np.zeros((len(domain.bodies), 2))
     path, cost = pull_string(domain, still, domain.start, rollout.approach_at)
-    if not len(path):
+    if not len(path) or deadline.passed:
         return ()
     lengths = np.array([0.0, rollout.scene.stand_off, rollout.length_m / grid.resolution_m])
     along = rollout.approach_at + lengths[:, None] * rollout.direction
     way_m = world_from_grid(grid, np.vstack([along, retreat(rollout)]))
     # Drift and rotation of straight pushes do not apply here; the counters and the force do.
     holds = 1.0 - failure_probability(obj.tag, 0.0, robot, domain.costs)
-    holds *= 1.0 - _missed(rollout, opens=opens)
+    holds *= 1.0 - _missed(rollout, deadline, opens=opens)
     turn = Task(
         "turn", robot.setup_time_s + rollout.length_m / robot.v_push_m_s,
         float(np.hypot(*np.diff(way_m, axis=0).T).sum()), tuple((float(x), float(y)) for x, y in way_m), obj.id,
@@ -154,8 +164,8 @@ def _tasks(rollout: Rollout, *, opens: bool) -> Tasks:
     return (*drive_tasks(domain, still, path, cost), turn)
 
 
-def _missed(rollout: Rollout, *, opens: bool) -> float:
-    """Fraction of simulated pushes that collide or do not produce the intended result."""
+def _missed(rollout: Rollout, deadline: Deadline, *, opens: bool) -> float:
+    """Fraction of simulated pushes that collide, do not produce the intended result, or 1 if the time ends."""
     path = drive_of(rollout.scene, rollout.direction, rollout.approach_at, rollout.length_m)
     scene, rng = rollout.scene, np.random.default_rng(0)
     _, along, blocked = sampled_pushes(
@@ -163,6 +173,8 @@ def _missed(rollout: Rollout, *, opens: bool) -> float:
     )
     failed = 0
     for poses in along[~blocked]:
+        if deadline.passed:
+            return 1.0
         pose = poses[-1]
         off = np.abs(pose - rollout.pose)
         arrived = np.hypot(*off[:2]) < 0.05 and off[2] < 0.3

@@ -19,10 +19,13 @@ from .object_cells import fill_cells
 from .search import _travel_kernels
 from .search._travel_kernels import FAR, UNITS, clearances_at, reach_costs
 from .search.bodies import Body, lower_clearance
+from .search.push_states import Deadline
 from .search.search_domain import SearchDomain
 
 #: Number of directions that are tried; lateral contact offsets are fractions of half the object's width.
 DIRECTIONS = 24
+#: Directions between one and the next that is tried, without a common divisor: all sides come before the time ends.
+STRIDE = 7
 PLACES = (-0.85, -0.5, -0.2, 0.2, 0.5, 0.85)
 #: Maximum length of the drive in contact [m], and spacing of the retained end points.
 MAX_LENGTH_M, SPACING_M = 0.5, 0.06
@@ -59,7 +62,9 @@ class Rollout:
     pose: Float[np.ndarray, "3"]  #: of the body relative to its initial pose [m, m, rad]
 
 
-def rollouts(domain: SearchDomain, margin_m: float, among: Collection[str] | None = None) -> list[Rollout]:
+def rollouts(
+    domain: SearchDomain, margin_m: float, among: Collection[str], deadline: Deadline
+) -> list[Rollout]:
     """Collision-free drives against every body from all sides.
 
     Parameters
@@ -69,29 +74,29 @@ def rollouts(domain: SearchDomain, margin_m: float, among: Collection[str] | Non
     margin_m
         Safety margin [m].
     among
-        Ids of the bodies; all by default.
+        Ids of the bodies.
+    deadline
+        Time limit, of which each body has an equal part.
     """
 
-    still = np.zeros((len(domain.bodies), 2))
-    clearance = domain.clearance_with(still)
+    clearance = domain.clearance_with(np.zeros((len(domain.bodies), 2)))
     cells, costs = domain.seeds(clearance, domain.start, reach=2, block=1)
     if not cells.size:
         return []
-    nothing = np.zeros((0, 0), np.int16)
-    none = np.zeros(0, np.int32)
+    nothing, none = np.zeros((0, 0), np.int16), np.zeros(0, np.int32)
     cost = _travel_kernels.travel_field(
         clearance, domain.radius, domain.slow, cells, costs, nothing, none, none, 0, none
     )
     found: list[Rollout] = []
-    for index, body in enumerate(domain.bodies):
-        if body.allowed.unknown or (among is not None and body.obj.id not in among):
-            continue
+    chosen = [k for k, b in enumerate(domain.bodies) if not b.allowed.unknown and b.obj.id in among]
+    for left, index in zip(range(len(chosen), 0, -1), chosen, strict=True):
         scene = scene_of(domain, index, margin_m)
-        ends = [
-            rollout
-            for direction, approach_at, approach in _approaches(scene, clearance, cost)
-            for rollout in _rollouts_of(scene, direction, approach_at, domain.seconds(approach / UNITS))
-        ]
+        ends: list[Rollout] = []
+        until = deadline.earlier(deadline.left_s * (left - 1) / left)
+        for direction, approach_at, approach in _approaches(scene, clearance, cost):
+            if until.passed:
+                break
+            ends += _rollouts_of(scene, direction, approach_at, domain.seconds(approach / UNITS))
         found += ends[:: max(1, -(-len(ends) // MAX_ROLLOUTS))]
     return found
 
@@ -109,19 +114,13 @@ def scene_of(domain: SearchDomain, index: int, margin_m: float = 0.0) -> OffCent
         Difference between the radius of the domain's robot and that of the pushing rim [m].
     """
     body, resolution_m = domain.bodies[index], domain.map.resolution_m
-    blocked = domain.occupied.copy()
-    for outline in (
-        *(other.outline for other in domain.bodies if other is not body),
-        *domain.immovable_outlines,
-    ):
-        fill_cells(blocked, outline)
+    blocked, others = domain.occupied.copy(), [other for other in domain.bodies if other is not body]
+    fill_cells(blocked, *(other.outline for other in others), *domain.immovable_outlines)
     model = PushModel.of_footprint((body.outline - body.centre) * resolution_m)
     model = model.with_centre_moved(*(body.friction * resolution_m))
     without = domain.clearance_with(np.zeros((len(domain.bodies), 2)), index)
-    return OffCentreScene(
-        domain, body, model, without, blocked, domain.robot.radius_m - margin_m,
-        STAND_OFF + margin_m / resolution_m,
-    )  # fmt: skip
+    radius_m, stand_off = domain.robot.radius_m - margin_m, STAND_OFF + margin_m / resolution_m
+    return OffCentreScene(domain, body, model, without, blocked, radius_m, stand_off)
 
 
 def has_room(scene: OffCentreScene, points_m: Path) -> Bool[np.ndarray, "k"]:
@@ -149,7 +148,7 @@ def _approaches(
     shape = np.ascontiguousarray(body.outline - body.centre)
     radius = scene.radius_m / domain.map.resolution_m
     reach = 3.0 * float(np.abs(shape).max()) + 3.0 * domain.radius
-    for angle in np.arange(DIRECTIONS) * (2 * math.pi / DIRECTIONS):
+    for angle in np.arange(DIRECTIONS) * (STRIDE * 2 * math.pi / DIRECTIONS):
         ahead = np.array([math.cos(angle), math.sin(angle)])
         left = np.array([-ahead[1], ahead[0]])
         across = shape @ left
@@ -245,9 +244,7 @@ def retreat(rollout: Rollout) -> Point:
 def _reached(rollout: Rollout, pose: np.ndarray) -> tuple[Clearance, Bool[np.ndarray, "n"]]:
     """Clearance, and the cells that the robot can reach after a push."""
 
-    domain = rollout.scene.domain
-    clearance = rollout.scene.without.copy()
-    body = rollout.scene.body
+    domain, body, clearance = rollout.scene.domain, rollout.scene.body, rollout.scene.without.copy()
     outline = body.placed(body.outline, pose, domain.map.resolution_m)
     lower_clearance(clearance, np.ascontiguousarray(outline), domain.reach)
     near, _ = domain.seeds(clearance, retreat(rollout), reach=2, block=1)
@@ -281,8 +278,7 @@ def contacts_after(rollout: Rollout) -> int:
     """
     domain = rollout.scene.domain
     _, reached = _reached(rollout, rollout.pose)
-    shape = rollout.scene.domain.clearance.shape
-    body, resolution_m = rollout.scene.body, domain.map.resolution_m
+    shape, body, resolution_m = domain.clearance.shape, rollout.scene.body, domain.map.resolution_m
     outline = body.placed(body.outline, rollout.pose, resolution_m)
     centre = body.placed(body.centre[None], rollout.pose, resolution_m)[0]
     found = 0

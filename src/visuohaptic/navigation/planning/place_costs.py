@@ -54,8 +54,7 @@ def place_costs(
     costs[~preferred] += outside_s
     if on_route_s:
         static = occupied.copy()
-        for outline in fixed:
-            fill_cells(static, outline)
+        fill_cells(static, *fixed)
         grid = OccupancyMap(static.astype(np.int8) * OCCUPIED, problem.map.resolution_m, problem.map.origin)
         cells = build_graph(grid_layers(grid, problem.robot)).path_cells
         route = np.zeros(occupied.shape, dtype=bool)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -23,7 +24,7 @@ from .sideward_plan import via_sideward
 
 #: Weight of reliability in the most reliable plan [s per -log(1 - p)].
 RELIABLE_RISK_S = 600.0
-#: Fraction of the budget for a plan without exploration, if there are unknown objects.
+#: Fraction of the budget for a plan of straight pushes without exploration, if there are objects for other plans.
 KNOWN_FRACTION = 0.5
 #: Maximum number of cells of a map that is divided into cells of half their size.
 MAX_HALVED = 1_000_000
@@ -63,30 +64,33 @@ def make_plan(
     limits = limits or SearchLimits()
     load_kernels()
     deadline = Deadline.after(limits.budget_s)
-    return _with_finer_cells(build_search_domain(problem, costs), _until(deadline, limits))
+    return _with_finer_cells(build_search_domain(problem, costs), _until(deadline, limits), _cheapest)
 
 
-def _with_finer_cells(domain: SearchDomain, limits: SearchLimits) -> Plan:
-    """The cheapest plan; without plan and proof, on cells of half the size, as often as budget and :data:`MAX_HALVED` allow.
+def _with_finer_cells(
+    domain: SearchDomain, limits: SearchLimits, plan_on: Callable[[SearchDomain, SearchLimits], Plan]
+) -> Plan:
+    """A plan; without plan and proof, on cells of half the size, as often as budget and :data:`MAX_HALVED` allow.
 
     The obstacles are the same, but a robot may drive where it does not fit on the centres of larger cells.
     """
     deadline = Deadline.after(limits.budget_s)
-    plan = _cheapest(domain, limits)
+    plan = plan_on(domain, limits)
     while not (plan.reachable or plan.proved or deadline.passed or domain.occupied.size > MAX_HALVED):
         cells = domain.occupied.repeat(2, axis=0).repeat(2, axis=1)
         finer = OccupancyMap(cells, 0.5 * domain.map.resolution_m, domain.map.origin)
         domain = build_search_domain(replace(domain.problem, map=finer), domain.costs)
-        again = _cheapest(domain, _until(deadline, limits))
+        again = plan_on(domain, _until(deadline, limits))
         plan = again if again.reachable or again.proved else plan
-    return _with_proof(domain, plan, _until(deadline, limits))
+    return _with_proof(domain, plan, _until(deadline, limits)) if plan_on is _cheapest else plan
 
 
 def _cheapest(domain: SearchDomain, limits: SearchLimits, done: frozenset[str] = frozenset()) -> Plan:
     """The cheapest plan; objects that are ``done`` are not pushed sideward again. A proof covers straight pushes only."""
     deadline = Deadline.after(limits.budget_s)
     unknown = any(body.allowed.unknown for body in domain.bodies)
-    first = replace(limits, budget_s=limits.budget_s * (KNOWN_FRACTION if unknown else 1.0))
+    turned = {obj.id for obj in domain.problem.objects if obj.push is PushMode.OFF_CENTRE} - done
+    first = replace(limits, budget_s=limits.budget_s * (KNOWN_FRACTION if unknown or turned else 1.0))
     limits = replace(limits, found=None)  # the others are searches for parts of plans
 
     def planned(after: PlanningProblem, done: frozenset[str]) -> Plan:
@@ -100,14 +104,13 @@ def _cheapest(domain: SearchDomain, limits: SearchLimits, done: frozenset[str] =
         plan = via_sideward(domain, index, partial(planned, done=done | {id}), safe_plan.cost_s, deadline)
         if plan.cost_s < safe_plan.cost_s:
             safe_plan = plan
-    turned = {obj.id for obj in domain.problem.objects if obj.push is PushMode.OFF_CENTRE} - done
     if turned and not safe_plan.reachable and not deadline.passed:
 
         def after_turn(after: PlanningProblem, id: str) -> Plan:
             # An object that was turned once is pushed straight from then on; until one is chosen, so are all.
             return planned(after, done | ({id} if id else turned))
 
-        plan = via_off_centre(domain.problem, after_turn, turned, lambda: not deadline.passed)
+        plan = via_off_centre(domain.problem, after_turn, turned, deadline)
         refused = replace(safe_plan, notes=(*safe_plan.notes, plan.reason))
         safe_plan = plan if plan.reachable else refused
     if not unknown:
@@ -145,7 +148,10 @@ def without_pushing(problem: PlanningProblem, limits: SearchLimits | None = None
     limits
         Limits of the search.
     """
-    return plan_in_domain(build_search_domain(problem), limits, active=(), name="no pushing")
+    return _with_finer_cells(build_search_domain(problem), limits or SearchLimits(), _detour)
+
+
+_detour = partial(plan_in_domain, active=(), name="no pushing")
 
 
 def alternatives(
@@ -172,8 +178,7 @@ def alternatives(
     limits, domain = replace(limits or SearchLimits(), found=None), build_search_domain(problem, costs)
     cautious = replace(domain.costs, risk_s=RELIABLE_RISK_S)
     reliable = _planned(domain, limits, unknown=True, weights=cautious)
-    cheapest = _with_finer_cells(domain, limits)
-    free = plan_in_domain(domain, limits, active=(), name="no pushing")
+    cheapest, free = (_with_finer_cells(domain, limits, plan_on) for plan_on in (_cheapest, _detour))
     tour = exploration_tour(problem, LEARN_S, costs, to_goal=True)
     found = {
         "cheapest": cheapest,

@@ -9,7 +9,7 @@ import numpy as np
 from ...core import HapticTag, InputError, rotation_2d
 from ...io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ..grid.cost_grid import OBSTACLE_FROM
-from ..problem.planning_problem import MovableObject, PlanningProblem
+from ..problem.planning_problem import PlanningProblem
 from .arrays import Point
 from .object_cells import clear_cells, fill_cells
 from .search.search_domain import grid_from_world
@@ -33,7 +33,10 @@ def after_push(
     turn_rad
         Rotation of the object about its centroid.
     """
-    obj = _object(problem, id)
+    obj = next((obj for obj in problem.objects if obj.id == id), None)
+    if obj is None:
+        names = ", ".join(obj.id for obj in problem.objects) or "none"
+        raise InputError("problem", f"has no object '{id}', there are: {names}", field="objects")
     tag = obj.tag or HapticTag()
     turned = rotation_2d(turn_rad).T
     aside_m = np.array(obj.friction_offset_m) @ turned
@@ -49,30 +52,20 @@ def after_push(
         tag=tag.updated(explored=tag.explored + 1, fixed=False),
     )
     grid = problem.map
-    blocked = grid.cells >= OBSTACLE_FROM
-    before = blocked.copy()
-    clear_cells(blocked, grid_from_world(grid, obj.footprint_m))
+    blocked = grid.cells.view(np.uint8) >= OBSTACLE_FROM  # unknown cells, too
+    walls = blocked.copy()
+    clear_cells(walls, (grid_from_world(grid, other.footprint_m) for other in problem.objects))
     # Cells that it shared with its neighbours remain theirs.
-    theirs, filled = np.zeros((2, *grid.shape), dtype=bool)
-    for other in problem.objects:
-        if other.id != id:
-            fill_cells(theirs, grid_from_world(grid, other.footprint_m))
+    objects = tuple(moved if other.id == id else other for other in problem.objects)
+    filled = np.zeros(grid.shape, dtype=bool)
+    fill_cells(filled, *(grid_from_world(grid, other.footprint_m) for other in objects))
     cells = grid.cells.copy()
-    cells[before & ~blocked & ~theirs] = FREE
-    fill_cells(filled, grid_from_world(grid, moved.footprint_m))
+    cells[blocked & ~walls] = FREE
     cells[filled] = OCCUPIED
     return replace(
         problem,
         map=OccupancyMap(cells, grid.resolution_m, grid.origin),
         start_m=np.asarray(robot_m),
         start_yaw_rad=None,
-        objects=tuple(moved if other.id == id else other for other in problem.objects),
+        objects=objects,
     )
-
-
-def _object(problem: PlanningProblem, id: str) -> MovableObject:
-    for obj in problem.objects:
-        if obj.id == id:
-            return obj
-    names = ", ".join(obj.id for obj in problem.objects) or "none"
-    raise InputError("problem", f"has no object '{id}', there are: {names}", field="objects")

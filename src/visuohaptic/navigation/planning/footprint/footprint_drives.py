@@ -171,8 +171,7 @@ class FootprintDrives:
         """Number of occupied fine cells before each column of a row, the last one included."""
         if self.layers is None:
             occupied = self.domain.occupied.repeat(self.factor, axis=0).repeat(self.factor, axis=1)
-            for outline in self.domain.immovable_outlines:
-                fill_cells(occupied, outline * self.factor)
+            fill_cells(occupied, *(outline * self.factor for outline in self.domain.immovable_outlines))
             counts = np.pad(np.cumsum(occupied, axis=1, dtype=np.int32), ((0, 0), (1, 0)))
             self.layers = occupied, counts, np.zeros(len(counts), dtype=bool)
         occupied, counts, before = self.layers
@@ -185,8 +184,7 @@ class FootprintDrives:
                 rows[window_around(occupied.shape, outline, 0.0)[0]] = True
             changed = rows | before
             still = occupied[changed]
-            for outline in outlines:
-                fill_cells(occupied, outline)
+            fill_cells(occupied, *outlines)
             counts[changed, 1:] = np.cumsum(occupied[changed], axis=1)
             occupied[changed] = still
             self.key, self.layers = key, (occupied, counts, rows)

@@ -43,14 +43,14 @@ def build_search_domain(
     occupied = grid.cells.view(np.uint8) >= OBSTACLE_FROM
     movable: list[Body] = []
     fixed: list[MovableObject | Passage] = []
-    passages = []
+    drawn, closed, passages = [], [], []
     why: dict[str, str] = {}
     doors = _wings(problem)
     for obj in problem.objects:
         if any(door.id == obj.id for door in doors):
             continue
         body = _body(problem, obj, costs)
-        clear_cells(occupied, body.outline)
+        drawn.append(body.outline)
         if body.allowed.possible:
             movable.append(body)
         else:
@@ -58,13 +58,14 @@ def build_search_domain(
             why[obj.id] = body.allowed.reason
     for passage in (*problem.passages, *doors):
         outline = grid_from_world(grid, passage.footprint_m)
-        clear_cells(occupied, outline)
+        closed.append(outline)
         cost = passage.cost(robot)
         if np.isfinite(cost.total_s):
             passages.append((passage, outline, cost.total_s))
         else:
             fixed.append(passage)
             why[passage.id] = cost.reason
+    clear_cells(occupied, drawn, closed)
     # The outline defines the size of an object, whether it is movable or not.
     clearance = cell_distance(occupied, full_speed_clearance(radius))
     outlines = tuple(grid_from_world(grid, obj.footprint_m) for obj in fixed)

@@ -75,10 +75,11 @@ class TravelMemory:
         grid = problem.map
         blocked = (grid.cells >= 50) | (grid.cells < 0)
         walls = blocked.copy()
-        outlines_m = [item.footprint_m for item in problem.objects]
-        outlines_m += [passage.footprint_m for passage in problem.passages]
-        for outline_m in outlines_m:
-            clear_cells(walls, grid_from_world(grid, outline_m))
+        objects, passages = (
+            [grid_from_world(grid, item.footprint_m) for item in items]
+            for items in (problem.objects, problem.passages)
+        )
+        clear_cells(walls, objects, passages)
         self._cells = grid.cells.copy()
         self._cells[blocked & ~walls] = FREE
         self._failures_reset = 0
@@ -320,8 +321,7 @@ def map_with_footprints(grid: OccupancyMap, footprints_m: Iterable[Float[np.ndar
         Corners of each object's outline, map frame [m].
     """
     filled: Bool[np.ndarray, "rows columns"] = np.zeros(grid.shape, dtype=bool)
-    for outline_m in footprints_m:
-        fill_cells(filled, grid_from_world(grid, outline_m))
+    fill_cells(filled, *(grid_from_world(grid, outline_m) for outline_m in footprints_m))
     cells = grid.cells.copy()
     cells[filled] = OCCUPIED
     return OccupancyMap(cells, grid.resolution_m, grid.origin)
