@@ -73,39 +73,39 @@ def run(args: Any) -> dict[str, Any]:
     check_zero_alone(args)
     with ExitStack() as stack:
         if args.source is not None:
-            reader, frames = _images(args, stack)
+            reader, frames, names = _images(args, stack)
         else:
-            reader, frames = _poses(args)
+            reader, frames, names = _poses(args)
         if not args.zero:
             return _measure(args, reader, frames)
         # A live camera has no end.
         limit = args.zero_frames or (_LIVE_ZERO if is_live(str(args.source)) else None)
         assert reader.zero_path is not None  # a file of settings always names one
-        return _stored(args, reader.zero(islice(frames, limit)), reader.zero_path)
+        return _stored(args, reader.zero(islice(frames, limit)), reader.zero_path, names)
 
 
-def _images(args: Any, stack: ExitStack) -> tuple[sensing.SensorReader[Any], Iterator[Any]]:
-    """A reader of camera frames, and those of ``--source``."""
+def _images(args: Any, stack: ExitStack) -> tuple[sensing.SensorReader[Any], Iterator[Any], list[str]]:
+    """A reader of camera frames, those of ``--source``, and the names of the templates."""
     from ....sensing.beam.tracked import TrackedBeam
 
     # With a live camera the detector runs in a thread, to avoid delays; with a recording in sequence, for reproducible results.
     beam = TrackedBeam.load(args.config, threaded=is_live(args.source))
     reader = stack.enter_context(sensing.BeamReader(beam, templates=True))
     source = stack.enter_context(opened_frames(args, reader.camera, grey=not args.view))
-    return reader, shown_frames(args, source, _doing(args))
+    return reader, shown_frames(args, source, _doing(args)), list(beam.sensor.setup.xi)
 
 
-def _poses(args: Any) -> tuple[sensing.SensorReader[Any], Iterator[Any]]:
-    """A reader of template poses, and those of ``--poses``."""
+def _poses(args: Any) -> tuple[sensing.SensorReader[Any], Iterator[Any], list[str]]:
+    """A reader of template poses, those of ``--poses``, and the names of the templates."""
     if args.view or args.start or args.stop != float("inf") or args.rate_Hz is not None:
         raise InputError(
             "--poses", "has no images", remedy="--view, --start, --stop and --rate-Hz belong to --source"
         )
     from ....sensing.beam import BeamSensorConfig, read_template_poses
 
-    reader = _pose_reader(BeamSensorConfig.load(args.config))
+    setup = BeamSensorConfig.load(args.config)
     frames = args.progress(read_template_poses(args.poses), _doing(args))
-    return reader, iter(_PoseFrame(*frame) for frame in frames)
+    return _pose_reader(setup), iter(_PoseFrame(*frame) for frame in frames), list(setup.xi)
 
 
 def _doing(args: Any) -> str:
@@ -222,12 +222,10 @@ def _drawn(frame: core.Frame, wrench: core.Wrench, templates: Sequence[tracking.
     )
 
 
-def _stored(args: Any, zero: Any, path: Path) -> dict[str, Any]:
-    from ....sensing.beam import BeamSensorConfig
-
+def _stored(args: Any, zero: Any, path: Path, names: list[str]) -> dict[str, Any]:
     zero.save(path)
     args.report(f"zero from {zero.frames} frames of {', '.join(zero.rest.names)} written to {path}")
-    for name in BeamSensorConfig.load(args.config).xi:
+    for name in names:
         if name not in zero.rest.names:
             args.report(f"{name} was not visible in half of the frames: it is not used")
     return {"zero": str(path), "frames": zero.frames, "templates": list(zero.rest.names)}
