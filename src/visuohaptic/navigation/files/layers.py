@@ -66,12 +66,7 @@ class _LayerFile(BaseModel):
 
 
 def save_layer(
-    path: Path | str,
-    values: np.ndarray,
-    grid: OccupancyMap,
-    *,
-    name: str = "",
-    unit: str = "1",
+    path: Path | str, values: np.ndarray, grid: OccupancyMap, *, name: str = "", unit: str = "1"
 ) -> None:
     """Write ``NAME.yaml`` and ``NAME.png`` next to it.
 

@@ -111,9 +111,8 @@ def via_off_centre(
         Time limit.
     """
     found, best_s = Plan(False, reason="off-centre pushes clear no path either"), math.inf
-    for push in plan_off_centre_pushes(
-        problem, lambda after: rest(after, ""), among=among, deadline=deadline
-    ):
+    pushes = plan_off_centre_pushes(problem, lambda after: rest(after, ""), among=among, deadline=deadline)
+    for push in pushes:
         turn = push[-1]
         moved_m, at_m = np.array(turn.displacement_m), np.array(turn.path_m[-1])
         after = after_push(problem, turn.object, moved_m, at_m, turn_rad=turn.turn_rad)
@@ -136,8 +135,7 @@ def _solved_after(rollout: Rollout, planner: Callable[[PlanningProblem], Plan]) 
 
 def _moved_m(rollout: Rollout) -> Point:
     """Displacement of the body's centroid in the map frame [m]."""
-    moved_m: Point = rollout.pose[:2] @ rotation_2d(rollout.scene.domain.map.origin[2]).T
-    return moved_m
+    return np.asarray(rollout.pose[:2] @ rotation_2d(rollout.scene.domain.map.origin[2]).T)
 
 
 def _tasks(rollout: Rollout, deadline: Deadline, *, opens: bool) -> Tasks:

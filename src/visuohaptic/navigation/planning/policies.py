@@ -102,8 +102,7 @@ def _cheapest(domain: SearchDomain, limits: SearchLimits, done: frozenset[str] =
         if body.obj.push is not PushMode.SIDEWARD or body.allowed.unknown or id in done or deadline.passed:
             continue
         plan = via_sideward(domain, index, partial(planned, done=done | {id}), safe_plan.cost_s, deadline)
-        if plan.cost_s < safe_plan.cost_s:
-            safe_plan = plan
+        safe_plan = min(safe_plan, plan, key=lambda one: one.cost_s)
     if turned and not safe_plan.reachable and not deadline.passed:
 
         def after_turn(after: PlanningProblem, id: str) -> Plan:
