@@ -15,6 +15,7 @@ from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.planning import off_centre_rollouts as drives
 from visuohaptic.navigation.planning.search import _travel_kernels, build_search_domain
 from visuohaptic.navigation.planning.search._travel_kernels import UNITS
+from visuohaptic.navigation.planning.search.push_states import Deadline
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem, RobotModel
 from visuohaptic.navigation.pushing.quasi_static import STEP_M
 
@@ -101,13 +102,14 @@ def test_a_drive_is_kept_every_six_centimetres_up_to_half_a_metre_in_contact(dom
 
 
 def test_the_sample_of_drives_is_limited_and_of_all_sides(domain):
-    some = drives.rollouts(domain, 0.02)
+    unlimited = Deadline.after(1e9)
+    some = drives.rollouts(domain, 0.02, {"box"}, unlimited)
     assert 120 < len(some) <= 240
     assert len({tuple(np.round(one.direction, 6)) for one in some}) > 20
     assert some[0].scene.radius_m == pytest.approx(RADIUS_M - 0.02)
     # The robot keeps its distance where the rim, which pushes, is 2 cm inside of it.
     assert some[0].scene.stand_off == pytest.approx(0.6 + 0.02 / CELL_M)
-    assert drives.rollouts(domain, 0.02, among=()) == []
+    assert drives.rollouts(domain, 0.02, (), unlimited) == []
 
 
 def test_the_box_and_the_robot_fit_where_no_wall_is(domain):
