@@ -250,9 +250,10 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
     known.outline_errors = None if radial is None else radial.ring_errors(outline)
     rms_m = bottle.outline_error_m(outline)
     seen_rms_m = bottle.outline_error_m(seen) if len(seen) else None
+    missed = "" if touched.ending.success else f" ({touched.ending.why})"
     return done(
         f"{len(contacts)} contacts complete the outline: {1e3 * outline[-1, 1]:.0f} mm high, up to "
-        f"{2e3 * outline[:, 0].max():.0f} mm wide, expected error {1e3 * error_m:.1f} mm",
+        f"{2e3 * outline[:, 0].max():.0f} mm wide, expected error {1e3 * error_m:.1f} mm{missed}",
         Claim("shape", "bottle", 0.0, rms_m, sigma=error_m),
         Claim("height", "bottle", float(outline[-1, 1]), bottle.height_m, sigma=HEIGHT_SIGMA_M),
         Measure("expected error of the missing part, before touching [m]", before_m),
