@@ -250,7 +250,7 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
     known.outline_errors = None if radial is None else radial.ring_errors(outline)
     rms_m = bottle.outline_error_m(outline)
     seen_rms_m = bottle.outline_error_m(seen) if len(seen) else None
-    missed = "" if touched.ending.success else f" ({touched.ending.why})"
+    missed = "" if touched.ending.success else f", where {1e3 * BOUND_M:.1f} mm were requested"
     return done(
         f"{len(contacts)} contacts complete the outline: {1e3 * outline[-1, 1]:.0f} mm high, up to "
         f"{2e3 * outline[:, 0].max():.0f} mm wide, expected error {1e3 * error_m:.1f} mm{missed}",
