@@ -12,7 +12,13 @@ from scipy.spatial import cKDTree
 from visuohaptic.core import InputError
 from visuohaptic.core.geometry import so3_exp
 from visuohaptic.deformation.maps import object_map
-from visuohaptic.deformation.shapes import MeshConvention, ShellObject, import_container, tube_mesh
+from visuohaptic.deformation.shapes import (
+    MeshConvention,
+    ShellObject,
+    grid_faces,
+    import_container,
+    tube_mesh,
+)
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -109,3 +115,20 @@ def test_what_is_a_container_in_no_unit_is_refused(tmp_path: Path) -> None:
     # 4.7 km in metres, 4.7 m in millimetres: the only unit in which it is too small is none.
     with pytest.raises(InputError, match=r"no container in m, mm, cm, dm, in"):
         imported(cup().apply_scale(4e4), tmp_path)
+
+
+def test_a_leaning_dish_without_a_steep_wall_is_refused(tmp_path: Path) -> None:
+    """Its wall of 30 degrees tells no axis, so that it is not turned; its rim is not closed at one height."""
+    turn, radius = np.arange(48) * 2 * np.pi / 48, np.linspace(0.03, 0.11, 5)[:, None]
+    rings = [
+        radius * np.cos(turn),
+        radius * np.sin(turn),
+        np.broadcast_to((radius - 0.03) / np.sqrt(3), (5, 48)),
+    ]
+    points = np.vstack([np.stack(rings, axis=-1).reshape(-1, 3), np.zeros(3)])
+    fan = [[240, (k + 1) % 48, k] for k in range(48)]
+    mesh = trimesh.Trimesh(points, [*grid_faces(48, 4, closed=True), *fan], process=False)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.radians(5.0), [1, 0, 0]))
+    mesh.export(tmp_path / "dish.stl")
+    with pytest.raises(InputError, match="is not closed around the axis"):
+        import_container(tmp_path / "dish.stl")

@@ -152,11 +152,13 @@ def _stood_up(state: MeshState) -> tuple[MeshState, list[str]]:
 
 
 def _lean(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Slope of the line of centres of the steep triangles against the height axis."""
+    """Slope of the line of centres of the steep triangles against the height axis; infinite if they have no height."""
     vector = area_vectors(vertices, faces)
     area = np.linalg.norm(vector, axis=1)
     steep = np.abs(vector[:, 2]) < np.sqrt(0.5) * area
     middle = vertices[faces[steep]].mean(axis=1)
+    if not len(middle) or not np.ptp(middle[:, 2]):
+        return np.inf
     middle = middle - np.average(middle, axis=0, weights=area[steep])
     moment = (area[steep, None] * middle).T @ middle
     return float(np.hypot(moment[0, 2], moment[1, 2]) / moment[2, 2])
@@ -172,8 +174,7 @@ def _check_upright(state: MeshState, where: str) -> None:
     The normals of a wall are perpendicular to its axis. Trays and pouches may also be longer than high, but their
     foot is about as long and as wide as they are.
     """
-    a, b, c = (state.vertices[state.faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
+    normal = area_vectors(state.vertices, state.faces)
     size = np.linalg.norm(normal, axis=1)
     fraction, axes = np.linalg.eigh(
         np.einsum("fi,fj->ij", normal / np.maximum(size, 1e-300)[:, None], normal)

@@ -155,19 +155,19 @@ def _constrained(
     points_m: Float[np.ndarray, "n 3"],
     values_m: Float[np.ndarray, "n"],
     sigma_m: Float[np.ndarray, "n"],
-    least_m: Float[np.ndarray, "n"],
+    min_m: Float[np.ndarray, "n"],
     rho: _Smoothing,
 ) -> RbfSurface:
     """Add the centres that are not on the side of their values by at least a distance, the worst first."""
     for _ in range(_ROUNDS):
-        short_m = least_m - np.sign(values_m) * fit(points_m)
+        short_m = min_m - np.sign(values_m) * fit(points_m)
         worst = np.argsort(-short_m)[:_ADDED]
         worst = worst[short_m[worst] > 0]
         if not len(worst):
             break
         fit = fit.added(points_m[worst], values_m[worst], rho(sigma_m[worst], fit.extent_m))
         points_m = np.delete(points_m, worst, axis=0)
-        values_m, sigma_m, least_m = (np.delete(each, worst) for each in (values_m, sigma_m, least_m))
+        values_m, sigma_m, min_m = (np.delete(each, worst) for each in (values_m, sigma_m, min_m))
     return fit
 
 
