@@ -308,6 +308,21 @@ def test_squeezes_that_cannot_be_read_are_one_line(
     assert error.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--mass", "-1"], "--mass: found -1 kg, expected more than 0"),
+        (["--mass", "0.4", "--mass-sigma", "0"], "--mass-sigma: found 0 kg, expected more than 0"),
+        (["--mass-sigma", "0.1"], "--mass-sigma: found without --mass"),
+    ],
+)
+def test_a_mass_that_cannot_be_is_refused(
+    words: list[str], said: str, squeezes: dict[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["squeeze", "bottle", "--measured", str(squeezes["open"]), *words]) == 2
+    assert said in capsys.readouterr().err
+
+
 def test_a_mass_needs_squeezes(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["squeeze", "bottle", "--mass", "0.3"]) == 2
     assert "--mass: found without --measured" in capsys.readouterr().err

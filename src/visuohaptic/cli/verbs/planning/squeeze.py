@@ -101,6 +101,11 @@ def _contents(args: Any) -> dict[str, Any]:
     for flag in ("at", "side", "height", "force", "deformation", "points", "out", "plot", "fill", "closed"):
         if getattr(args, flag) not in (None, False):
             raise core.InputError(f"--{flag}", "found with --measured, which simulates nothing")
+    if args.mass is None and args.mass_sigma is not None:
+        raise core.InputError("--mass-sigma", "found without --mass", remedy="give the --mass it belongs to")
+    for flag, value in (("--mass", args.mass), ("--mass-sigma", args.mass_sigma)):
+        if value is not None and not 0 < value < math.inf:
+            raise core.InputError(flag, f"found {value:g} kg, expected more than 0")
     begin = time.perf_counter()
     squeezes = recognition.read_squeezes(args.measured)
     container = read_container(args)
