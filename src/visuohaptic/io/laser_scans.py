@@ -30,7 +30,7 @@ _COLUMNS = ("t_s", "x_m", "y_m", "yaw_rad", "angle_min_rad", "angle_step_rad", "
 _SCAN, _ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
 #: A scanner whose axis is tilted further does not measure a horizontal plane: cosine of 5 degrees.
-_UPRIGHT = 0.9962
+_UPRIGHT = math.cos(math.radians(5.0))
 _log = logging.getLogger(__name__)
 #: Maximum time offset between an odometry message and a scan at the ends of a recording [s].
 _SLACK_S = 0.25
