@@ -58,7 +58,8 @@ class BagImages:
         ``auto`` (``tf`` if it moves the camera, else the only topic of poses), ``tf``, a topic, a file of poses, or
         ``none``: all frames have the identity.
     depth_scale_m
-        Size of one unit of 16-bit depth [m]; by default 1 mm, or as recorded by Intel's recorder.
+        Size of one unit of 16-bit depth [m]; by default 1 mm, or as recorded by Intel's recorder. Of depths in metres, the
+        unit in which they are written, by default 0.1 mm, which reaches 6.5 m.
 
     Raises
     ------
@@ -113,8 +114,8 @@ class BagImages:
 
     @property
     def unit_m(self) -> float:
-        """Size of one unit of the sequence [m]: as recorded, or 0.1 mm of depths in metres."""
-        return 1e-4 if self._depth.encoding.startswith("32FC1") else self.depth_scale_m or _UNIT_M
+        """Size of one unit of the sequence [m]: as given or recorded, or 0.1 mm of depths in metres."""
+        return self.depth_scale_m or (1e-4 if self._depth.encoding.startswith("32FC1") else _UNIT_M)
 
     def __iter__(self) -> Iterator[DepthFrame]:
         """Frames in temporal order."""
