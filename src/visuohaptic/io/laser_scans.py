@@ -31,7 +31,7 @@ _COLUMNS = ("t_s", "x_m", "y_m", "yaw_rad", "angle_min_rad", "angle_step_rad", "
 _SCAN, _ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
 #: A scanner whose axis is tilted further does not measure a horizontal plane: cosine of 5 degrees.
-_UPRIGHT = 0.9962
+_UPRIGHT = math.cos(math.radians(5.0))
 _log = logging.getLogger(__name__)
 #: Maximum time between a scan and the nearest odometry message [s]; between two messages, their usual interval if that is longer.
 _SLACK_S = 0.25

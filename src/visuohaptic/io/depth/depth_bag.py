@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from ...core import Camera, InputError, decode_image, read_head
-from ..ros import McapFile, McapMessage, is_bag, open_bag
+from ..ros import REORDER, McapFile, McapMessage, is_bag, open_bag
 from ..ros.ros_image import (
     decode_compressed_depth,
     decode_depth,
@@ -26,8 +26,6 @@ from .depth_sequence_out import write_sequence
 
 _log = logging.getLogger(__name__)
 
-#: Frames that are out of order in the file are sorted within this number of messages.
-_REORDER = 64
 #: One unit of 16UC1 [m], by convention (REP 118).
 _UNIT_M = 1e-3
 
@@ -192,7 +190,7 @@ class BagImages:
             elif due and stamp >= due[0]:
                 depths[stamp] = message
             while depths and (
-                (due[0] in depths and (due[0] in colours or due[0] not in partner)) or len(depths) > _REORDER
+                (due[0] in depths and (due[0] in colours or due[0] not in partner)) or len(depths) > REORDER
             ):
                 place = min(depths)
                 yield depths.pop(place), colours.pop(place, None)
