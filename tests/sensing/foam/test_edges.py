@@ -11,6 +11,8 @@ from scipy.special import ndtr
 
 from visuohaptic.sensing.foam._light_kernels import front_in_light
 from visuohaptic.sensing.foam.edges import (
+    _EDGE_BLURS,
+    _PLATEAU_PX,
     SCATTER_POINTS,
     gap_shift_px,
     local_statistics,
@@ -143,7 +145,9 @@ def _strips(
 def _in_light(image: np.ndarray) -> np.ndarray:
     each, found = np.ones(POINTS), np.full((4, POINTS), np.nan)
     zero, rest = _strips(0.0, 0.8, noise=0.3), 40.2 * each
-    front_in_light(image, zero, each, rest, rest - 0.3, 0.8 * each, 2.0 * each, 4.0, found)
+    front_in_light(
+        image, zero, each, rest, rest - 0.3, 0.8 * each, _EDGE_BLURS * 0.8 * each, _PLATEAU_PX, found
+    )
     return found
 
 
@@ -171,7 +175,9 @@ def test_light_that_is_no_straight_line_beside_the_front_is_in_its_error() -> No
 def test_a_front_that_is_not_near_its_place_at_rest_is_left() -> None:
     each, found = np.ones(POINTS), np.full((4, POINTS), np.nan)
     image, rest = _strips(2.0, 0.8), 40.2 * each
-    front_in_light(image, image, each, rest, rest - 2.0, 0.8 * each, 2.0 * each, 4.0, found)
+    front_in_light(
+        image, image, each, rest, rest - 2.0, 0.8 * each, _EDGE_BLURS * 0.8 * each, _PLATEAU_PX, found
+    )
     assert np.isnan(found).all()
 
 
