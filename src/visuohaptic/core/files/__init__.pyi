@@ -33,6 +33,7 @@ from .part_file import whole_lines as whole_lines
 from .problems import field_problems as field_problems
 from .regular import MAX_DATA_BYTES as MAX_DATA_BYTES
 from .regular import MAX_FILE_BYTES as MAX_FILE_BYTES
+from .regular import MAX_HAND_BYTES as MAX_HAND_BYTES
 from .regular import MAX_TEXT_BYTES as MAX_TEXT_BYTES
 from .regular import check_name as check_name
 from .regular import check_target as check_target

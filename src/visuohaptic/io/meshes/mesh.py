@@ -15,13 +15,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.errors import InputError, MissingExtraError, VisuohapticError, needs
-from ...core.files import read_bytes
+from ...core.files import MAX_TEXT_BYTES, read_bytes
 from ._mesh_diagnosis import diagnose, first_zero_index
 from .ply import parse_ply
 
 FORMATS = (".stl", ".ply", ".obj", ".glb", ".dae")
-#: Larger files [bytes] and meshes are rejected before they exhaust the memory.
-MAX_BYTES = 256 * 1024 * 1024
+#: Larger meshes are rejected before they exhaust the memory.
 MAX_FACES = 2_000_000
 #: Nested instances multiply the contents of a COLLADA file.
 MAX_INSTANCES = 16
@@ -60,7 +59,7 @@ def load_mesh(path: Path | str) -> TriangleMesh:
     kind = path.suffix.lower()
     if kind not in FORMATS:
         raise InputError(path, f"found suffix {path.suffix!r}, expected one of {', '.join(FORMATS)}")
-    data = read_bytes(path, MAX_BYTES)
+    data = read_bytes(path, MAX_TEXT_BYTES)
     if not data:
         raise InputError(path, "is empty")
     _distrust(path, kind, data)
