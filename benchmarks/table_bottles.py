@@ -24,6 +24,7 @@ from benchmarks._seeds import add_seeds, seeds_of
 from visuohaptic.core.resources import one_blas_thread
 from visuohaptic.deformation.maps.features import HEIGHTS
 from visuohaptic.deformation.shapes import ContainerDescription, draw_variant, load_container
+from visuohaptic.deformation.shapes.variants import container_outline
 from visuohaptic.demo.bottle import (
     GROUPS,
     ROUND,
@@ -35,7 +36,7 @@ from visuohaptic.demo.bottle import (
 from visuohaptic.demo.hand_chapters import CONFIDENCE, MAX_SQUEEZES, MIN_SQUEEZES, NO_ROUND, mission_classes
 from visuohaptic.demo.probe_chapters import seen_errors
 from visuohaptic.recognition import UNKNOWN
-from visuohaptic.recognition.touch import HapticModel, container_outline, with_outline
+from visuohaptic.recognition.touch import HapticModel, with_outline
 from visuohaptic.simulation.tabletop import OvalContainer
 from visuohaptic.tasks.manipulation import BayesSqueezer, Place, SqueezeCurve
 
