@@ -11,6 +11,8 @@ from scipy.special import ndtr
 
 from visuohaptic.sensing.foam._light_kernels import front_in_light
 from visuohaptic.sensing.foam.edges import (
+    _EDGE_BLURS,
+    _PLATEAU_PX,
     SCATTER_POINTS,
     gap_shift_px,
     local_statistics,
@@ -141,9 +143,11 @@ def _strips(
 
 
 def _in_light(image: np.ndarray) -> np.ndarray:
-    each, found = np.ones(POINTS), np.full((3, POINTS), np.nan)
+    each, found = np.ones(POINTS), np.full((4, POINTS), np.nan)
     zero, rest = _strips(0.0, 0.8, noise=0.3), 40.2 * each
-    front_in_light(image, zero, each, rest, rest - 0.3, 0.8 * each, 2.0 * each, 4.0, found)
+    front_in_light(
+        image, zero, each, rest, rest - 0.3, 0.8 * each, _EDGE_BLURS * 0.8 * each, _PLATEAU_PX, found
+    )
     return found
 
 
@@ -164,14 +168,16 @@ def test_another_blur_is_seen_beside_the_light() -> None:
 def test_light_that_is_no_straight_line_beside_the_front_is_in_its_error() -> None:
     """A step of the light in the plateau on the foam, at any place: its error is one draw, and the declared one its root mean square."""
     found = [_in_light(_strips(0.0, 0.8, np.where(-at > PLACE, 0.8, 1.0))) for at in np.arange(2.5, 6.0, 0.5)]
-    wrong, _, declared = np.median(found, axis=2).T
+    wrong, _, declared, _ = np.median(found, axis=2).T
     assert 0.7 < np.sqrt(np.mean(wrong**2)) / np.sqrt(np.mean(declared**2)) < 1.4, "of seven draws"
 
 
 def test_a_front_that_is_not_near_its_place_at_rest_is_left() -> None:
-    each, found = np.ones(POINTS), np.full((3, POINTS), np.nan)
+    each, found = np.ones(POINTS), np.full((4, POINTS), np.nan)
     image, rest = _strips(2.0, 0.8), 40.2 * each
-    front_in_light(image, image, each, rest, rest - 2.0, 0.8 * each, 2.0 * each, 4.0, found)
+    front_in_light(
+        image, image, each, rest, rest - 2.0, 0.8 * each, _EDGE_BLURS * 0.8 * each, _PLATEAU_PX, found
+    )
     assert np.isnan(found).all()
 
 
@@ -190,12 +196,14 @@ def test_edges_that_light_has_shifted_are_put_back() -> None:
         low_confidence=each < 0,
         front=front,
     )
-    zero: Any = SimpleNamespace(image=_strips(0.0, 0.8, noise=0.3), blur_ratio=each)
+    zero: Any = SimpleNamespace(image=_strips(0.0, 0.8, noise=0.3), blur_ratio=each, inferred=each < 0)
     excess = np.where(shaded, 1.0, 0.0)
-    shift, sigma = shift_by_light_px(strip, zero, excess)
+    shift, part, uneven = shift_by_light_px(strip, zero, excess)
     left = np.where(shaded, 0.7, 0.0) - scatter - shift
     # A noise of 1 grey level is 0.015 px; the penumbra leaves 0.01 px.
     assert np.sqrt(np.mean(left[shaded] ** 2)) < 0.03
     assert np.abs(shift[~shaded]).mean() < 0.03, "by chance"
     assert np.abs(excess).max() < 0.3, "what the light explains is no excess"
-    assert (sigma[~shaded][:-6] < 0.1).all()
+    assert part[shaded].min() > 0.9
+    assert part[~shaded].mean() < 0.5
+    assert np.sqrt(uneven.max()) < 0.1

@@ -19,7 +19,8 @@ from jaxtyping import Float
 
 from ...core.objects import NOMINAL_m
 from ..data.readings import TouchReading
-from .haptic_model import NUISANCES, HapticModel
+from .haptic_model import HapticModel
+from .nuisances import NUISANCES
 from .unknown_class import UNKNOWN_CLASS_SIGMAS
 
 _ZEROS = [NUISANCES.index(name) for name in ("zero of the force", "zero of the deformation")]

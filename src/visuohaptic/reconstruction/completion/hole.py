@@ -32,6 +32,8 @@ _DEEPEST = 0.1
 _FACING = 0.3
 #: Connected components with a smaller fraction of the area near the region are spurious.
 _MIN_PART = 0.03
+#: Maximum size of a region, in extents of the surface: the grid on which touches are planned then has four cells along the surface.
+_LARGEST = 8.5
 #: Number of surface samples around a region.
 _SAMPLES = 12_000
 
@@ -154,6 +156,12 @@ def support_band(mesh: SurfaceMesh, region: HoleRegion, *, max_points: int = 320
             "support_band",
             f"the region is {nearest:.3g} m away from the surface and {region.size_m:.3g} m large",
             remedy="check that model and region are in the same frame",
+        )
+    if region.size_m > _LARGEST * (extent_m := float(np.ptp(welded.vertices_m, axis=0).max())):
+        raise InputError(
+            "support_band",
+            f"found a region of {region.size_m:.3g} m, expected at most {_LARGEST * extent_m:.3g} m beside {extent_m:.3g} m of surface",
+            remedy="give a box around the missing part only",
         )
     outline = _outline(welded, region, max(_RIM_REACH * region.size_m, nearest) + width)
     if not len(outline.faces):

@@ -51,8 +51,10 @@ def solve_graph(
     poses, free = poses.copy(), np.setdiff1d(pairs, fixed)
     own = (6 * free[:, None] + np.arange(6)).ravel()
 
-    def linear(stride: int, reach_m: float, *weights: float) -> tuple[Any, Float[np.ndarray, "r"]]:
-        squares, pulls = views.equations(pairs, poses, reach_m, stride, weights)
+    def linear(
+        stride: int, reach_m: float, planes: float, steps: float
+    ) -> tuple[Any, Float[np.ndarray, "r"]]:
+        squares, pulls = views.equations(pairs, poses, reach_m, stride, (planes, steps))
         matrix, right = normal_equations(squares, pulls, pairs, len(poses))
         # A view that nothing holds does not move.
         slight = 1e-9 * float(np.trace(squares.mean(axis=0)))

@@ -245,8 +245,9 @@ def front_in_light(image, zero, spacing, rest, front, blur, margin, plateau, fou
     plateau
         Length of the plateaus [px].
     found
-        (3, K): displacement towards the base [px], excess of the squared blur over the zero image [px^2], and standard deviation of
-        the displacement due to light that is not straight [px]. Left as it is where the front is not within ``margin``
+        (4, K): displacement towards the base [px], excess of the squared blur over the zero image [px^2], standard deviation of
+        the displacement due to light that is not straight, and its difference between light that is seen beside the front at
+        rest and beside the displaced one [px]. Left as it is where the front is not within ``margin``
         of ``rest``, or its surroundings are not seen.
     """
     samples = image.shape[2]
@@ -261,8 +262,13 @@ def front_in_light(image, zero, spacing, rest, front, blur, margin, plateau, fou
                 then[j] += zero[k, lane, j] / image.shape[1]
         at, moved, squares, wider, bends, step = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         density, scale = math.sqrt(2.0 * math.pi) * blur[k], 1.0 / (math.sqrt(2.0) * blur[k])
-        for _ in range(4):
-            first, last = rest[k] + min(at, 0.0) - margin[k], rest[k] + max(at, 0.0) + margin[k]
+        beside = 0.0
+        for turn in range(6):
+            # The light is seen beside the front at rest at first, and then beside the displaced one.
+            if turn == 3:
+                beside = at
+            away = 0.0 if turn < 3 else at
+            first, last = rest[k] + min(away, 0.0) - margin[k], rest[k] + max(away, 0.0) + margin[k]
             moved, squares, wider, bends = 0.0, 0.0, 0.0, 0.0
             if not _line(now, then, first - plateau, first, spacing[k], rest[k], foam):
                 break
@@ -288,4 +294,5 @@ def front_in_light(image, zero, spacing, rest, front, blur, margin, plateau, fou
             # What is no line has one cause for all samples of a plateau, from which the front is 'margin' away.
             uneven = foam[3] * foam[2] ** 2 + floor[3] * floor[2] ** 2
             uneven *= 1.0 + 12.0 * (0.5 + margin[k] / plateau) ** 2
+            found[3, k] = abs(at - beside)
             found[2, k] = 0.5 * density * math.sqrt(uneven) / max(abs(step), 1.0)
