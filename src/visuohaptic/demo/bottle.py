@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core import Camera, Pose
-from ..deformation.maps.features import HEIGHTS
+from ..core.objects import HEIGHTS
 from ..deformation.shapes.container import Base, ContainerDescription, WallSection, load_container
 from ..deformation.shells.fourier_shell import RevolutionShell
 from ..deformation.shells.shell_material import IsotropicMaterial

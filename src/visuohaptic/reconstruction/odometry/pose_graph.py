@@ -11,10 +11,7 @@ from jaxtyping import Float, Int
 
 from ...core.geometry import hat
 from ..transparency.pose_refinement import normal_equations
-from .registration import Phase, RegisteredViews, moved
-
-#: Over-relaxation, as of single registrations.
-_RELAXED = 1.4
+from .registration import RELAXED, Phase, RegisteredViews, moved
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +62,7 @@ def solve_graph(
 
     for phase in phases:
         solve, right = linear(2, *phase)
-        for view, step in zip(free, _RELAXED * solve(right).reshape(-1, 6), strict=True):
+        for view, step in zip(free, RELAXED * solve(right).reshape(-1, 6), strict=True):
             poses[view] = moved(poses[view], step)
     inverse = linear(1, *phases[-1])[0](np.eye(len(own)))
     covariance = np.full((len(poses), 6, 6), np.nan)
