@@ -104,7 +104,8 @@ def pose_bounds(renderer, state: RodState) -> dict[str, np.ndarray]:
 
         def drawn(moved: Pose, name: str = name, image: np.ndarray = image) -> np.ndarray:
             canvas = np.full_like(image, 128.0)
-            renderer._paint(canvas, renderer.prints[name], moved)
+            window, fraction, paint = renderer._patch(renderer.prints[name], moved)
+            canvas[window] = canvas[window] * (1.0 - fraction) + paint
             return canvas.astype(np.float64)
 
         step = 0.02 * pose.translation_m[2] / renderer.camera.focal_px  # a fiftieth of a pixel

@@ -14,13 +14,9 @@ from visuohaptic.core import Estimate, HapticTag
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
 from visuohaptic.navigation.planning import without_pushing
-from visuohaptic.navigation.planning.planner import pull_string
-from visuohaptic.navigation.planning.search import (
-    build_search_domain,
-    fill_cells,
-    grid_from_world,
-    world_from_grid,
-)
+from visuohaptic.navigation.planning.object_cells import fill_cells
+from visuohaptic.navigation.planning.search import build_search_domain, grid_from_world, world_from_grid
+from visuohaptic.navigation.planning.search.drives import pull_string
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem, RobotModel
 from visuohaptic.navigation.pushing import PushModel
 from visuohaptic.simulation.floor import FloorObject

@@ -61,14 +61,15 @@ def _speed(rng: np.random.Generator) -> dict:
         frames.append(_camera(exact, 3.0, rng))
         fronts.append(front)
     back_lines, front_lines = _lines(-20.0, 20.0, 300.0), _lines(40.0, 260.0, 300.0)
-    back, front = ContourTracker(ContourSettings(polarity=-1)), ContourTracker(ContourSettings(polarity=1))
+    back, ahead = ContourTracker(ContourSettings(polarity=-1)), ContourTracker(ContourSettings(polarity=1))
+    trackers = (back, back_lines), (ahead, front_lines)
     at = 0
 
     def ours() -> None:
         nonlocal at
         at = (at + 1) % 4
-        back.track(frames[at], back_lines)
-        front.track(frames[at], front_lines)
+        for tracker, lines in trackers:
+            tracker.track(frames[at], lines)
 
     ours()
     # The snake gets a strip of 1600 x 240 and the contour of the previous frame, at most 3 px away.

@@ -349,7 +349,7 @@ def soak(
     return loop, path, spent_s
 
 
-def rows(chain: Loop, path: list[tuple[int, float, int]], spent_s: float) -> list[dict[str, Any]]:
+def rows(chain: Soak, path: list[tuple[int, float, int]], spent_s: float) -> list[dict[str, Any]]:
     """Growth of the memory, and its linear extrapolation to an hour."""
     number, memory, _ = np.array(path).T
     growth = float(memory.max() - memory[0])

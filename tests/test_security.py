@@ -22,8 +22,11 @@ from visuohaptic.deformation import load_thickness_map
 from visuohaptic.io import DepthEncoding, McapFile, OccupancyMap, VideoSource, read_depth, read_force_table
 from visuohaptic.io.depth import DepthSequence, OnnxModel, read_poses
 from visuohaptic.io.meshes import load_mesh, read_ply
+from visuohaptic.reconstruction.completion import read_touches
+from visuohaptic.ros.nodes.launch import read_launch
 from visuohaptic.sensing.beam import read_loads
 from visuohaptic.sensing.foam import read_strain_stress
+from visuohaptic.tasks import Trace
 
 
 @pytest.fixture(scope="module")
@@ -88,9 +91,16 @@ LARGEST: dict[str, dict[str, Any]] = {
     "image, table of forces": {"a.png": read_image, "a.csv": read_force_table},
     "PLY, network": {"a.ply": read_ply, "a.onnx": OnnxModel},
     "other mesh": {"a.stl": load_mesh},
-    "press log of foam": {"a.csv": read_strain_stress},
-    "loads of a beam": {"a.csv": read_loads},
-    "thickness of a wall": {"a.csv": load_thickness_map},
+    "press log of foam, loads of a beam, trace of a task": {
+        "a.csv": read_strain_stress,
+        "b.csv": read_loads,
+        "a.jsonl": Trace.load,
+    },
+    "thickness of a wall, contacts, launch file": {
+        "a.csv": load_thickness_map,
+        "b.csv": read_touches,
+        "a.xml": lambda path: read_launch(path, {}),
+    },
 }
 
 

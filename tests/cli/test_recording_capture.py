@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+from unittest import mock
 
 import numpy as np
 import pytest
 from tests.cli.capture_camera import SIZE_M, TableCamera, connected
 
 from visuohaptic.cli.main import main
-from visuohaptic.io.depth import DepthSequence
+from visuohaptic.io.depth import DepthSequence, write_depth
 
 WORDS = ["recording", "capture", "--source", "realsense:", "--size-m", str(SIZE_M), "--out"]
 
@@ -37,6 +40,19 @@ def test_a_tag_that_is_not_there_is_named(tmp_path, capsys):
         assert main([*WORDS, str(tmp_path / "scan"), "--tag", "7", "--count", "1"]) == 2
     assert "tag 7: was not detected" in capsys.readouterr().err
     assert not (tmp_path / "scan").exists()
+
+
+def test_ctrl_c_while_an_image_is_written_ends_the_recording(tmp_path, capsys):
+    """The image that is being written is the last one, and the sequence is complete."""
+
+    def write(*words: object) -> None:
+        write_depth(*words)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    with connected(), mock.patch("visuohaptic.io.depth.depth_sequence_out.write_depth", write):
+        assert main([*WORDS, str(tmp_path / "scan"), "--tag", "7", "--every", "0", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["frames"] == 1
+    assert len(list(DepthSequence(tmp_path / "scan"))) == 1
 
 
 @pytest.mark.parametrize("source", ["0", "push.mp4"])

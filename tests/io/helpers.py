@@ -17,17 +17,19 @@ def picture(number: int, *, size: tuple[int, int] = (64, 48), colour: bool = Tru
     return np.dstack([grey, grey // 2, 255 - grey]) if colour else grey
 
 
-def write_video(path: Path, stamps_ms: list[int], *, codec: str = "ffv1", form: str = "bgr0") -> None:
-    """A video whose frames have the given stamps [ms]; FFV1 keeps every pixel."""
+def write_video(
+    path: Path, stamps: list[int], *, codec: str = "ffv1", form: str = "bgr0", rate: int = 1000
+) -> None:
+    """A video whose frames have the given stamps [1 / rate s]; FFV1 keeps every pixel."""
     import av
 
     with av.open(str(path), "w") as container:
-        stream = container.add_stream(codec, rate=1000)
+        stream = container.add_stream(codec, rate=rate)
         stream.width, stream.height, stream.pix_fmt = 64, 48, form
-        stream.codec_context.time_base = Fraction(1, 1000)
-        for number, stamp in enumerate(stamps_ms):
+        stream.codec_context.time_base = Fraction(1, rate)
+        for number, stamp in enumerate(stamps):
             frame = av.VideoFrame.from_ndarray(picture(number), format="bgr24").reformat(format=form)
-            frame.pts, frame.time_base = stamp, Fraction(1, 1000)
+            frame.pts, frame.time_base = stamp, Fraction(1, rate)
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
 

@@ -259,6 +259,20 @@ def test_metres_compressed_depth_and_other_colour(tmp_path: Path) -> None:
         np.testing.assert_allclose(depth_m, true_m, atol=6e-4)
 
 
+def test_far_depths_in_metres_are_kept_in_a_given_unit(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """12 m are beyond 16 bit of 0.1 mm, which is told, and within those of 0.5 mm."""
+    true_m = np.full((HEIGHT, WIDTH), 12.0, np.float32)
+    message = ("/camera/depth/image_raw", 100.0, image(100.0, true_m, "32FC1", "camera"))
+    source = bag(tmp_path / "bag", [("/info", 99.0, info("camera")), message])
+    import_bag(BagImages(source, poses="none"), tmp_path / "near")
+    assert "100 % of the pixels are farther than 6.55 m" in caplog.text
+    found = import_bag(BagImages(source, poses="none", depth_scale_m=5e-4), tmp_path / "far")
+    (depth_m,) = DepthSequence(found.folder).depth_images()
+    np.testing.assert_allclose(depth_m, true_m, atol=2.6e-4)
+
+
 def test_a_bag_of_ros_1_is_converted_first(tmp_path: Path) -> None:
     """As recorded by Intel's tools: depth in ``mono16`` with the unit as an option; the line of the remedy is run."""
     from rosbags.rosbag1 import Writer

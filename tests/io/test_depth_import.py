@@ -198,3 +198,27 @@ def test_colour_of_other_times_is_told(tmp_path: Path, caplog: pytest.LogCapture
     options = {"camera": tmp_path / "camera.yaml", "depth_scale_m": 1e-3, "poses": "none"}
     import_sequence(tmp_path / "plain", tmp_path / "scan", **options)
     assert "none of its 3 images has the name of one of 2 depth images; colour is left out" in caplog.text
+
+
+_ROW = "1 0 0 0.1 0 1 0 -0.2 0 0 1 0.3 0 0 0 1"
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        (f"3,{_ROW.replace(' ', ',')}\n12,{_ROW.replace(' ', ',')}\n", ""),
+        ("1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n", "line 1: found 4 numbers, expected that of an image"),
+        (f"{_ROW}\n", "line 1: found 16 numbers, expected that of an image"),
+        (f"nan {_ROW}\n", "no image of the source can be used"),
+    ],
+)
+def test_a_table_of_an_arm_has_the_number_of_each_image(tmp_path: Path, table: str, said: str) -> None:
+    folder = _arm(tmp_path / "arm")
+    (folder / "base_T_cam.txt").write_text(table)
+    if said:
+        with pytest.raises(InputError, match=said):
+            import_sequence(folder, tmp_path / "out")
+        return
+    assert import_sequence(folder, tmp_path / "out").frames == 2
+    for frame in DepthSequence(tmp_path / "out"):
+        np.testing.assert_allclose(frame.T_world_camera.translation_m, PLACE_M, atol=1e-9)

@@ -278,6 +278,15 @@ def test_a_frame_checks_its_shapes():
         DepthFrame(0.0, np.ones((3, 4)), None, Pose.identity(), camera)
 
 
+def test_colour_belongs_to_the_depth_of_its_name(tmp_path):
+    """The first colour image is missing and there is one more at the end: as many as depth images, shifted by one."""
+    make_sequence(tmp_path / "s")
+    (tmp_path / "s/color/000000.png").rename(tmp_path / "s/color/000004.png")
+    found = [frame.color for frame in DepthSequence(tmp_path / "s")]
+    assert found[0] is None
+    assert [int(color[0, 0, 0]) for color in found[1:]] == [1, 2, 3]
+
+
 @pytest.mark.data
 @pytest.mark.parametrize(
     ("layout", "frames", "median_m"),

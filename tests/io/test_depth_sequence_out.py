@@ -41,3 +41,16 @@ def test_nothing_to_write_and_a_folder_in_use_are_refused(tmp_path):
     write_sequence(tmp_path / "scan", frames())
     with pytest.raises(InputError, match="not empty"):
         write_sequence(tmp_path / "scan", frames())
+
+
+def test_depths_beyond_the_largest_unit_are_told(tmp_path, caplog):
+    """Units of 0.1 mm end at 6.5534 m: the one pixel of 320 that is farther is not measured, and that is told."""
+    wall_m = np.full((16, 20), 6.5, np.float32)
+    wall_m[3, 4] = 6.6
+    write_sequence(tmp_path / "scan", [DepthFrame(0.0, wall_m, None, Pose.identity(), CAMERA)])
+    (found,) = DepthSequence(tmp_path / "scan")
+    assert np.argwhere(np.isnan(found.depth_m)).tolist() == [[3, 4]]
+    assert "0.312 % of the pixels are farther than 6.55 m" in caplog.text
+    caplog.clear()
+    write_sequence(tmp_path / "near", [DepthFrame(0.0, 0.9 * wall_m, None, Pose.identity(), CAMERA)])
+    assert not caplog.text

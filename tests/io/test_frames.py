@@ -223,3 +223,19 @@ def _timed_folder(folder: Path, times: tuple[int, ...]) -> Path:
         cv2.imwrite(str(folder / f"{number}.png"), np.zeros((4, 4), np.uint8))
     (folder / "times.csv").write_text("\n".join(map(str, ("t_s", *times))))
     return folder
+
+
+def test_a_part_of_a_stream_without_an_index_is_whole(tmp_path: Path) -> None:
+    """A transport stream estimates the place of a time, often behind the first frame of the part."""
+    write_video(tmp_path / "v.ts", list(range(50)), codec="mpeg2video", form="yuv420p", rate=25)
+    with open_source(tmp_path / "v.ts") as source:
+        whole = {frame.index: frame for frame in source}
+    assert len(whole) == 50
+    for start in (5, 13, 26, 41):
+        with open_source(tmp_path / "v.ts", start_s=0.04 * start) as source:
+            part = list(source)
+            assert source.damaged == 0
+        assert [frame.index for frame in part] == list(range(start, 50))
+        for frame in part:
+            assert frame.t_s == whole[frame.index].t_s
+            np.testing.assert_array_equal(frame.image, whole[frame.index].image)

@@ -278,3 +278,32 @@ def test_a_time_since_1970_that_is_not_in_seconds_is_refused(tmp_path: Path, t_s
     assert read_scans(_one_scan(tmp_path / "s.csv", "1,2,3", "1764336000.5"))[0][0].t_s == pytest.approx(
         1764336000.5, abs=1e-6
     )
+
+
+def _recorded(path: Path, odometry_s: list[float], scans_s: list[float], *, stamped: bool = True) -> Path:
+    """A robot at 0.5 m/s; without stamps, the recorder alone knows the times."""
+    with MeasurementWriter(path) as writer:
+        for t_s in odometry_s:
+            message = odometry_message(t_s if stamped else 0.0, 0.5 * (t_s - 5.0), 0.0)
+            writer.write("/odom", "nav_msgs/msg/Odometry", t_s, message)
+        for t_s in scans_s:
+            scan = room_scan(t_s if stamped else 0.0, 0.5 * (t_s - 5.0))
+            writer.write("/scan", "sensor_msgs/msg/LaserScan", t_s, scan_message(scan))
+    return path
+
+
+def test_messages_without_stamps_have_the_time_of_the_recorder(tmp_path: Path) -> None:
+    times = [5.0, 5.1, 5.2, 5.3]
+    found = read_scans(_recorded(tmp_path / "run.mcap", times, [5.05, 5.25], stamped=False))
+    assert [scan.t_s for scan, _ in found] == pytest.approx([5.05, 5.25])
+    assert [pose[0] for _, pose in found] == pytest.approx([0.025, 0.125])
+
+
+def test_scans_where_odometry_is_lost_are_left_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Two seconds without odometry: the robot may have turned there and back. Slow odometry is no loss."""
+    fast = [5.0, 5.1, 5.2, 7.2, 7.3, 7.4]
+    found = read_scans(_recorded(tmp_path / "run.mcap", fast, [5.15, 5.4, 6.2, 7.0, 7.25]))
+    assert [scan.t_s for scan, _ in found] == pytest.approx([5.15, 5.4, 7.0, 7.25])
+    assert "1 of 5 scans have no odometry and are left out" in caplog.text
+    slow = read_scans(_recorded(tmp_path / "slow.mcap", [5.0, 6.0, 7.0], [5.5, 6.4]))
+    assert [pose[0] for _, pose in slow] == pytest.approx([0.25, 0.7])

@@ -221,3 +221,32 @@ def test_a_full_disk_leaves_no_table_with_its_final_name(tmp_path: Path) -> None
     assert "o.csv.part" in done.stdout
     assert done.stdout.count("\n") == 1
     assert [one.name for one in tmp_path.iterdir()] == ["o.csv.part"]
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        ("t_s", [0.0, float("nan")], "t_s: found a time that is not finite"),
+        ("contacts", [1.0, 1.5], "contacts: found double with 0 nulls"),
+        ("delta_m", [0.001, 0.002], "delta_m: found double, expected a list of numbers"),
+        ("pressure_Pa", [[1.0], [None]], "pressure_Pa: found double with 1 nulls"),
+        ("s_m", [["a"], ["b"]], "s_m: found string with 0 nulls"),
+    ],
+)
+def test_a_table_of_parquet_is_checked_like_one_of_text(
+    tmp_path: Path, name: str, values: list, said: str
+) -> None:
+    rows = {column: [0.0, 1.0] for column in FORCE_COLUMNS} | {"valid": [True] * 2, "reason": ["ok"] * 2}
+    pq.write_table(pa.table(rows | {"contacts": [0, 1], name: values}), tmp_path / "a.parquet")
+    with pytest.raises(InputError, match=said):
+        read_force_table(tmp_path / "a.parquet")
+
+
+def test_columns_of_parquet_are_unique_and_need_no_reason(tmp_path: Path) -> None:
+    table = pa.table({"t_s": [0.0, 0.5], "speed_m_s": [0.1, 0.2], "turn_rate_rad_s": [0.0, 0.4]})
+    pq.write_table(table, tmp_path / "a.parquet")
+    names = ("t_s", "speed_m_s", "turn_rate_rad_s")
+    assert table_reader.read_columns(tmp_path / "a.parquet", names)["turn_rate_rad_s"] == [0.0, 0.4]
+    pq.write_table(table.append_column("t_s", table["t_s"]), tmp_path / "a.parquet")
+    with pytest.raises(InputError, match="columns of this name"):
+        table_reader.read_columns(tmp_path / "a.parquet", names)

@@ -22,6 +22,7 @@ from visuohaptic.navigation.planning.exploration import (
     upper_bound,
 )
 from visuohaptic.navigation.planning.exploration import orienteering as search
+from visuohaptic.navigation.planning.exploration.tour_planner import _why_not
 from visuohaptic.navigation.planning.search import SearchLimits, build_search_domain
 from visuohaptic.navigation.planning.search.search_domain import world_from_grid
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem, PushCosts, push_node
@@ -166,6 +167,20 @@ def test_the_second_door_is_worth_what_the_first_one_leaves(floor, gains):
     assert other.benefit_s > 0
 
 
+def test_what_is_left_out_of_a_tour_says_why():
+    """Two objects that take 6 s with the way back of 5 s, of which one gains nothing; a third has no way back."""
+    visit, finish = 10**6 * np.full((4, 3), 6), 10**6 * np.array([0, 5, 5, -1])
+    values = np.array([[[1, 0], [0, 0], [1, 0]]])
+    said = [_why_not(Orienteering(visit, finish, 10 * 10**6, values), index) for index in range(3)]
+    assert said == [
+        "takes 11.0 s by itself",
+        "opens no shorter way",
+        "the goal cannot be reached from there without pushing",
+    ]
+    enough = Orienteering(visit, finish, 11 * 10**6, values)
+    assert _why_not(enough, 0) == "other objects gain more within the budget"
+
+
 def test_a_wrong_budget_an_enclosed_goal_and_no_unknown_object(floor):
     with pytest.raises(InputError, match="budget_s"):
         exploration_tour(floor, 0.0)
@@ -182,6 +197,7 @@ def random_instance(rng, count, sets):
     times = np.rint(np.hypot(*(places[:, None] - places).transpose(2, 0, 1))).astype(np.int64)
     visit = times[:-1, 1:-1] + 8
     visit[rng.random(visit.shape) < 0.1] = -1
+    visit[rng.random(visit.shape) < 0.1] = 0  # beside the last one
     values = np.stack([rng.integers(0, 3, (sets, count)), rng.integers(0, 50, (sets, count))], axis=2)
     return Orienteering(visit, times[:-1, -1], int(rng.integers(60, 300)), values)
 

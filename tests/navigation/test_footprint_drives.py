@@ -49,6 +49,13 @@ def test_a_footprint_passes_a_door_that_the_circle_around_it_does_not() -> None:
     assert collisions(_rooms(0.4), 0.05, plan.to_json()["tasks"], OUTLINE_M)
 
 
+def test_a_drive_through_an_empty_room_is_a_straight_line() -> None:
+    """From place to place on the lattice it has corners: all of them are cut, from the start on."""
+    world = World("room", (6.0, 4.0), walled(6.0, 4.0), (), (1.0, 1.0), (5.0, 2.3))
+    (drive,) = make_plan(_problem(world)).tasks
+    np.testing.assert_allclose(drive.path_m, [world.start_m, world.goal_m], atol=1e-9)
+
+
 def test_a_heading_at_the_start_counts() -> None:
     # In a corridor of 0.7 m the robot cannot turn: heading away from its open end, it cannot leave.
     walls = (*walled(6.0, 4.0), bar(0.0, 0.1, 3.0, 1.65), bar(0.0, 2.35, 3.0, 4.0))

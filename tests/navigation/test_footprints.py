@@ -75,6 +75,19 @@ def test_a_box_is_found_with_its_size_and_place(
     assert np.sum(outline[:, 0] * following[:, 1] - outline[:, 1] * following[:, 0]) > 0, "counter-clockwise"
 
 
+def test_the_outline_is_that_of_the_cells() -> None:
+    """Four rows and eight columns of a turned grid: its corners are those of the outer cells."""
+    grid = with_box((1.0, 1.0), (0.01, 0.01), 0.0, 0.3)
+    cells = np.zeros((160, 160), np.int8)
+    cells[60:64, 40:48] = 100
+    (found,) = find_footprints(OccupancyMap(cells, 0.025, grid.origin))
+    c, s = np.cos(0.3), np.sin(0.3)
+    corners = 0.025 * np.array([[40, 60], [48, 60], [48, 64], [40, 64]])
+    true = Polygon(corners @ [[c, s], [-s, c]] + [3.0, -1.0])
+    assert Polygon(found.outline_m).symmetric_difference(true).area < 1e-9
+    assert found.size_m == pytest.approx((0.2, 0.1))
+
+
 def test_size_and_surroundings_decide() -> None:
     assert find_footprints(with_box((2.0, 2.0), (0.9, 0.3), 0.0, 0.0)) == ()
     assert find_footprints(with_box((2.0, 2.0), (0.05, 0.05), 0.0, 0.0)) == ()

@@ -159,6 +159,27 @@ def test_the_covariance_says_what_a_corridor_cannot_tell() -> None:
     assert across < 0.005
 
 
+@pytest.mark.parametrize("odometry_scale", [1.0, 1.02])
+def test_of_equal_places_the_one_that_the_odometry_expects_is_taken(odometry_scale: float) -> None:
+    """Posts every 25 cm on both sides: a scan fits as well one post behind, where more of it is on the map already."""
+    cells = np.zeros((40, 160), np.int8)
+    cells[[0, 1, -2, -1]] = 100
+    cells[np.ix_([2, 3, -4, -3], np.arange(160) % 5 < 2)] = 100
+    laser = SimulatedLaser(OccupancyMap(cells, 0.05), LaserConfig(range_max_m=2.0), np.random.default_rng(1))
+    mapper = OccupancyMapper()
+    for number in range(25):
+        true_m = 3.0 + 0.1 * number
+        mapper.add(laser.scan((true_m, 1.0, 0.0), 0.1 * number), (odometry_scale * true_m, 1.0, 0.0))
+        # Half a period would be a place between posts; what the wheels have gained is less than 5 cm.
+        assert mapper.pose[0] - odometry_scale * 3.0 == pytest.approx(0.1 * number, abs=0.1)
+    # The prior decides between two places that are both on the map.
+    points, sure = laser.scan((4.2, 1.0, 0.0), 2.5).points_m, np.diag([0.04**2, 0.04**2, 0.02**2])
+    here = 4.2 + mapper.pose[0] - true_m
+    for shift_m in (-0.06, 0.0, 0.06):
+        match = match_scan(mapper._grid, points, (here + shift_m, 1.0, 0.0), sure, 2.5)
+        assert match.pose[0] == pytest.approx(here, abs=0.06)
+
+
 def test_settings_and_inputs_are_checked() -> None:
     with pytest.raises(InputError, match="resolution"):
         MapperSettings(resolution_m=0.0)

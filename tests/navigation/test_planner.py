@@ -249,6 +249,15 @@ def test_a_start_in_collision_is_left_straight_or_said_to_be_stuck():
     assert problem.objects[0].id in inside.reason
 
 
+def test_a_proof_ends_with_its_memory():
+    """Boxes with no way out of a row of narrow rooms: proved with room for all states, given up with room for two."""
+    problem = corridor(STOOL, STOOL, spacing_m=0.8)
+    plans = [
+        make_plan(problem, limits=SearchLimits(memory_bytes=size, expansions=20)) for size in (10**8, 2000)
+    ]
+    assert [(plan.reachable, plan.proved) for plan in plans] == [(False, True), (False, False)]
+
+
 def test_the_search_says_when_it_gave_up():
     problem = corridor(STOOL, STOOL, STOOL)
     domain = build_search_domain(problem)

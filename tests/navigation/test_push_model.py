@@ -48,6 +48,14 @@ def test_the_lever_of_a_disc_and_of_a_square_are_those_of_even_pressure():
     assert PushModel.patch(SQUARE).lever_m == pytest.approx(0.7652 * 0.15, rel=0.02)
 
 
+def test_loads_are_fractions_of_their_sum():
+    """Twice the load on every foot is the same body: its centre is that of the lower edge, which carries two thirds."""
+    load = np.array([2.0, 2.0, 1.0, 1.0])
+    model = PushModel(SQUARE, SQUARE, load)
+    np.testing.assert_allclose(model.load, load / 6)
+    np.testing.assert_allclose(model.centre_m, [0.0, -0.05], atol=1e-12)
+
+
 def test_a_clockwise_outline_is_turned_round():
     assert polygon_area(PushModel.patch(SQUARE[::-1]).outline_m) > 0
 

@@ -223,3 +223,12 @@ def test_radii_of_the_outlines_are_saved_and_tell_the_profile_before_a_touch(tmp
     # What all radii have in common, and the axis, which is known to 1 mm, remain.
     assert np.all(sigma_m**2 > 0.001**2 + 0.0004**2)
     assert np.all(sigma_m**2 < 0.001**2 + 0.0015**2)
+
+
+def test_a_vessel_stands_on_what_is_below_it() -> None:
+    """On a step of 5 cm in the table, away from the origin of the frame."""
+    low, high = (TABLE.vertices_m[:, :2] * 0.02 + [x, y] for x, y in ((-0.3, 0.2), (0.3, -0.2)))
+    vertices_m = np.concatenate([np.column_stack([low, [-0.05] * 3]), np.column_stack([high, [0.0] * 3])])
+    body = replace(BODY, axis_m=np.array([0.3, -0.2]))
+    found = BodyCompletion.standing(SurfaceMesh(vertices_m, np.arange(6).reshape(2, 3)), body, 0.15)
+    assert found.foot_z_m == pytest.approx(0.0, abs=1e-12)

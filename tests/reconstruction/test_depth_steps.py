@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from visuohaptic.core.camera import Camera
 from visuohaptic.reconstruction.fusion import sensor_noise
 from visuohaptic.reconstruction.odometry.depth_edges import depth_edges
+from visuohaptic.reconstruction.odometry.odometry import _beside
 from visuohaptic.reconstruction.odometry.registration import RegisteredViews, _mixture, moved
 
 CAMERA = Camera.simple(160, 120, 140.0)
@@ -201,3 +202,36 @@ def test_points_of_another_view_are_those_in_its_picture_and_edges_those_at_its_
     behind = np.array([np.eye(4), moved(np.eye(4), np.array([0, 0, 0, 0, 0, -0.09]))])
     assert len(both._edge_rows(0, 1, behind, 0.04)[0]) == 0
     assert len(both._edge_rows(0, 1, behind, 0.05)[0]) > 100
+
+
+def test_views_of_one_wall_are_related_and_those_of_two_are_not() -> None:
+    """A wall at 1 m seen twice, and seen 5 cm behind itself, which is more than ten of the camera's deviations."""
+    wall = np.full((CAMERA.height, CAMERA.width), 1.0, np.float32)
+    poses = np.array([np.eye(4)] * 2)
+    assert views(wall, wall).log_ratio(0, 1, poses) > 2.0
+    # All of the points are outliers, of which there is one in ten.
+    apart = views(wall, wall + np.float32(0.05)).log_ratio(0, 1, poses)
+    assert apart == pytest.approx(math.log(0.1))
+
+
+def test_displaced_poses_turn_the_scene_about_its_middle() -> None:
+    """Turns about the scene's middle are the least known: points keep their middle, and are moved by the shift at their radius."""
+    rng = np.random.default_rng(2)
+    points_m = rng.normal(size=(500, 3)) * 0.2 + [0.0, 0.0, 1.5]
+    points_m -= np.median(points_m, axis=0) - [0.0, 0.0, 1.5]
+    pose = np.eye(4)
+    pose[:3, 3] = [0.4, -0.3, 0.2]
+    middle, shift_m = np.array([0.4, -0.3, 1.7]), 1e-3
+    # A turn by w about the middle m moves the origin by m x w.
+    free = np.linalg.inv(
+        np.block([[np.eye(3), np.zeros((3, 3))], [np.cross(middle, np.eye(3)).T, np.eye(3)]])
+    )
+    matrix = free.T @ np.diag([1.0, 2.0, 3.0, 1e4, 1e4, 1e4]) @ free
+    found = _beside(points_m, pose, matrix, shift_m)
+    radius_m = np.median(np.linalg.norm(points_m - [0.0, 0.0, 1.5], axis=1))
+    assert len(found) == 6
+    for there in found:
+        at_middle = np.array([0.0, 0.0, 1.5]) @ (there[:3, :3] - np.eye(3)).T + there[:3, 3] - pose[:3, 3]
+        np.testing.assert_allclose(at_middle, 0.0, atol=1e-2 * shift_m)
+        turned = Rotation.from_matrix(there[:3, :3]).magnitude()
+        assert turned == pytest.approx(shift_m / radius_m, rel=0.01)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from visuohaptic.reconstruction import SurfaceMesh
-from visuohaptic.reconstruction.completion import axial_part, measured_outline, standing_object
+from visuohaptic.reconstruction.completion import axial_part, measured_outline, standing_object, wall_seen
 
 AXIS = np.array([0.3, -0.1])
 
@@ -70,3 +72,20 @@ def test_what_stands_near_a_place_is_found_and_round_or_not(ratio: float) -> Non
     assert squash == pytest.approx(ratio, abs=0.01)
     assert ratio == 1.0 or wide_rad == pytest.approx(0.0, abs=0.01)
     assert not np.isfinite(standing_object(mesh, AXIS + 1.0, 0.12, 0.065)[0]).any()
+
+
+def test_readings_of_a_cone_refer_to_the_height_of_their_row():
+    """Sectors that are seen at other heights have the same level: the slope within a row is removed, exactly for a line."""
+    rng = np.random.default_rng(4)
+    theta, z_m = rng.uniform(-np.pi, np.pi, 600), rng.uniform(0.02, 0.08, 600)
+    z_m += 0.01 * np.sign(theta)
+    rho_m = np.exp(-3.0 + 2.0 * z_m)
+    walls_m = np.column_stack([rho_m * np.cos(theta) + AXIS[0], rho_m * np.sin(theta) + AXIS[1], z_m])
+    band = SimpleNamespace(
+        walls_m=walls_m, rim_m=np.full(600, 0.05), normals=np.zeros((600, 3)), cell_m=0.003
+    )
+    prior = SimpleNamespace(
+        axis_m=AXIS, heights_m=np.array([0.04, 0.07]), section=lambda theta, z_m: np.zeros(len(theta))
+    )
+    seen = wall_seen(prior, band)
+    np.testing.assert_allclose(seen.logs, -3.0 + 2.0 * seen.z_m[seen.row], atol=1e-9)

@@ -34,6 +34,7 @@ from visuohaptic.reconstruction.transparency.ray_readings import (
     RayImage,
 )
 from visuohaptic.reconstruction.transparency.regions import agreement_evidence, passing_evidence
+from visuohaptic.reconstruction.vessel_shapes import end_circles
 
 #: x, y of the axis, radius and height of the body, which stands at z = 0.05 [m].
 AXIS_M, RADIUS_M, LOW_M, HIGH_M = np.array([0.02, -0.03]), 0.035, 0.05, 0.17
@@ -241,7 +242,8 @@ def test_sums_of_outlines_are_those_of_drawn_polygons(seed):
     sums = np.pad(np.cumsum(evidence, axis=1), ((0, 0), (1, 0)))[None]
     limits, motion = np.full((1, 120, 160), 2.0, np.float32), pose.inverse().matrix[:3][None]
     found = np.empty(1)
-    outline_sums(body, 16, sums, limits, motion, matrix[None], np.zeros(1), np.ones(1), found)
+    corners_m = end_circles(body, 16)
+    outline_sums(corners_m, sums, limits, motion, matrix[None], np.zeros(1), np.ones(1), found)
     ring = 2 * np.pi * np.arange(16) / 16
     points = np.concatenate(
         [
@@ -276,7 +278,7 @@ def test_the_second_eye_sees_the_background_beside_a_body_and_not_that_behind_it
     near = np.full_like(known, 0.5)
     found = np.empty((3, 1))
     for limits, total in zip((known, unknown, near), found, strict=True):
-        outline_sums(body, 16, sums, limits, motion, matrix, reach, np.ones(1), total)
+        outline_sums(end_circles(body, 16), sums, limits, motion, matrix, reach, np.ones(1), total)
     assert found[0] == found[1] != found[2]
 
 

@@ -108,3 +108,16 @@ def test_shares_are_prior_probabilities_times_likelihoods():
         values = multivariate_normal(np.zeros(2), covariance).pdf(found.rho_m - means)
         expected.append(model.spread.prior * np.mean(values))
     np.testing.assert_allclose([m.share for m in found.models], np.array(expected) / sum(expected), rtol=0.1)
+
+
+def test_straight_and_bowl_shaped_vessels_keep_to_their_proportions():
+    """A straight one is half to one and a half times as wide at its foot as at its rim, a bowl .3 to .9 times."""
+    kind, _, profiles = drawn_vessels(4000)
+    straight, bowl = profiles[kind == 0], profiles[kind == 3]
+    np.testing.assert_allclose(np.diff(straight, 2, axis=1), 0.0, atol=1e-6)
+    for drawn, low, high in ((straight, 0.5, 1.5), (bowl, 0.3, 0.9)):
+        foot = drawn[:, 0] / drawn[:, -1]
+        assert foot.min() > low - 1e-6
+        assert foot.max() < high + 0.1  # half a step of the grid above the foot, a bowl has widened
+        assert foot.max() - foot.min() > 0.8 * (high - low)
+    assert (np.diff(bowl, axis=1) > 0).all()

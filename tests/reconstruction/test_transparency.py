@@ -238,6 +238,8 @@ def test_the_false_alarm_rate_moves_the_threshold_and_is_checked(sequence):
     np.testing.assert_allclose(strict.evidence, loose.evidence, atol=1e-5)
     with pytest.raises(InputError, match="expected between 0 and 1"):
         EvidenceDetector(grid, false_alarm_rate=0.0)
+    with pytest.raises(InputError, match=r"found 1\.0, expected between 0 and 1 exclusive"):
+        EvidenceDetector(grid, false_alarm_rate=1.0)
 
 
 def test_the_chance_of_finding_rises_with_views_as_found_on_tables_of_an_independent_caster():

@@ -197,7 +197,7 @@ def test_what_is_no_trace_is_refused(lines: list[str], message: str) -> None:
 
 def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     (tmp_path / "bad.jsonl").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match="cannot be read as text"):
+    with pytest.raises(InputError, match=r"is not UTF-8 text \(byte 0\)"):
         Trace.load(tmp_path / "bad.jsonl")
 
 

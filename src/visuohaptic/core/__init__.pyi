@@ -70,6 +70,7 @@ from .measurement import ForceProfile as ForceProfile
 from .measurement import Motion as Motion
 from .measurement import Reason as Reason
 from .measurement import Wrench as Wrench
+from .measurement import normal_sigmas as normal_sigmas
 from .objects import Appearance as Appearance
 from .objects import Estimate as Estimate
 from .objects import Evidence as Evidence

@@ -4,12 +4,29 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from statistics import NormalDist
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 #: Gravitational acceleration [m/s^2] and air pressure [Pa], used if not measured.
 GRAVITY_M_S2, AIR_PA = 9.81, 101_325.0
+
+
+def normal_sigmas(probability: float) -> float:
+    """Standard deviations that a normal error exceeds, in either direction, with a probability.
+
+    Parameters
+    ----------
+    probability
+        Two-sided probability, above 0 and below 1.
+
+    Examples
+    --------
+    >>> round(normal_sigmas(0.05), 2)
+    1.96
+    """
+    return NormalDist().inv_cdf(1.0 - 0.5 * probability)
 
 
 class Reason(StrEnum):

@@ -6,6 +6,7 @@ display and other programs, and is read only if the card has no mesh among its a
 
 from __future__ import annotations
 
+import io
 import logging
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -16,7 +17,7 @@ import numpy as np
 
 from ..core import Geometry, VisuoHapticObject, decode, encode
 from ..core.errors import InputError, needs
-from ..core.files import MAX_FILE_BYTES, atomic_path, load_yaml_model, save_yaml
+from ..core.files import MAX_FILE_BYTES, atomic_path, check_glb, load_yaml_model, read_bytes, save_yaml
 from .shards import file_sha256, pack, unpack
 
 if TYPE_CHECKING:
@@ -191,8 +192,11 @@ def _glb(shape: Geometry) -> bytes:
 
 def _from_glb(path: Path) -> Geometry:
     trimesh = _trimesh()
+    data = read_bytes(path, MAX_FILE_BYTES)
+    check_glb(path, data)
     try:
-        mesh = trimesh.load(path, file_type="glb", force="mesh", process=False)
+        # From memory, so that it cannot refer to other files.
+        mesh = trimesh.load(io.BytesIO(data), file_type="glb", force="mesh", process=False)
         return Geometry(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64))
     except Exception as error:
         raise InputError(path, f"is not a readable mesh ({type(error).__name__}: {error})") from error

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core import Camera, Pose
-from ..deformation.maps.features import HEIGHTS
+from ..core.objects import HEIGHTS
 from ..deformation.shapes.container import Base, ContainerDescription, WallSection, load_container
 from ..deformation.shapes.variants import container_outline
 from ..deformation.shells.fourier_shell import RevolutionShell

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core import Estimate, Frame
-from ..deformation.maps.features import HEIGHTS
+from ..core.objects import HEIGHTS
 from ..deformation.shapes.container import load_container
 from ..deformation.shapes.variants import nearest_variant
 from ..recognition.touch import map_of_outline, map_of_oval, smooth_errors, stiffness_samples

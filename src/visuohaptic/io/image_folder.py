@@ -50,10 +50,9 @@ def _times_from_csv(table: Path, names: list[str]) -> tuple[list[str], list[floa
     rows = list(read)
     times = [row.number("t_s") for row in rows]
     if "file" in columns:
-        listed = [row["file"] for row in rows]
-        missing = [name for name in listed if name not in set(names)]
-        if missing:
-            raise InputError(table, f"{missing[0]!r} is not an image of the folder", field="file")
+        listed, known = [row["file"] for row in rows], set(names)
+        if missing := next((name for name in listed if name not in known), None):
+            raise InputError(table, f"{missing!r} is not an image of the folder", field="file")
         return listed, times
     if len(times) != len(names):
         raise InputError(table, f"found {len(times)} times, expected {len(names)}, one for each image")

@@ -21,6 +21,7 @@ from ..core import InputError, Pose, compose_2d
 from ..core.files import CsvRow, read_csv, write_csv
 from ..core.laser_scan import MAX_BEAMS, LaserScan
 from ..core.ranges import SECONDS, check_numbers
+from .ros.ros_messages import stamp_s
 from .ros.sqlite_bag import is_bag, open_bag
 
 #: A scan, and the scanner's pose (x, y, yaw) from odometry [m, rad].
@@ -30,9 +31,9 @@ _COLUMNS = ("t_s", "x_m", "y_m", "yaw_rad", "angle_min_rad", "angle_step_rad", "
 _SCAN, _ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"
 #: A scanner whose axis is tilted further does not measure a horizontal plane: cosine of 5 degrees.
-_UPRIGHT = 0.9962
+_UPRIGHT = math.cos(math.radians(5.0))
 _log = logging.getLogger(__name__)
-#: Maximum time offset between an odometry message and a scan at the ends of a recording [s].
+#: Maximum time between a scan and the nearest odometry message [s]; between two messages, their usual interval if that is longer.
 _SLACK_S = 0.25
 
 
@@ -144,10 +145,10 @@ def _from_mcap(path: Path, scan_topic: str | None, odometry_topic: str | None) -
             raise InputError(path, f"has {message.datatype} on {named}", remedy="name one topic")
         decoded = file.decode(message)
         if message.datatype == _SCAN:
-            scans.append(_scan(decoded, f"{path}:{message.topic}"))
+            scans.append(_scan(decoded, stamp_s(decoded, message.log_time_ns), f"{path}:{message.topic}"))
             scanner = decoded.header.frame_id.strip("/")
         else:
-            times.append(_stamp_s(decoded))
+            times.append(stamp_s(decoded, message.log_time_ns))
             poses.append(_planar(decoded.pose.pose, f"{path}:{message.topic}"))
             body = decoded.child_frame_id.strip("/")
     for kind, found in ((_SCAN, scans), (_ODOMETRY, poses)):
@@ -206,11 +207,7 @@ def _from_scanner(path: Path, scans: list[OdometryScan], T_body_scanner: Pose) -
     ]
 
 
-def _stamp_s(message: Any) -> float:
-    return float(message.header.stamp.sec + message.header.stamp.nanosec * 1e-9)
-
-
-def _scan(message: Any, where: str) -> LaserScan:
+def _scan(message: Any, t_s: float, where: str) -> LaserScan:
     ranges = np.array(message.ranges, dtype=np.float64)
     if not 1 <= len(ranges) <= MAX_BEAMS:
         raise InputError(where, f"found {len(ranges)} beams, expected 1 to {MAX_BEAMS}", field="ranges")
@@ -219,7 +216,7 @@ def _scan(message: Any, where: str) -> LaserScan:
         ranges[ranges < message.range_min] = np.nan
     try:
         return LaserScan(
-            _stamp_s(message),
+            t_s,
             ranges,
             float(message.angle_min),
             float(message.angle_increment),
@@ -245,11 +242,18 @@ def _joined(
     order = np.argsort(times_s, kind="stable")
     times_s, poses = times_s[order], poses[order]
     yaw = np.unwrap(poses[:, 2])
+    # Where messages are lost, the robot may have driven and turned in any way between two of them.
+    slack_s = max(_SLACK_S, float(np.median(np.diff(times_s)))) if len(times_s) > 1 else _SLACK_S
     pairs: list[OdometryScan] = []
     for scan in sorted(scans, key=lambda scan: scan.t_s):
-        if times_s[0] - _SLACK_S <= scan.t_s <= times_s[-1] + _SLACK_S:
+        near = times_s[0] - _SLACK_S <= scan.t_s <= times_s[-1] + _SLACK_S
+        if near and np.abs(times_s - scan.t_s).min() <= slack_s:
             x, y, angle = (float(np.interp(scan.t_s, times_s, v)) for v in (poses[:, 0], poses[:, 1], yaw))
             pairs.append((scan, (x, y, angle)))
+    if 0 < len(pairs) < len(scans):
+        _log.warning(
+            "%s: %d of %d scans have no odometry and are left out", path, len(scans) - len(pairs), len(scans)
+        )
     if not pairs:
         raise InputError(
             path,

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import NormalDist
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..core.errors import InputError
+from ..core import InputError, normal_sigmas
 from .charts import ForceRun, force_against_truth, force_over_time
 from .html_report import Report
 
 #: Half width of the 90 % interval of a normal distribution, in standard deviations.
-_BAND_90 = NormalDist().inv_cdf(0.95)
+_BAND_90 = normal_sigmas(0.1)
 #: Deviation of a normal distribution that is exceeded once in a thousand, in standard deviations.
-_RARE = NormalDist().inv_cdf(1.0 - 0.5e-3)
+_RARE = normal_sigmas(1e-3)
 #: Maximum number of clock offsets tried: an hour in half frames at 30 Hz, some seconds of computation.
 MAX_STEPS = 250_000
 

@@ -17,7 +17,7 @@ from .virtual_sensor import VirtualSensor, rest_scene
 
 #: The 12 cm cylinder is pressed 8 mm deep and retracted, with this number of frames each.
 _DEEPEST_M, _FRAMES = 0.008, 40
-#: Quality of its videos: from 10 to 20 the rms error of the force grows from 15 to 16 mN, and 54 MB become 14.
+#: Rate factor of videos: from 10 to 20 the rms error of its force grows from 15 to 16 mN, and 54 MB become 14.
 _CRF = 20
 
 
@@ -50,7 +50,7 @@ def write_example(
     virtual.rig.write(folder)
     renderer = virtual.renderer()
     on_message("rendering rest.mp4")
-    write_video(folder / "rest.mp4", renderer.repeated(rest_scene(virtual.geometry), 20, rng=rng), crf=_CRF)
+    write_video(folder / "rest.mp4", renderer.repeated(rest_scene(virtual.geometry), 20, rng=rng))
     depths = _DEEPEST_M * np.sin(np.linspace(0.0, np.pi, 2 * _FRAMES + 1)) ** 2
     truth: list[tuple[float, float, float]] = []
 
@@ -60,7 +60,7 @@ def write_example(
             yield renderer.render(sample.scene, rng=rng)
 
     on_message("rendering push.mp4")
-    write_video(folder / "push.mp4", frames(), crf=_CRF)
+    write_video(folder / "push.mp4", frames())
     write_truth(folder, ("t_s", "force_N", "depth_m"), truth)
     return folder
 
@@ -80,9 +80,7 @@ def write_truth(folder: Path, columns: Sequence[str], rows: Iterable[Iterable[fl
     write_csv(folder / "truth.csv", columns, ([f"{value:.6f}" for value in row] for row in rows))
 
 
-def write_video(
-    path: Path | str, images: Iterable[UInt8[np.ndarray, "rows columns"]], *, crf: int = 10
-) -> None:
+def write_video(path: Path | str, images: Iterable[UInt8[np.ndarray, "rows columns"]]) -> None:
     """Write grey images as H.264 at 30 frames per second; sizes must be even.
 
     Parameters
@@ -91,8 +89,6 @@ def write_video(
         Output file.
     images
         Grey images (rows, columns).
-    crf
-        Quality, smaller is better.
 
     Raises
     ------
@@ -122,9 +118,9 @@ def write_video(
                 stream.height, stream.width = image.shape
                 stream.pix_fmt = "yuv420p"
                 stream.time_base = Fraction(1, 30)
-                # Grey levels are preserved only in full range; 10 is close to lossless for noise, which motion
-                # estimation does not reduce: the fastest preset omits it.
-                stream.options = {"crf": str(crf), "preset": "ultrafast", "x264-params": "fullrange=on"}
+                # Grey levels are preserved only in full range. Noise is not reduced by motion
+                # estimation, which the fastest preset omits.
+                stream.options = {"crf": str(_CRF), "preset": "ultrafast", "x264-params": "fullrange=on"}
                 stream.codec_context.color_range = 2
             frame = av.VideoFrame.from_ndarray(image, format="gray")
             for packet in stream.encode(frame.reformat(format="yuv420p", dst_color_range="JPEG")):

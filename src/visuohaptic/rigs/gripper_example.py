@@ -15,8 +15,8 @@ from .virtual_gripper import GripperSensor
 
 #: The example: closing speed [m/s], and start of the recording before the contact [s].
 _CLOSE_M_S, _BEGIN_S = 0.03, 0.9
-#: Illumination and rate factor of its videos: a few megabytes each.
-_DAYLIGHT, _CRF = CameraEffects(1.0, 1.5, vignetting=0.2), 18
+#: Illumination of its videos.
+_DAYLIGHT = CameraEffects(1.0, 1.5, vignetting=0.2)
 _CLOSING, _OPENING = 20, 20  #: frames each way
 
 
@@ -39,7 +39,7 @@ def write_gripper_example(
     maker.write(folder, rng)
     on_message("rendering rest.mp4")
     still = maker.gripper(rng=rng)
-    write_video(folder / "rest.mp4", (still.frame().image for _ in range(20)), crf=_CRF)
+    write_video(folder / "rest.mp4", (still.frame().image for _ in range(20)))
     gripper, truth = maker.gripper(BOTTLE, rng=rng), []
     gripper.move(0.0, _CLOSE_M_S)
     gripper.skip_to(_BEGIN_S)
@@ -54,6 +54,6 @@ def write_gripper_example(
             yield frame.image
 
     on_message("rendering grip.mp4")
-    write_video(folder / "grip.mp4", images(), crf=_CRF)
+    write_video(folder / "grip.mp4", images())
     write_truth(folder, ("t_s", "force_N", "position_m"), truth)
     return folder

@@ -25,8 +25,6 @@ WRENCH_COLUMNS = ("t_s", "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 _INDOOR = CameraEffects(blur_px=0.8, noise_sigma=3.0, vignetting=0.15, gradient_x=0.1)
 #: Illumination of the example: less noise makes smaller files.
 _DAYLIGHT = CameraEffects(blur_px=0.8, noise_sigma=1.5, vignetting=0.15, gradient_x=0.1)
-#: Rate factor of the videos: a few megabytes each.
-_CRF = 18
 
 
 @dataclass
@@ -313,8 +311,8 @@ def write_beam_example(
 
     loads = push_and_twist()
     on_message("rendering rest.mp4")
-    write_video(folder / "rest.mp4", images(np.zeros((30, 6)), -1.0), crf=_CRF)
+    write_video(folder / "rest.mp4", images(np.zeros((30, 6)), -1.0))
     on_message("rendering push.mp4")
-    write_video(folder / "push.mp4", images(loads, 0.0), crf=_CRF)
+    write_video(folder / "push.mp4", images(loads, 0.0))
     write_truth(folder, WRENCH_COLUMNS, ((k / virtual.frame_rate_Hz, *load) for k, load in enumerate(loads)))
     return folder

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..core import Closing, InputError, decode_image
+from ..core import Closing, InputError, decode_image, normal_sigmas
 from ..core.objects import (
     Appearance,
     Estimate,
@@ -39,7 +39,7 @@ MOVED_M = 0.15
 #: Standard deviation of a radius that is seen and touched, and of the population [m]; heights at which outlines are stored.
 RADIUS_M, TOUCHED_M, ANY_RADIUS_M, HEIGHTS = 0.003, 0.001, 0.012, 24
 #: Two measurements of one friction differ by less in 99 of 100 cases [standard deviations].
-AGREE_SIGMAS = 2.576
+AGREE_SIGMAS = normal_sigmas(0.01)
 _FREE, _OCCUPIED, _UNKNOWN = 254, 0, 127
 
 

@@ -6,8 +6,19 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
+import pytest
+from scipy.special import ndtr
 
-from visuohaptic.sensing.foam.edges import SCATTER_POINTS, gap_shift_px, local_statistics, mean_between
+from visuohaptic.sensing.foam._light_kernels import front_in_light
+from visuohaptic.sensing.foam.edges import (
+    _EDGE_BLURS,
+    _PLATEAU_PX,
+    SCATTER_POINTS,
+    gap_shift_px,
+    local_statistics,
+    mean_between,
+    shift_by_light_px,
+)
 
 POINTS, GAP_PX = 60, 1.5
 
@@ -107,3 +118,92 @@ def test_grey_levels_between_places_are_means_of_all_parallels() -> None:
         [np.nan, np.nan],
     ]
     np.testing.assert_allclose(found, expected)
+
+
+PLACE = np.arange(90) - 40.2  #: of the samples, from the front at rest [px]
+
+
+def _penumbra(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Light on the foam, which rises by 3 % a pixel to 5 px behind its front, and on the floor, which lies lower."""
+    return 0.7 - 0.03 * np.clip(x, -6.0, 0.0), 0.6 + 0.01 * np.clip(x, 0.0, 9.0)
+
+
+def _strips(
+    moved_px: float,
+    blur_px: float,
+    foam: np.ndarray | float = 1.0,
+    floor: np.ndarray | float = 1.0,
+    noise: float = 1.0,
+) -> np.ndarray:
+    """Textured foam of 180 before a textured floor of 80 in their light, (points, 5, samples), with an edge blurred as by a lens."""
+    grain = np.random.default_rng(6).normal(1.0, 0.03, (POINTS, 5, len(PLACE)))
+    over = ndtr((PLACE + moved_px) / blur_px)
+    image = (180.0 * foam * (1.0 - over) + 80.0 * floor * over) * grain
+    return np.float32(image + np.random.default_rng(7).normal(0.0, noise, image.shape))
+
+
+def _in_light(image: np.ndarray) -> np.ndarray:
+    each, found = np.ones(POINTS), np.full((4, POINTS), np.nan)
+    zero, rest = _strips(0.0, 0.8, noise=0.3), 40.2 * each
+    front_in_light(
+        image, zero, each, rest, rest - 0.3, 0.8 * each, _EDGE_BLURS * 0.8 * each, _PLATEAU_PX, found
+    )
+    return found
+
+
+@pytest.mark.parametrize("moved_px", [0.0, 0.5, 1.2])
+def test_a_penumbra_does_not_move_the_front_that_is_seen_in_its_light(moved_px: float) -> None:
+    """A noise of 1 grey level in 5 pixels of 55: 0.01 px for the median of 60 points; foam moves its texture, and here it does not."""
+    found = _in_light(_strips(moved_px, 0.8, *_penumbra(PLACE)))
+    assert abs(np.median(found[0]) - moved_px) < 0.03
+
+
+def test_another_blur_is_seen_beside_the_light() -> None:
+    found = _in_light(_strips(0.0, 1.0, *_penumbra(PLACE)))
+    # 0.36 px^2 more; of first order, with which the derivative falls by a fifth until half way.
+    assert 0.25 < np.median(found[1]) < 0.4
+    assert abs(np.median(_in_light(_strips(0.0, 0.8, *_penumbra(PLACE)))[1])) < 0.05
+
+
+def test_light_that_is_no_straight_line_beside_the_front_is_in_its_error() -> None:
+    """A step of the light in the plateau on the foam, at any place: its error is one draw, and the declared one its root mean square."""
+    found = [_in_light(_strips(0.0, 0.8, np.where(-at > PLACE, 0.8, 1.0))) for at in np.arange(2.5, 6.0, 0.5)]
+    wrong, _, declared, _ = np.median(found, axis=2).T
+    assert 0.7 < np.sqrt(np.mean(wrong**2)) / np.sqrt(np.mean(declared**2)) < 1.4, "of seven draws"
+
+
+def test_a_front_that_is_not_near_its_place_at_rest_is_left() -> None:
+    each, found = np.ones(POINTS), np.full((4, POINTS), np.nan)
+    image, rest = _strips(2.0, 0.8), 40.2 * each
+    front_in_light(
+        image, image, each, rest, rest - 2.0, 0.8 * each, _EDGE_BLURS * 0.8 * each, _PLATEAU_PX, found
+    )
+    assert np.isnan(found).all()
+
+
+def test_edges_that_light_has_shifted_are_put_back() -> None:
+    each, shaded = np.ones(POINTS), np.arange(POINTS) >= POINTS // 2
+    image = np.where(shaded[:, None, None], _strips(0.0, 0.8, *_penumbra(PLACE)), _strips(0.0, 0.8))
+    scatter = np.random.default_rng(3).normal(0.0, 0.03, POINTS)
+    front = SimpleNamespace(position_px=40.2 - np.where(shaded, 0.7, 0.0) + scatter)
+    strip: Any = SimpleNamespace(
+        stripe=False,
+        lens_px=0.75,
+        image=image,
+        step_px=each,
+        rest_px=40.2 * each,
+        usable=each > 0,
+        low_confidence=each < 0,
+        front=front,
+    )
+    zero: Any = SimpleNamespace(image=_strips(0.0, 0.8, noise=0.3), blur_ratio=each, inferred=each < 0)
+    excess = np.where(shaded, 1.0, 0.0)
+    shift, part, uneven = shift_by_light_px(strip, zero, excess)
+    left = np.where(shaded, 0.7, 0.0) - scatter - shift
+    # A noise of 1 grey level is 0.015 px; the penumbra leaves 0.01 px.
+    assert np.sqrt(np.mean(left[shaded] ** 2)) < 0.03
+    assert np.abs(shift[~shaded]).mean() < 0.03, "by chance"
+    assert np.abs(excess).max() < 0.3, "what the light explains is no excess"
+    assert part[shaded].min() > 0.9
+    assert part[~shaded].mean() < 0.5
+    assert np.sqrt(uneven.max()) < 0.1

@@ -14,6 +14,7 @@ from .figures import literal as literal
 from .figures import new_figure as new_figure
 from .figures import ramp_colours as ramp_colours
 from .figures import save_figure as save_figure
+from .glb import check_glb as check_glb
 from .image_header import MAX_PIXELS as MAX_PIXELS
 from .image_header import check_image_size as check_image_size
 from .image_header import image_size as image_size
@@ -33,6 +34,7 @@ from .part_file import whole_lines as whole_lines
 from .problems import field_problems as field_problems
 from .regular import MAX_DATA_BYTES as MAX_DATA_BYTES
 from .regular import MAX_FILE_BYTES as MAX_FILE_BYTES
+from .regular import MAX_HAND_BYTES as MAX_HAND_BYTES
 from .regular import MAX_TEXT_BYTES as MAX_TEXT_BYTES
 from .regular import check_name as check_name
 from .regular import check_target as check_target

@@ -11,9 +11,10 @@ from pathlib import Path
 
 from ..errors import InputError
 
-#: Larger text files are rejected before they are parsed, where their kind has no limit of its own [bytes].
+#: Larger files that are written by hand, and larger texts of other kinds, are rejected before they are parsed [bytes].
+MAX_HAND_BYTES = 16 << 20
 MAX_TEXT_BYTES = 256 << 20
-#: The same of tables, images, arrays and their parts, and of files that are read at once without a limit of their own [bytes].
+#: The same of tables, images, arrays and their parts, and of files that are read at once [bytes].
 MAX_DATA_BYTES, MAX_FILE_BYTES = 1 << 30, 2 << 30
 #: Maximum number of files of a folder that are considered.
 MAX_BESIDE = 1000

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from ..errors import InputError, brief_list
 from .atomic import write_text
 from .problems import field_problems
-from .regular import read_text
+from .regular import MAX_HAND_BYTES, read_text
 
 if TYPE_CHECKING:
     import yaml
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     Model = TypeVar("Model", bound=BaseModel)
 
-#: Larger files are rejected before they are parsed [bytes].
-MAX_YAML_BYTES = 16 * 1024 * 1024
 #: Limit of the size that the expansion of aliases may add: number of values plus characters. Nine levels of
 #: ``[*a, *a, ...]`` in 500 bytes would add 10^8, the anchors of a hand-written file a few thousand.
 MAX_ALIAS_SIZE = 1_000_000
@@ -159,7 +157,7 @@ def load_yaml(path: Path | str) -> Any:
     InputError
         The file is missing, not a regular file, too large, not UTF-8 or not YAML.
     """
-    return parse_yaml(read_text(path, MAX_YAML_BYTES), path)
+    return parse_yaml(read_text(path, MAX_HAND_BYTES), path)
 
 
 def load_yaml_model(path: Path | str, model: type[Model]) -> Model:

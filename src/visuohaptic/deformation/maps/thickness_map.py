@@ -9,13 +9,12 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError, brief_list
-from ...core.files import read_csv
+from ...core.files import MAX_HAND_BYTES, read_csv
 from ..shapes.mesher import ShellObject
 from ..shells.shell import ShellMesh
 
 #: Columns of a height profile, and of a table of points.
 PROFILE, PLACES = ("z_m", "thickness_m"), ("x_m", "y_m", "z_m", "thickness_m")
-MAX_BYTES = 16 * 1024 * 1024
 #: Number of points that a triangle is interpolated from, and their maximum distance as a fraction of the height.
 NEIGHBOURS, FARTHEST = 3, 0.25
 
@@ -33,7 +32,7 @@ def load_thickness_map(path: Path | str) -> Float[np.ndarray, "n c"]:
     InputError
         Wrong columns, a cell that is not a number, or a thickness that is not positive; with the line number.
     """
-    names, rows = read_csv(path, max_bytes=MAX_BYTES)
+    names, rows = read_csv(path, max_bytes=MAX_HAND_BYTES)
     if tuple(names) not in (PROFILE, PLACES):
         raise InputError(
             path, f"found columns {brief_list(names)}, expected {', '.join(PROFILE)} or {', '.join(PLACES)}"

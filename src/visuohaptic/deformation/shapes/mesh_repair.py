@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.geometry import vertex_normals
+from ...core.measurement import normal_sigmas
 from ...io.meshes.local_remesh import (
     collapse_edges,
     flip_edges,
@@ -33,9 +34,8 @@ MOUTH_BELOW, MOUTH_WIDTH = 0.05, 0.2
 #: A wall that is displaced by this fraction of its thickness is 0.4 % stiffer: waves of amplitude a add ``t a^2 / 2`` to
 #: the second moment ``t^3 / 12`` of a strip.
 MOVED_FRACTION = 0.025
-#: Standard deviation over median absolute value of a normal distribution, and the factor by which the residual
-#: of ``_noise`` exceeds the noise of a vertex with six neighbours.
-NORMAL, RESIDUAL = 1.4826, 1.36
+#: Factor by which the residual of ``_noise`` exceeds the noise of a vertex with six neighbours.
+RESIDUAL = 1.36
 
 
 def clamped_foot(vertices: Float[np.ndarray, "v 3"]) -> Bool[np.ndarray, "v"]:
@@ -245,4 +245,4 @@ def _noise(vertices: np.ndarray, faces: np.ndarray) -> float:
 
     bow = np.einsum("vi,vi->v", vertex_normals(vertices, faces), around(vertices) - vertices)
     left = bow - around(bow[:, None])[:, 0]
-    return float(NORMAL / RESIDUAL * np.median(np.abs(left - np.median(left))))
+    return float(np.median(np.abs(left - np.median(left))) / normal_sigmas(0.5) / RESIDUAL)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from ...core import Camera, InputError, decode_image, read_head
-from ..ros import McapFile, McapMessage, is_bag, open_bag
+from ..ros import REORDER, McapFile, McapMessage, is_bag, open_bag
 from ..ros.ros_image import (
     decode_compressed_depth,
     decode_depth,
@@ -26,8 +26,6 @@ from .depth_sequence_out import write_sequence
 
 _log = logging.getLogger(__name__)
 
-#: Frames that are out of order in the file are sorted within this number of messages.
-_REORDER = 64
 #: One unit of 16UC1 [m], by convention (REP 118).
 _UNIT_M = 1e-3
 
@@ -60,7 +58,8 @@ class BagImages:
         ``auto`` (``tf`` if it moves the camera, else the only topic of poses), ``tf``, a topic, a file of poses, or
         ``none``: all frames have the identity.
     depth_scale_m
-        Size of one unit of 16-bit depth [m]; by default 1 mm, or as recorded by Intel's recorder.
+        Size of one unit of 16-bit depth [m]; by default 1 mm, or as recorded by Intel's recorder. Of depths in metres, the
+        unit in which they are written, by default 0.1 mm, which reaches 6.5 m.
 
     Raises
     ------
@@ -115,8 +114,8 @@ class BagImages:
 
     @property
     def unit_m(self) -> float:
-        """Size of one unit of the sequence [m]: as recorded, or 0.1 mm of depths in metres."""
-        return 1e-4 if self._depth.encoding.startswith("32FC1") else self.depth_scale_m or _UNIT_M
+        """Size of one unit of the sequence [m]: as given or recorded, or 0.1 mm of depths in metres."""
+        return self.depth_scale_m or (1e-4 if self._depth.encoding.startswith("32FC1") else _UNIT_M)
 
     def __iter__(self) -> Iterator[DepthFrame]:
         """Frames in temporal order."""
@@ -191,7 +190,7 @@ class BagImages:
             elif due and stamp >= due[0]:
                 depths[stamp] = message
             while depths and (
-                (due[0] in depths and (due[0] in colours or due[0] not in partner)) or len(depths) > _REORDER
+                (due[0] in depths and (due[0] in colours or due[0] not in partner)) or len(depths) > REORDER
             ):
                 place = min(depths)
                 yield depths.pop(place), colours.pop(place, None)

@@ -15,6 +15,8 @@ from ._exr import decode_exr
 
 #: Supported file formats.
 DEPTH_SUFFIXES = (".png", ".exr")
+#: Largest value of a 16-bit image that is a depth; the next one means "not measured".
+MAX_UNITS = 65534
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,5 +120,5 @@ def write_depth(path: Path | str, depth_m: Float[np.ndarray, "rows columns"], sc
     """
     with np.errstate(invalid="ignore"):
         units = np.rint(np.asarray(depth_m, dtype=np.float64) / scale_m)
-        units = np.where((units > 0) & (units < 65535), units, 0).astype(np.uint16)
+        units = np.where((units > 0) & (units <= MAX_UNITS), units, 0).astype(np.uint16)
     write_image(path, units)

@@ -2,7 +2,7 @@
 
 ``arm``
     ``camera.json`` (width, height, fx, fy, cx, cy, depth_unit_m), ``depth/k.png``,
-    ``color/k.jpg``, ``base_T_cam.txt`` with lines ``k`` and 16 numbers.
+    ``color/k.jpg``, ``base_T_cam.txt`` with lines of ``k`` and the 16 numbers of a matrix, or ``k tx ty tz qx qy qz qw``.
 ``apc``
     ``cam.info.txt`` (labelled matrices), ``frame-NNNNNN.depth.png`` with rotated
     bits of 0.1 mm, aligned to ``frame-NNNNNN.color.png``.
@@ -50,7 +50,7 @@ from .depth_sequence import (
     warn_of_unused_colour,
 )
 from .depth_sequence_out import write_sequence
-from .poses import StampedPose, read_poses, stamped_matrix
+from .poses import StampedPose, number_rows, poses_of_rows, read_poses, stamped_matrix
 
 _log = logging.getLogger(__name__)
 
@@ -208,9 +208,12 @@ def _arm(source: Path) -> _Layout:
     path = source / "camera.json"
     info = load_json(path, "a camera.json", lambda data: checked_model(path, data, _CameraJson))
     table = source / "base_T_cam.txt"
-    poses = read_poses(table)
-    numbers = np.loadtxt(table, usecols=0, dtype=np.float64, ndmin=1)
-    by_number = {int(number): pose for number, pose in zip(numbers, poses, strict=True)}
+    by_number: dict[float, StampedPose] = {}
+    for line, row in number_rows(table):
+        if len(row) not in (8, 17):
+            said = f"found {len(row)} numbers, expected that of an image, and 16 (matrix) or 7 of its pose"
+            raise InputError(table, said, field=f"line {line}")
+        (by_number[row[0]],) = poses_of_rows(table, iter([(line, row)]))
     images = []
     for path in _image_files(source / "depth", set(DEPTH_SUFFIXES)):
         match = _NUMBER.search(path.stem)

@@ -133,12 +133,9 @@ class DepthSequence:
             raise InputError(self.folder / info.depth, "has no depth images (.png, .exr)")
         colors = self._inside(info.color, "color")
         named = {path.stem: path for path in _image_files(colors, _COLOR_SUFFIXES)}
-        others: list[Path | None] = [*named.values()]
-        if len(others) != len(self.paths):
-            others = [None] * len(self.paths)
-        self.color_paths = [
-            named.get(path.stem, other) for path, other in zip(self.paths, others, strict=True)
-        ]
+        self.color_paths = [named.get(path.stem) for path in self.paths]
+        if not any(self.color_paths) and len(named) == len(self.paths):
+            self.color_paths = [*named.values()]
         warn_of_unused_colour(colors, len(named), self.color_paths)
         poses = read_poses(self._inside(info.poses, "poses"), info.poses_topic)
         #: Time and pose of each image; missing poses have a reason.

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ...core.errors import InputError
 from ...core.files import PartFile, load_yaml_model, save_yaml, whole_lines, write_image, write_text
-from .depth_images import write_depth
+from .depth_images import MAX_UNITS, write_depth
 from .depth_sequence import NO_POSES, DepthFrame, DepthSequence, SequenceFile
 from .poses import POSE_HEADER, EstimatedPose, pose_line, read_poses
+
+_log = logging.getLogger(__name__)
 
 #: Name of the description until the sequence is complete.
 DESCRIPTION_PART = "sequence.yaml.part"
@@ -58,7 +63,7 @@ def write_sequence(
     if folder.exists() and any(folder.iterdir() if folder.is_dir() else [folder]):
         raise InputError(folder, "is not empty", remedy="choose a new folder")
     camera = poses = None
-    count = 0
+    count = beyond = 0
     for index, frame in enumerate(frames):
         if camera is None or poses is None:
             camera = frame.camera
@@ -73,6 +78,7 @@ def write_sequence(
             raise InputError("write_sequence", f"frame {index} is of another camera, expected one camera")
         name = f"{index:06d}.png"
         write_depth(folder / "depth" / name, frame.depth_m, depth_scale_m)
+        beyond += int(np.count_nonzero(frame.depth_m > MAX_UNITS * depth_scale_m))
         if frame.color is not None:
             (folder / "color").mkdir(exist_ok=True)
             write_image(folder / "color" / name, frame.color)
@@ -83,6 +89,10 @@ def write_sequence(
         raise InputError("write_sequence", "found no frames, expected at least one")
     poses.finish()
     (folder / DESCRIPTION_PART).replace(folder / "sequence.yaml")
+    if beyond and camera is not None:
+        share, limit_m = beyond / (count * camera.width * camera.height), MAX_UNITS * depth_scale_m
+        said = "%s: %.3g %% of the pixels are farther than %.3g m, the largest depth in units of %g m, and are left out"
+        _log.warning(said, folder, 100 * share, limit_m, depth_scale_m)
     return count
 
 
@@ -109,7 +119,7 @@ def recover_sequence(folder: Path) -> int:
         if not lines:
             raise InputError(folder, "contains no complete frame")
         for path in sorted(folder.glob("*/*.png")):
-            if path.stem.isdigit() and int(path.stem) >= len(lines):
+            if path.stem.isdecimal() and int(path.stem) >= len(lines):
                 path.rename(path.with_name(path.name + ".part"))
         write_text(folder / "poses.txt", POSE_HEADER + "".join(f"{line}\n" for line in lines))
         part.unlink()

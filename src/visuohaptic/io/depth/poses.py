@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from ...core import InputError, Pose, read_head, read_text, write_text
 from ...core.ranges import SECONDS, check_numbers
+from ..ros.ros_messages import stamp_s
 from ..ros.sqlite_bag import is_bag, open_bag
 
 POSE_HEADER = "# t_s tx_m ty_m tz_m qx qy qz qw, camera to world\n"
@@ -75,7 +76,7 @@ def read_poses(path: Path | str, topic: str | None = None) -> list[StampedPose]:
     if is_bag(path) or read_head(path, 8) == b"\x89MCAP0\r\n":
         return _from_mcap(path, topic)
     w_first = _W_FIRST.search(read_text(path)) is not None
-    found = list(_from_rows(path, number_rows(path), w_first=w_first))
+    found = list(poses_of_rows(path, number_rows(path), w_first=w_first))
     if not found:
         raise InputError(path, "has no poses, expected lines of t tx ty tz qx qy qz qw")
     times = [stamped.t_s for stamped in found if np.isfinite(stamped.t_s)]
@@ -108,9 +109,25 @@ def number_rows(path: Path) -> Iterator[tuple[int, list[float]]]:
             ) from error
 
 
-def _from_rows(
-    path: Path, rows: Iterator[tuple[int, list[float]]], *, w_first: bool
+def poses_of_rows(
+    path: Path, rows: Iterator[tuple[int, list[float]]], *, w_first: bool = False
 ) -> Iterator[StampedPose]:
+    """Poses of a text of numbers, as :func:`read_poses` describes them.
+
+    Parameters
+    ----------
+    path
+        The file, for messages.
+    rows
+        Number and values of each line.
+    w_first
+        Whether the real part of a quaternion is its first number.
+
+    Raises
+    ------
+    InputError
+        A line has another number of values.
+    """
     for number, row in rows:
         where = f"line {number}"
         if len(row) == 8:
@@ -193,8 +210,7 @@ def stamped_message(message: Any, datatype: str, log_time_ns: int) -> StampedPos
     log_time_ns
         Recording time, for messages without a stamp [ns].
     """
-    stamp = message.header.stamp
-    time_s = stamp.sec + stamp.nanosec * 1e-9 if stamp.sec or stamp.nanosec else log_time_ns * 1e-9
+    time_s = stamp_s(message, log_time_ns)
     if datatype.endswith("TransformStamped"):
         position, turn = message.transform.translation, message.transform.rotation
     else:

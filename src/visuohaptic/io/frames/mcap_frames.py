@@ -11,15 +11,12 @@ import numpy as np
 from jaxtyping import Int, UInt8
 
 from ...core import Camera, ImageMode, InputError, decode_image
-from ..ros import McapDamage, McapMessage, camera_from_message, decode_raw, image_stamp_ns, open_bag
+from ..ros import REORDER, McapDamage, McapMessage, camera_from_message, decode_raw, image_stamp_ns, open_bag
 from ..source import RecordedSource
 
 _log = logging.getLogger(__name__)
 
 _IMAGE, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
-
-#: Frames that are out of order in the file are sorted within this number of messages.
-_REORDER = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +138,7 @@ class McapSource(RecordedSource):
             if position is None:
                 continue
             waiting[position] = message
-            while waiting and (expected in waiting or len(waiting) > _REORDER):
+            while waiting and (expected in waiting or len(waiting) > REORDER):
                 place = min(waiting)
                 yield from self._decoded(place, waiting.pop(place))
                 expected = place + 1

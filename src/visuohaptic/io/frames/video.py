@@ -112,12 +112,9 @@ class VideoSource(RecordedSource):
         last = self._stamps_list[chosen[-1]]
         container, stream = self._open()
         with container:
-            if chosen[0] > 0:
-                # Seek to the key frame at or before the first one.
-                container.seek(self._stamps_list[chosen[0]], stream=stream, backward=True, any_frame=False)
             form = "gray" if self._grey or "gray" in (stream.codec_context.pix_fmt or "") else "bgr24"
             try:
-                for frame in self._decoded(container, stream, av):
+                for frame in self._from(self._stamps_list[chosen[0]], container, stream, av):
                     position = positions.get(frame.pts)
                     if position is None or frame.is_corrupt:
                         continue
@@ -126,6 +123,20 @@ class VideoSource(RecordedSource):
                         return
             except av.error.FFmpegError as error:
                 _log.warning("%s: ends early (%s)", self._path, error)
+
+    def _from(self, stamp: int, container: Any, stream: Any, av: Any) -> Iterator[Any]:
+        """Decoded frames from the key frame before a stamp on, or an earlier one."""
+        if stamp > self._stamps_list[0]:
+            container.seek(stamp, stream=stream, backward=True, any_frame=False)
+            frames = self._decoded(container, stream, av)
+            first = next(frames, None)
+            if first is not None and first.pts is not None and first.pts <= stamp:
+                yield first
+                yield from frames
+                return
+            # Without an index, as in a transport stream, the place is only estimated.
+            container.seek(self._stamps_list[0], stream=stream, backward=True, any_frame=False)
+        yield from self._decoded(container, stream, av)
 
     @staticmethod
     def _decoded(container: Any, stream: Any, av: Any) -> Iterator[Any]:

@@ -1,3 +1,4 @@
+from .mcap_records import REORDER as REORDER
 from .mcap_records import McapDamage as McapDamage
 from .mcap_records import McapFile as McapFile
 from .mcap_records import McapMessage as McapMessage

@@ -23,6 +23,8 @@ _log = logging.getLogger(__name__)
 
 #: First bytes of a file.
 MCAP_MAGIC = b"\x89MCAP0\r\n"
+#: Frames that are out of order in a file are sorted within this number of messages.
+REORDER = 64
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _FOOTER = 0x03, 0x04, 0x05, 0x06, 0x02
 
 

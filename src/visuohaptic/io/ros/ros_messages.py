@@ -48,6 +48,20 @@ def stamp(t_s: float) -> Message:
     return {"sec": seconds, "nanosec": nanoseconds}
 
 
+def stamp_s(message: Any, log_time_ns: int) -> float:
+    """Time of a decoded message with a header [s]; its recording time if the stamp is zero.
+
+    Parameters
+    ----------
+    message
+        Decoded message.
+    log_time_ns
+        Recording time [ns].
+    """
+    found = message.header.stamp
+    return 1e-9 * log_time_ns if found.sec == found.nanosec == 0 else found.sec + 1e-9 * found.nanosec
+
+
 def header(t_s: float, frame: str) -> Message:
     """``std_msgs/Header``.
 

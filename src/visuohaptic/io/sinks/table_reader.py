@@ -194,24 +194,38 @@ def _read_parquet(path: Path, expected: Sequence[str]) -> dict[str, list[Any]]:
             values = sum(one.column(k).num_values for one in groups for k in range(one.num_columns))
             if values > MAX_DATA_BYTES // 8:  # equal values take hardly any space in the file
                 raise InputError(path, f"has {values} values, expected at most {MAX_DATA_BYTES // 8}")
-            table = file.read()
+            table = file.read(
+                [name for name in file.schema_arrow.names if name in {*expected, *PROFILE_COLUMNS}]
+            )
     except (OSError, pa.ArrowException) as error:
         raise InputError(path, f"is not a readable Parquet file ({error})") from error
-    check_columns(path, table.column_names, expected)
-    for name in expected:
-        kind = table.schema.field(name).type
-        good = (
-            pa.types.is_boolean(kind)
-            if name == "valid"
-            else pa.types.is_string(kind)
-            if name == "reason"
-            else pa.types.is_integer(kind) or pa.types.is_floating(kind)
-        )
-        if not good or table.column(name).null_count:
-            raise InputError(path, f"found {kind} with {table.column(name).null_count} nulls", field=name)
-    columns: dict[str, list[Any]] = {name: table.column(name).to_pylist() for name in table.column_names}
-    columns["reason"] = [
-        _value(CsvRow(path, line, {"reason": text}), "reason")
-        for line, text in enumerate(columns["reason"], start=1)
-    ]
+    names = table.column_names
+    check_columns(path, names, expected)
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(
+                path, f"found {names.count(name)} columns of this name, expected one", field=name
+            )
+        kind, parts = table.schema.field(name).type, table.column(name).chunks
+        nulls = sum(part.null_count for part in parts)
+        if pa.types.is_list(kind) and name in PROFILE_COLUMNS:
+            kind = kind.value_type
+            nulls += sum(part.flatten().null_count for part in parts)
+        elif name in PROFILE_COLUMNS:
+            raise InputError(path, f"found {kind}, expected a list of numbers", field=name)
+        good = {
+            "valid": pa.types.is_boolean(kind),
+            "reason": pa.types.is_string(kind),
+            "contacts": pa.types.is_integer(kind),
+        }.get(name, pa.types.is_integer(kind) or pa.types.is_floating(kind))
+        if not good or nulls:
+            raise InputError(path, f"found {kind} with {nulls} nulls", field=name)
+    columns: dict[str, list[Any]] = {name: table.column(name).to_pylist() for name in names}
+    if not np.isfinite(columns["t_s"]).all():
+        raise InputError(path, "found a time that is not finite", field="t_s")
+    if "reason" in columns:
+        columns["reason"] = [
+            _value(CsvRow(path, line, {"reason": text}), "reason")
+            for line, text in enumerate(columns["reason"], start=1)
+        ]
     return columns

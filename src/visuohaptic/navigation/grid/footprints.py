@@ -120,9 +120,7 @@ def _footprint(
 
     # The corners of the cells, not their centres, so that one cell has a size.
     corners = (cells[:, None] + np.array([[0, 0], [0, 1], [1, 1], [1, 0]])).reshape(-1, 2)
-    places = grid.world_from_cell(corners - 1) + 0.5 * (
-        grid.world_from_cell(np.array([1, 1])) - grid.world_from_cell(np.array([0, 0]))
-    )
+    places = grid.world_from_cell(corners - 0.5)
     hull = MultiPoint(places).convex_hull
     size = _box_size(np.array(hull.exterior.coords))
     # Tolerance for rounding of the rectangle at the limits of the size.

@@ -7,7 +7,7 @@ Values range from -1 (free) over 0 (unknown) to 1
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
@@ -127,9 +127,9 @@ class HapticMap:
     movable: Float32[np.ndarray, "rows columns"]
     resolution_m: float
     origin_m: tuple[float, float]  #: (x, y) of the corner of cell (0, 0)
-    rate: float = 0.5  #: c of Eq. (3.12): how quickly old contacts are replaced
-    depth_m: float = math.inf  #: depth behind a surface up to which cells count as occupied
-    contacts: int = field(default=0)  #: number of added contacts
+    rate: float  #: c of Eq. (3.12): how quickly old contacts are replaced
+    depth_m: float  #: depth behind a surface up to which cells count as occupied
+    contacts: int = 0  #: number of added contacts
 
     @classmethod
     def empty(

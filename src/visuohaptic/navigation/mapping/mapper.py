@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from ...core import InputError, LaserScan, Reason, compose_2d, finite_array, relative_2d
+from ...core import MAX_PIXELS, InputError, LaserScan, Reason, compose_2d, finite_array, relative_2d
 from ...io.maps.occupancy_map import FREE, OccupancyMap
 from ._mapper_kernels import add_beams
 from .scan_matching import FREE_LOG_ODDS as _SURELY_FREE
@@ -26,9 +26,6 @@ from .scan_matching import HitGrid, MatchSettings, PlanarPose, ScanMatch, match_
 _FREE_BELOW = 0.35
 
 _log = logging.getLogger(__name__)
-
-#: Maximum number of cells; larger maps are rejected, to limit memory.
-MAX_CELLS = 100_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,10 +292,10 @@ class OccupancyMapper:
         before = np.where(low < 0, np.maximum(-low, spare), 0)
         after = np.where(high > size, np.maximum(high - size, spare), 0)
         wide, tall = (int(v) for v in size + before + after)
-        if wide * tall > MAX_CELLS:
+        if wide * tall > MAX_PIXELS:
             raise InputError(
                 "scan",
-                f"the map would grow to {tall} x {wide} cells, expected at most {MAX_CELLS}",
+                f"the map would grow to {tall} x {wide} cells, expected at most {MAX_PIXELS}",
                 remedy="a coarser resolution_m or a smaller range_max_m",
             )
         self._grid = self._grid.grown(before, after)

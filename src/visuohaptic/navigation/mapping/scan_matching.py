@@ -189,7 +189,8 @@ def _search(
     reach = float(np.abs(points).max()) * 1.5 + settings.window_m / r + 4
     row, column = (guess[1] - grid.corner_m[1]) / r, (guess[0] - grid.corner_m[0]) / r
     top, left = max(int(row - reach), 0), max(int(column - reach), 0)
-    field = _near_hits(grid.count[top : int(row + reach) + 1, left : int(column + reach) + 1])
+    window = slice(top, int(row + reach) + 1), slice(left, int(column + reach) + 1)
+    field = _near_hits(grid.count[window], grid.stamp[window])
     if field.size == 0:
         return guess
     steps = np.arange(-round(settings.window_m / r), round(settings.window_m / r) + 1)
@@ -209,14 +210,20 @@ def _search(
     )
 
 
-def _near_hits(count: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
-    """1 at cells with hits, decreasing to 0 two cells away."""
+def _near_hits(
+    count: Float32[np.ndarray, "rows columns"], stamp: Int32[np.ndarray, "rows columns"]
+) -> Float32[np.ndarray, "rows columns"]:
+    """1 at cells with hits, decreasing to 0 two cells away; where no beam has been, what a point beside its hit has.
+
+    New points would otherwise count as misses, and of equal places, as between posts, the one with most overlap would be best.
+    """
     import cv2
 
     if count.size == 0:
         return count
     distance = cv2.distanceTransform((count == 0).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_3)
-    return np.exp(-0.5 * np.minimum(distance, 9.0) ** 2).astype(np.float32)
+    near = np.exp(-0.5 * np.minimum(distance, 9.0) ** 2).astype(np.float32)
+    return np.where(stamp == 0, np.maximum(near, np.float32(np.exp(-0.5))), near)
 
 
 def _refine(

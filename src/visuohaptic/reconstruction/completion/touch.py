@@ -10,11 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core import POSITIVE, InputError, Pose, check_numbers, finite_array
-from ...core.files import CsvRow, read_csv
+from ...core.files import MAX_HAND_BYTES, CsvRow, read_csv
 from ..mesh import SurfaceMesh
-
-#: Larger files are rejected: about 100,000 rows.
-MAX_TOUCH_BYTES = 16 * 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +107,7 @@ def read_touches(path: Path | str, *, sigma_m: float = 0.001) -> list[Touch]:
         The file is missing, lacks a column, or a row is not numeric.
     """
     touches = []
-    for row in read_csv(path, [f"{axis}_m" for axis in _AXES], max_bytes=MAX_TOUCH_BYTES)[1]:
+    for row in read_csv(path, [f"{axis}_m" for axis in _AXES], max_bytes=MAX_HAND_BYTES)[1]:
         sigma = row.number("sigma_m") if row.get("sigma_m") else sigma_m
         try:
             touches.append(Touch(_point(row), _point(row, "start_"), _point(row, "end_"), sigma))

@@ -27,30 +27,6 @@ BEHIND_BAND = 1e-5
 MAX_WEIGHT = 64.0
 
 
-@kernel
-def tile_ranges(depth, low, high, missing):
-    """Smallest and largest depth of each tile, and the number of pixels without depth above and left of each pixel.
-
-    ``missing`` (rows + 1, columns + 1) is an integral image, so that pixels without depth are counted in any rectangle.
-    """
-    rows, columns = depth.shape
-    low[:] = np.float32(np.inf)
-    high[:] = np.float32(-np.inf)
-    missing[0] = 0
-    for v in range(rows):
-        i, count = v // TILE, 0
-        missing[v + 1, 0] = 0
-        for u in range(columns):
-            d = depth[v, u]
-            if d == d:
-                j = u // TILE
-                low[i, j] = min(low[i, j], d)
-                high[i, j] = max(high[i, j], d)
-            else:
-                count += 1
-            missing[v + 1, u + 1] = missing[v, u + 1] + count
-
-
 @kernel(error_model="numpy")
 def _case(edge, corner, steps, camera, depth, low, high, missing, band):
     """Classify a box: behind the observed surface, in free space, or near; and whether a surface may be within the band.

@@ -80,12 +80,31 @@ class FusionView:
 
     def tiles(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Smallest and largest depth [m] of each tile of the image, and the integral image of missing depths."""
-        rows, columns = self.depth.shape
-        shape = -(-rows // kernels.TILE), -(-columns // kernels.TILE)
-        low, high = np.empty(shape, np.float32), np.empty(shape, np.float32)
-        missing = np.empty((rows + 1, columns + 1), np.int32)
-        kernels.tile_ranges(self.depth, low, high, missing)
-        return low, high, missing
+        import cv2
+
+        known, far = np.isfinite(self.depth), np.float32(np.inf)
+        low = over_tiles(np.minimum, np.where(known, self.depth, far), kernels.TILE)
+        high = over_tiles(np.maximum, np.where(known, self.depth, -far), kernels.TILE)
+        return low, high, cv2.integral((~known).astype(np.uint8))
+
+
+def over_tiles(
+    ufunc: np.ufunc, images: Float32[np.ndarray, "*n h w"], edge_px: int
+) -> Float32[np.ndarray, "*n a b"]:
+    """Reduction of images over square tiles; those at the right and lower border may be smaller.
+
+    Parameters
+    ----------
+    ufunc
+        Binary function, such as the minimum.
+    images
+        Images (..., h, w).
+    edge_px
+        Edge of a tile [px].
+    """
+    for axis in (-2, -1):
+        images = ufunc.reduceat(images, np.arange(0, images.shape[axis], edge_px), axis=axis)
+    return images
 
 
 def pinhole_images(frame: DepthFrame, *, color: bool) -> tuple[np.ndarray, np.ndarray | None]:

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from .registration import Phase, RegisteredViews, moved
-
-#: Over-relaxation, as of single registrations.
-_RELAXED = 1.4
+from ...core.geometry import hat
+from ..transparency.pose_refinement import normal_equations
+from .registration import RELAXED, Phase, RegisteredViews, moved
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,64 +45,32 @@ def solve_graph(
     phases
         Steps of Gauss-Newton; the last one's planes and steps are those of the covariance.
     """
-    poses = poses.copy()
-    members = np.unique(pairs)
-    for reach_m, planes, steps in phases:
-        square, pull = views.equations(pairs, poses, reach_m, 2, (planes, steps))
-        matrix, right, place = _assembled(square, pull, pairs, members, fixed)
-        step = _RELAXED * _factor(matrix)(right).reshape(-1, 6)
-        for view, row in place.items():
-            poses[view] = moved(poses[view], step[row])
-    square, pull = views.equations(pairs, poses, phases[-1][0], 1, phases[-1][1:])
-    matrix, _, place = _assembled(square, pull, pairs, members, fixed)
-    inverse = _factor(matrix)(np.eye(matrix.shape[0]))
+    from scipy.sparse import eye
+    from scipy.sparse.linalg import splu
+
+    poses, free = poses.copy(), np.setdiff1d(pairs, fixed)
+    own = (6 * free[:, None] + np.arange(6)).ravel()
+
+    def linear(
+        stride: int, reach_m: float, planes: float, steps: float
+    ) -> tuple[Any, Float[np.ndarray, "r"]]:
+        squares, pulls = views.equations(pairs, poses, reach_m, stride, (planes, steps))
+        matrix, right = normal_equations(squares, pulls, pairs, len(poses))
+        # A view that nothing holds does not move.
+        slight = 1e-9 * float(np.trace(squares.mean(axis=0)))
+        return splu(matrix[own][:, own] + slight * eye(len(own), format="csc")).solve, right[free].ravel()
+
+    for phase in phases:
+        solve, right = linear(2, *phase)
+        for view, step in zip(free, RELAXED * solve(right).reshape(-1, 6), strict=True):
+            poses[view] = moved(poses[view], step)
+    inverse = linear(1, *phases[-1])[0](np.eye(len(own)))
     covariance = np.full((len(poses), 6, 6), np.nan)
     covariance[fixed] = 0.0
-    for view, row in place.items():
+    for row, view in enumerate(free):
         block = inverse[6 * row : 6 * row + 6, 6 * row : 6 * row + 6]
         # A motion of the world's origin, at the centre of the camera.
         lever = np.eye(6)
-        x, y, z = poses[view, :3, 3]
-        lever[3:, :3] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
+        lever[3:, :3] = -hat(poses[view, :3, 3])
         covariance[view] = views.shared * lever @ block @ lever.T
     return PoseGraph(poses, covariance)
-
-
-def _assembled(
-    squares: Float[np.ndarray, "p 6 6"],
-    pulls: Float[np.ndarray, "p 6"],
-    pairs: Int[np.ndarray, "p 2"],
-    members: Int[np.ndarray, "m"],
-    fixed: int,
-) -> tuple[Any, Float[np.ndarray, "r"], dict[int, int]]:
-    """Sparse normal equations of all views but the fixed one, and the row of each view."""
-    from scipy.sparse import coo_matrix
-
-    place = {int(view): row for row, view in enumerate(view for view in members if view != fixed)}
-    rows, columns, values = [], [], []
-    right = np.zeros((len(place), 6))
-    local = np.indices((6, 6)).reshape(2, -1)
-    for (i, k), square, pull in zip(pairs.tolist(), squares, pulls, strict=True):
-        for a, b, sign in ((i, i, 1.0), (k, k, 1.0), (i, k, -1.0), (k, i, -1.0)):
-            if a in place and b in place:
-                rows.append(6 * place[a] + local[0])
-                columns.append(6 * place[b] + local[1])
-                values.append(sign * square.ravel())
-        if i in place:
-            right[place[i]] -= pull
-        if k in place:
-            right[place[k]] += pull
-    size = 6 * len(place)
-    # A view that nothing holds does not move.
-    slight = 1e-9 * float(np.trace(squares.mean(axis=0)))
-    rows.append(np.arange(size))
-    columns.append(np.arange(size))
-    values.append(np.full(size, slight))
-    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
-    return coo_matrix(entries, shape=(size, size)).tocsc(), right.ravel(), place
-
-
-def _factor(matrix: Any) -> Any:
-    from scipy.sparse.linalg import splu
-
-    return splu(matrix).solve

@@ -14,35 +14,6 @@ EDGE = 8
 NO_VOXEL, SOME_VOXELS, EACH_VOXEL = 0, 1, 2
 
 
-@kernel(parallel=True)
-def tile_bounds(limits, on_ray, at_voxel, nearest, farthest, max_on_ray, max_at_voxel):
-    """Bounds of every tile of pixels, from which :func:`sum_evidence` bounds the evidence of a block of voxels.
-
-    Parameters
-    ----------
-    limits, on_ray, at_voxel
-        As of :func:`sum_evidence`.
-    nearest, farthest, max_on_ray, max_at_voxel
-        Smallest and largest limit [m], and largest evidence of both kinds [nat], of each tile (n, tiles down, tiles across),
-        filled.
-    """
-    views, rows, columns = limits.shape
-    down, across = nearest.shape[1:]
-    for n in prange(views):
-        for a in range(down):
-            for b in range(across):
-                least, most = np.float32(np.inf), np.float32(0)
-                top_on_ray, top_at_voxel = np.float32(-np.inf), np.float32(-np.inf)
-                for i in range(a * EDGE, min((a + 1) * EDGE, rows)):
-                    for j in range(b * EDGE, min((b + 1) * EDGE, columns)):
-                        least, most = min(least, limits[n, i, j]), max(most, limits[n, i, j])
-                        if limits[n, i, j] > np.float32(0):
-                            top_on_ray = max(top_on_ray, on_ray[n, i, j])
-                            top_at_voxel = max(top_at_voxel, at_voxel[n, i, j])
-                nearest[n, a, b], farthest[n, a, b] = least, most
-                max_on_ray[n, a, b], max_at_voxel[n, a, b] = top_on_ray, top_at_voxel
-
-
 @kernel
 def _block_sight(m, fx, fy, cx, cy, rows, columns, corner, size, nearest, farthest, max_on_ray, max_at_voxel):
     """(Whether a view has evidence for no, some or all voxels of a block, upper bounds of both kinds of evidence)."""
@@ -121,7 +92,7 @@ def sum_evidence(limits, on_ray, at_voxel, weights, motions, fx, fy, cx, cy, nea
     fx, fy, cx, cy
         Focal lengths and principal point [px].
     nearest, farthest, max_on_ray, max_at_voxel
-        Bounds from :func:`tile_bounds`.
+        Smallest and largest limit [m], and largest evidence of both kinds [nat], of each tile (n, tiles down, tiles across).
     low, voxel
         Lowest corner (3) and edge of a voxel [m].
     evidence, extent

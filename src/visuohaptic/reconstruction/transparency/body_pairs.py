@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from ..vessel_shapes import UprightBody
+from ..vessel_shapes import UprightBody, end_circles
 from .outline_fit import OutlineView, body_bounds_m, body_evidence, fit_beside, fit_bodies
 
 #: Number of points on each bounding circle of a hidden body; how often each body of a pair is fitted.
@@ -147,14 +147,7 @@ def without_body(views: Sequence[OutlineView], shape_m: Float[np.ndarray, "n"]) 
     """
     import cv2
 
-    angle = 2 * np.pi * np.arange(_CORNERS) / _CORNERS
-    ring = np.column_stack([np.cos(angle), np.sin(angle)])
-    half_m = 0.5 * np.append(shape_m[6:], [0.0, 0.0])[:2]
-    circles = [
-        np.column_stack([shape_m[:2] + off_m + shape_m[k] * ring, np.full(_CORNERS, shape_m[k + 2])])
-        for k, off_m in ((2, -half_m), (3, half_m))
-    ]
-    points_m, found = np.concatenate(circles).T, []
+    points_m, found = end_circles(shape_m, _CORNERS).T, []
     for view in views:
         x, y, z = view.T_camera_world[:, :3] @ points_m + view.T_camera_world[:, 3:]
         through = np.zeros(view.limit_m.shape, np.uint8)

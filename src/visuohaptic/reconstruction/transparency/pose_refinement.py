@@ -11,9 +11,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, Int
 
 from ...core import Camera, Pose, one_blas_thread
 from ...core.geometry import hat, so3_exp, so3_log
@@ -30,7 +31,7 @@ _ALL_POINTS, _POINTS = 24_000, 500
 #: Number of residuals of neighbouring points that count as one: they are correlated.
 _CORRELATED = 2.0
 #: Minimum standard deviation of a depth [m].
-_MIN_SIGMA_M = 5e-4
+MIN_SIGMA_M = 5e-4
 #: Number of iterations; each matches the points again.
 _STEPS = 8
 #: Over-relaxation of a step, and weight of the previous step (heavy ball, Polyak 1964): reweighting minimises
@@ -66,6 +67,8 @@ def refine_poses(
     noise
         Noise of the camera; its tracking term is not used here.
     """
+    from scipy.linalg import block_diag
+
     from ._view_kernels import plane_equations
 
     count = len(frames)
@@ -78,12 +81,12 @@ def refine_poses(
     points = [_points(depth_m, camera, max(_POINTS, _ALL_POINTS // count)) for depth_m in depths]
     firsts = np.cumsum([0, *(len(chosen) for chosen in points)])
     places = pairs, np.concatenate(points), firsts
-    numbers = noise.quadratic_per_m, noise.constant_m, noise.offset_m, _MIN_SIGMA_M
+    numbers = noise.quadratic_per_m, noise.constant_m, noise.offset_m, MIN_SIGMA_M
     squares, pulls = np.empty((len(pairs), 6, 6)), np.empty((len(pairs), 6))
     measured = np.array([frame.T_world_camera.matrix[:3] for frame in frames])
     present = measured.copy()
     stiffness = np.repeat([1 / _SIGMA_RAD**2, 1 / _SIGMA_M**2], 3)
-    each, moved = np.arange(count), np.zeros((count, 6))
+    moved = np.zeros((count, 6))
     for step in range(_STEPS):
         # Distant matches help a poor initial pose and degrade a good one.
         reach_m = 4 * _SIGMA_M * max(0.25, 0.6**step)
@@ -91,24 +94,49 @@ def refine_poses(
         stride = 4 if step < _STEPS // 2 else 1
         last = _CORRELATED / stride, squares, pulls
         plane_equations(*places, stride, present, depths, *_numbers(camera), reach_m, *numbers, *last)
-        matrix, right = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
-        # A motion of the first view of a pair moves its points, one of the second view its planes.
-        i, k = pairs.T
-        for rows, columns, sign in ((i, i, 1), (k, k, 1), (i, k, -1), (k, i, -1)):
-            np.add.at(matrix, (rows, columns), sign * squares)
-        np.add.at(right, i, -pulls)
-        np.add.at(right, k, pulls)
+        matrix, right = normal_equations(squares, pulls, pairs, count)
         away, local = _offsets(present, measured)
         firm = local.transpose(0, 2, 1) * stiffness
-        matrix[each, each] += firm @ local
         right -= (firm @ away[..., None])[..., 0]
-        whole = matrix.transpose(0, 2, 1, 3).reshape(6 * count, -1)
+        whole = matrix.toarray() + block_diag(*(firm @ local))
         newton = np.linalg.solve(whole, right.ravel()).reshape(count, 6)
         moved = _RELAXED * newton + _MOMENTUM * moved
         present = so3_exp(moved[:, :3]) @ present
         present[:, :, 3] += moved[:, 3:]
     poses = (Pose.from_matrix(matrix) for matrix in present)
     return [replace(frame, T_world_camera=pose) for frame, pose in zip(frames, poses, strict=True)]
+
+
+def normal_equations(
+    squares: Float[np.ndarray, "p 6 6"],
+    pulls: Float[np.ndarray, "p 6"],
+    pairs: Int[np.ndarray, "p 2"],
+    count: int,
+) -> tuple[Any, Float[np.ndarray, "n 6"]]:
+    """Normal equations of all poses (sparse, 6n x 6n) and their right side.
+
+    Parameters
+    ----------
+    squares, pulls
+        J^T J and J^T r of each pair, for a motion of the points in the world.
+    pairs
+        View of the points, and view of the planes: a motion of the first moves the points, one of the second the planes.
+    count
+        Number of views n.
+    """
+    from scipy.sparse import coo_matrix
+
+    i, k = pairs.T
+    blocks = np.concatenate([squares, squares, -squares, -squares])
+    rows, columns = (
+        6 * np.stack([np.concatenate([i, k, i, k]), np.concatenate([i, k, k, i])])[..., None, None]
+    )
+    down, across = np.indices((6, 6))
+    places = np.stack([rows + down, columns + across]).reshape(2, -1)
+    right = np.zeros((count, 6))
+    np.add.at(right, i, -pulls)
+    np.add.at(right, k, pulls)
+    return coo_matrix((blocks.ravel(), places), shape=(6 * count, 6 * count)).tocsc(), right
 
 
 def _offsets(

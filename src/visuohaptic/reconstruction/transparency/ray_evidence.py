@@ -31,6 +31,7 @@ from jaxtyping import Bool, Float, Float32
 
 from ...core import Pose
 from ...io.depth.depth_sequence import DepthFrame
+from ..fusion._fusion_view import over_tiles
 from ..fusion.volume import SpaceGrid
 from .view_geometry import back_motions, intrinsics
 
@@ -95,12 +96,12 @@ class RayEvidence:
         grid
             Grid of the volume.
         """
-        from ._evidence_kernels import EDGE, sum_evidence, tile_bounds
+        from ._evidence_kernels import EDGE, sum_evidence
 
         rays = self.limit_m, self.on_ray, self.at_voxel
-        n, h, w = self.limit_m.shape
-        bounds = [np.empty((n, -(-h // EDGE), -(-w // EDGE)), np.float32) for _ in range(4)]
-        tile_bounds(*rays, *bounds)
+        told = [np.where(self.limit_m > 0, each, np.float32(-np.inf)) for each in rays[1:]]
+        bounds = [over_tiles(np.minimum, self.limit_m, EDGE)]
+        bounds += [over_tiles(np.maximum, each, EDGE) for each in (self.limit_m, *told)]
         views = back_motions(Pose.identity(), [frame.T_world_camera for frame in self.frames])
         camera = intrinsics(self.frames[0].camera) if self.frames else np.zeros(4, np.float32)
         blocks = tuple(-(-size // EDGE) for size in grid.shape)

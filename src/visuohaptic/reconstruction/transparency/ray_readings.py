@@ -141,16 +141,16 @@ class ViewDepth:
         noise
             Noise of camera and poses.
         """
-        from ._ray_kernels import depth_deviation
-
-        depth_m = ideal_depth(frame)
-        sigma_m = np.empty_like(depth_m)
-        device = noise.device
-        numbers = (device.quadratic_per_m, device.constant_m, device.offset_m, _TRACKING_M)
-        focal_px = frame.camera.focal_px
-        reach = noise.pixels(focal_px), _GRAZING_SLOPE / focal_px
-        depth_deviation(depth_m, *(np.float32(number) for number in (*numbers, *reach)), sigma_m)
-        return cls(frame, depth_m, np.float32(noise.factor) * sigma_m)
+        depth_m, focal_px = ideal_depth(frame), frame.camera.focal_px
+        square = replace(noise.device, tracking_m=_TRACKING_M).sigma_m(depth_m) ** 2
+        for axis in (0, 1):
+            step, ahead = np.abs(np.diff(depth_m, axis=axis)), np.eye(2, dtype=int)[axis][:, None]
+            both = [np.pad(step, ahead * ends, constant_values=np.inf) for ends in ((1, 0), (0, 1))]
+            # The smaller of the two one-sided differences: the larger one may be a depth step.
+            slope = np.fmin(*both)
+            moved_m = np.float32(noise.pixels(focal_px)) * slope
+            square += np.where(slope < _GRAZING_SLOPE / focal_px * depth_m, moved_m, np.float32(0)) ** 2
+        return cls(frame, depth_m, np.float32(noise.factor) * np.sqrt(square))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,7 +177,7 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
     noise
         Noise of camera and poses.
     """
-    from ._ray_kernels import ray_codes, read_rays
+    from ._ray_kernels import read_rays
     from ._view_kernels import warp_views
 
     pose, camera = view.frame.T_world_camera, intrinsics(view.frame.camera)
@@ -198,15 +198,20 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
     focal_px = view.frame.camera.focal_px
     margin_px = np.float32(noise.device.edge_px(focal_px) + noise.pixels(focal_px))
     distance = _from_failures(predicted_m, noise, focal_px) / margin_px
-    device, beyond = noise.device, np.float32(np.inf)
-    # A class begins above these limits, at the limits of the others.
-    above = [np.nextafter(np.array(limits, np.float32), beyond) for limits in (_DISTANCES, _VOTES)]
-    limits = (*above, np.array(_EMPTY, np.float32), np.array(_DEPTHS_M, np.float32))
-    eye = np.float32(focal_px * device.baseline_m), np.float32(0.5 * device.window_px(focal_px))
-    coefficients = device.quadratic_per_m, device.constant_m, device.offset_m, _TRACKING_M, noise.factor
-    code, limit_m = np.empty(shape, np.uint16), np.empty(shape, np.float32)
-    rates = (np.float32(number) for number in coefficients)
-    ray_codes(reading, predicted_m, votes, empty, distance, *eye, *limits, *rates, code, limit_m)
+    # A class of distance or votes begins above its limit, of the others at it.
+    far, seen = [distance > limit for limit in _DISTANCES], [votes > limit for limit in _VOTES]
+    share = empty / np.maximum(votes + empty, 1)
+    dark, deep = [share >= limit for limit in _EMPTY], [predicted_m >= np.float32(z) for z in _DEPTHS_M]
+    context = np.asarray(np.sum(far, axis=0, dtype=np.uint16))
+    if (baseline_m := noise.device.baseline_m) != 0:
+        # Less than half of a matching window is in the image of the second eye.
+        half_px, known = 0.5 * noise.device.window_px(focal_px), predicted_m > 0
+        there = np.arange(shape[1]) - focal_px * baseline_m / np.where(known, predicted_m, 1)
+        context[known & ((there < half_px) | (there > shape[1] - 1 - half_px))] = len(far) + 1
+    for reached in (seen, dark, deep):
+        context = context * (len(reached) + 1) + np.sum(reached, axis=0, dtype=np.uint16)
+    limit_m = np.where(reading > 0, predicted_m - 3 * noise.sigma_m(predicted_m), np.float32(0))
+    code = 5 * context + reading
     return RayImage(reading, code, predicted_m, limit_m, distance > 1)
 
 

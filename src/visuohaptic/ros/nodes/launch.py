@@ -12,9 +12,9 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from pathlib import Path
 
-from ...core import DeviceError, InputError, brief, read_text
+from ...core import DeviceError, InputError, brief
+from ...core.files import MAX_HAND_BYTES, read_text
 
-_MAX_BYTES = 1_000_000
 _VARIABLE = re.compile(r"\$\(var ([\w-]+)\)")
 #: Supported elements and attributes, with the same meaning as in ``ros2 launch``.
 _ATTRIBUTES = {"arg": {"name", "default", "description"}, "executable": {"cmd", "name", "output"}}
@@ -40,7 +40,7 @@ def read_launch(path: Path | str, given: Mapping[str, str]) -> tuple[tuple[str, 
     InputError
         It is not XML, contains other elements, attributes or substitutions, or the value of an argument is missing.
     """
-    text = read_text(path, _MAX_BYTES)
+    text = read_text(path, MAX_HAND_BYTES)
     if "<!" in text.replace("<!--", ""):
         raise InputError(path, "has a document type or entities, expected elements only")
     try:

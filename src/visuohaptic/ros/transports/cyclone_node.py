@@ -15,8 +15,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from ...core import read_text
 from ...core.errors import DeviceError, InputError, needs
+from ...core.files import MAX_HAND_BYTES, read_text
 from ..wire import Attachment, Field, MessageType, Shape, decode, encode, parse_definition
 from ..wire.graph import LATCHED, Entity, EntityKind, Qos, from_dds
 from .session import RosOptions, check_security, shown_error
@@ -24,8 +24,8 @@ from .topic_node import Outlet, RosSubscription, TopicNode
 
 #: Maximum number of nodes and endpoints read from the graph.
 _MAX_TOLD = 10_000
-#: Largest configuration [bytes], and what is not part of it.
-_MAX_CONFIG_BYTES, _COMMENT = 1_000_000, re.compile(r"<!--.*?-->", re.DOTALL)
+#: What is not part of a configuration.
+_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 
 _DISCOVERY = parse_definition(
     "rmw_dds_common/msg/ParticipantEntitiesInfo",
@@ -89,7 +89,7 @@ def _is_protected() -> bool:
     for part in named.split(","):
         if not part.lstrip().startswith("<"):
             with suppress(InputError):
-                texts.append(read_text(part.strip().removeprefix("file://"), _MAX_CONFIG_BYTES))
+                texts.append(read_text(part.strip().removeprefix("file://"), MAX_HAND_BYTES))
     return any(re.search(r"<Security[\s>]", _COMMENT.sub("", text)) for text in texts)
 
 

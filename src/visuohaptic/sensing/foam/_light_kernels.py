@@ -202,3 +202,97 @@ def pixel_dependence(residual, texture, first, last):
             total += 2.0 * max(one * other / (own * power), 0.0)
         result *= total
     return result
+
+
+@kernel(nogil=True)
+def _line(now, rest, begin, end, spacing, origin, out):
+    """Fill the light ``now / rest`` between two positions: a straight line over the distance from ``origin``, and its variance.
+
+    ``out`` (4): value and slope of the line, mean of ``rest``, variance about the line. Returns whether there are samples enough.
+    """
+    n, sx, sxx, sy, sxy, syy, level = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(max(int(math.ceil(begin / spacing)), 0), min(int(end / spacing) + 1, len(now))):
+        if rest[j] > 0.0 and now[j] > 0.0:
+            x, y = j * spacing - origin, now[j] / rest[j]
+            n, sx, sxx, level = n + 1.0, sx + x, sxx + x * x, level + rest[j]
+            sy, sxy, syy = sy + y, sxy + x * y, syy + y * y
+    if n < 4.0:
+        return False
+    out[1] = (n * sxy - sx * sy) / (n * sxx - sx * sx)
+    out[0], out[2] = (sy - out[1] * sx) / n, level / n
+    out[3] = max(syy - out[0] * sy - out[1] * sxy, 0.0) / (n - 2.0)
+    return True
+
+
+@kernel(nogil=True)
+def front_in_light(image, zero, spacing, rest, front, blur, margin, plateau, found):
+    """Fill the displacement and the excess of the squared blur of fronts near their place at rest, in the light beside them.
+
+    The light relative to the zero image is extrapolated to the front along straight lines, fitted to a ``plateau`` on each side of the
+    blurred edge. The zero image in this light is compared with the image within the blur: the remainder is a displacement of
+    the edge or another blur (Gauss-Newton steps from the front at rest).
+
+    Parameters
+    ----------
+    image, zero
+        Grey levels along the lines, (K, parallels, samples).
+    spacing
+        Of the samples [px], (K,).
+    rest, front
+        Front at rest and as found along each line [px], (K,).
+    blur, margin
+        Blur of an edge in even light, and half the length of the blurred edge [px], (K,).
+    plateau
+        Length of the plateaus [px].
+    found
+        (4, K): displacement towards the base [px], excess of the squared blur over the zero image [px^2], standard deviation of
+        the displacement due to light that is not straight, and its difference between light that is seen beside the front at
+        rest and beside the displaced one [px]. Left as it is where the front is not within ``margin``
+        of ``rest``, or its surroundings are not seen.
+    """
+    samples = image.shape[2]
+    now, then, foam, floor = np.empty(samples), np.empty(samples), np.empty(4), np.empty(4)
+    for k in range(image.shape[0]):
+        if not abs(front[k] - rest[k]) < margin[k]:
+            continue
+        for j in range(samples):
+            now[j], then[j] = 0.0, 0.0
+            for lane in range(image.shape[1]):
+                now[j] += image[k, lane, j] / image.shape[1]
+                then[j] += zero[k, lane, j] / image.shape[1]
+        at, moved, squares, wider, bends, step = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        density, scale = math.sqrt(2.0 * math.pi) * blur[k], 1.0 / (math.sqrt(2.0) * blur[k])
+        beside = 0.0
+        for turn in range(6):
+            # The light is seen beside the front at rest at first, and then beside the displaced one.
+            if turn == 3:
+                beside = at
+            away = 0.0 if turn < 3 else at
+            first, last = rest[k] + min(away, 0.0) - margin[k], rest[k] + max(away, 0.0) + margin[k]
+            moved, squares, wider, bends = 0.0, 0.0, 0.0, 0.0
+            if not _line(now, then, first - plateau, first, spacing[k], rest[k], foam):
+                break
+            if not _line(now, then, last, last + plateau, spacing[k], rest[k], floor):
+                break
+            for j in range(int(math.ceil(first / spacing[k])), int(last / spacing[k]) + 1):
+                x = j * spacing[k] - rest[k]
+                inside, beyond = foam[0] + foam[1] * x, floor[0] + floor[1] * x
+                over, still = 0.5 * _beyond((at - x) * scale), 0.5 * _beyond(-x * scale)
+                part = floor[2] * still / (foam[2] * (1.0 - still) + floor[2] * still)
+                step = floor[2] * beyond - foam[2] * inside
+                left = now[j] - then[j] * (inside * (1.0 - part) + beyond * part) - step * (over - still)
+                slope = step * math.exp(-(((x - at) * scale) ** 2))
+                bend = slope * (x - at)
+                moved, squares = moved + left * slope, squares + slope * slope
+                wider, bends = wider + left * bend, bends + bend * bend
+            if squares * bends <= 0.0:
+                break
+            at -= min(max(moved / squares * density, -blur[k]), blur[k])
+        if squares * bends > 0.0:
+            # The derivative of an edge by its place is the density of its blur, that by its variance half the slope of that.
+            found[0, k], found[1, k] = -at, -2.0 * blur[k] ** 2 * density * wider / bends
+            # What is no line has one cause for all samples of a plateau, from which the front is 'margin' away.
+            uneven = foam[3] * foam[2] ** 2 + floor[3] * floor[2] ** 2
+            uneven *= 1.0 + 12.0 * (0.5 + margin[k] / plateau) ** 2
+            found[3, k] = abs(at - beside)
+            found[2, k] = 0.5 * density * math.sqrt(uneven) / max(abs(step), 1.0)

@@ -6,6 +6,12 @@ excess of the squared blur over that of the base in the same image. The excess i
 decreases. The edge of a shadow farther away tilts the grey levels beside the front: the level that is extrapolated over a
 plateau with a step of d in its middle has an error of d / 4, which shifts an edge of blur b and contrast C by
 sqrt(2 pi) / 4 b d / C. Both errors are shared by neighbours, as far as these agree beyond their own scatter.
+
+Near its place at rest, the front is compared with the zero image in the light that is seen beside it, within the blur of the lens
+(``_light_kernels.front_in_light``). This edge is shifted only by light that varies within the blur. The difference s from the other
+edge is subtracted, less that which its error e explains: ``(1 - e^2 / s^2) s`` (James and Stein). e is the scatter of the differences of
+edges in even light, and what changes if the light is seen beside the front at rest or beside the displaced one. What the light
+beside the edge explains of its blur is no excess.
 """
 
 from __future__ import annotations
@@ -19,6 +25,7 @@ from jaxtyping import Bool, Float, Num
 from ...core.kernels import kernel
 from ...tracking._solve_kernels import median
 from ...tracking.contours.contour import PIXEL_PX, quick_median
+from ._light_kernels import front_in_light
 from .strip import ObservedStrip, ZeroReference
 
 #: Fraction a of the step that is due to a shadow within the blur: the ratio of squared shift to excess squared blur is 0.05
@@ -28,6 +35,8 @@ _SHADOW_PART = 0.11
 BESIDE = 4
 #: Length of each of the two parts of the plateau between which the light is compared [px].
 _PLATEAU_PX = 4.0
+#: Half the length of a blurred edge, beside which light is seen: half a percent of its step lies outside.
+_EDGE_BLURS = 2.5
 #: Minimum number of edges at rest for estimating their scatter, to a fifth.
 SCATTER_POINTS = 24
 #: An excess blur of more than this many standard deviations is attributed to a gap, such a change of light to a shadow: the
@@ -73,10 +82,12 @@ def measure_edges(
     scale = width_m / rest
     raw = scale * (rest - strip.width_m + part * strip.encoded_m)
     excess = blur_excess_px2(strip, zero, np.abs(raw - last_m) / strip.pixel_m)
+    lit, part_lit, uneven = shift_by_light_px(strip, zero, excess)
     gap, gap_sigma = gap_shift_px(strip, zero, excess)
     # The edge before a gap is that between foam and floor, as at rest.
     to_floor = np.where(gap == 0.0, 0.0, encoded - strip.encoded_m)
-    raw = raw + scale * (strip.pixel_m * gap + part * to_floor)
+    lit = np.where(gap == 0.0, lit, 0.0)
+    raw = raw + scale * (strip.pixel_m * (gap - lit) + part * to_floor)
     noise = scale * strip.width_noise_m
     kink = scale * np.hypot(edge_uncertainty_m(strip), strip.pixel_m * gap_sigma)
     # Derivative of the deflection by the fraction of the encoding's shift that is present. A penumbra may look like a gap: its
@@ -87,7 +98,10 @@ def measure_edges(
     )
     clean = strip.usable & (kink == 0.0)
     sigma = with_cancelled_texture(raw, scale * strip.width_sigma_m, noise, clean, strip.pixel_m)
-    light = strip.pixel_m * light_shift_px(strip, zero, np.where(gap == 0.0, excess, np.nan))
+    part_lit = np.where(gap == 0.0, part_lit, 0.0)
+    light = strip.pixel_m * light_shift_px(
+        strip, zero, np.where(gap == 0.0, excess, np.nan), part_lit, uneven
+    )
     # The error of the zero reference is the same in every frame; it is not noise of this image.
     systematic = np.hypot(kink, scale * zero.width_sigma_m)
     # Neighbours share the error of widths that were inferred at rest, and not that of kinks: over 640 pairs its correlation is -0.1.
@@ -112,6 +126,51 @@ def blur_excess_px2(
     # Upper limit of motion blur: a shutter open for the whole frame interval (box filter).
     smear = np.where(np.isfinite(moved_px), moved_px, 0.0) ** 2 / 12.0
     return np.where(excess > 0.0, np.maximum(excess - smear, 0.0), excess)
+
+
+def shift_by_light_px(
+    strip: ObservedStrip, zero: ZeroReference, excess_px2: Float[np.ndarray, "K"]
+) -> Float[np.ndarray, "3 K"]:
+    """What the light beside each edge near the front at rest explains of its place.
+
+    Parameters
+    ----------
+    strip, zero
+        As in :func:`blur_excess_px2`.
+    excess_px2
+        From there; the part that the light beside the edge explains is subtracted.
+
+    Returns
+    -------
+    ndarray
+        Deflection that the light pretends [px], part of the difference that is ascribed to light, from 0 to 1, and variance of
+        the deflection where it is [px^2], (3, K).
+    """
+    found = np.full((4, len(excess_px2)), np.nan)
+    if strip.stripe:
+        return np.zeros((3, len(excess_px2)))
+    blur = np.hypot(zero.blur_ratio * strip.lens_px, PIXEL_PX)
+    seen = (strip.usable | strip.low_confidence) & ~zero.inferred  # also at rest
+    front = np.where(seen, strip.front.position_px, np.nan)
+    front_in_light(
+        strip.image, zero.image, strip.step_px, strip.rest_px, front, blur, _EDGE_BLURS * blur, _PLATEAU_PX, found
+    )  # fmt: skip
+    near, measured = np.isfinite(found[0]), np.isfinite(found[0] + excess_px2)
+    if not measured.any():
+        return np.zeros((3, len(near)))
+    # The zero image has the blur of its own lens: the half of the edges with the less excess shows by how much that has changed.
+    even = measured & (np.abs(excess_px2) <= quick_median(np.abs(excess_px2[measured])))
+    remainder = found[1] - quick_median((found[1] - excess_px2)[even])
+    shift = np.where(near, strip.rest_px - front - found[0], 0.0)
+    # A difference that depends on the place beside which the light is seen is uncertain by as much as that changes it.
+    error = (1.4826 * quick_median(np.abs(shift[even]))) ** 2 + np.where(near, found[3], 0.0) ** 2
+    part = np.where(near, 1.0 - np.minimum(error / np.maximum(shift**2, 1e-12), 1.0), 0.0)
+    excess_px2[measured] += (part * (remainder - excess_px2))[measured]
+    # Noise alone scatters about a straight line, too.
+    uneven, chance = local_statistics(found[2])
+    noise = quick_median(found[2, even])
+    uneven = np.where(uneven - noise > _CHANCE_SIGMAS * chance, uneven**2 - noise**2, 0.0)
+    return np.stack([part * shift, part, uneven])
 
 
 def gap_shift_px(
@@ -157,6 +216,8 @@ def light_shift_px(
     strip: ObservedStrip,
     zero: ZeroReference,
     excess_px2: Float[np.ndarray, "K"],
+    lit: Float[np.ndarray, "K"],
+    uneven_px2: Float[np.ndarray, "K"],
 ) -> Float[np.ndarray, "K"]:
     """Standard deviation of the position of each edge due to uneven light [px], shared by neighbours.
 
@@ -166,6 +227,8 @@ def light_shift_px(
         As in :func:`blur_excess_px2`.
     excess_px2
         From :func:`blur_excess_px2`; NaN where a gap explains it.
+    lit, uneven_px2
+        Second and third row of :func:`shift_by_light_px`.
     """
     if strip.stripe:
         return np.zeros(len(strip.width_m))
@@ -185,7 +248,8 @@ def light_shift_px(
     variance = _SHADOW_PART / (1.0 - _SHADOW_PART) * np.where(unlike, np.abs(shadow) - error, 0.0)
     for step, error in steps:
         unlike = np.abs(step) > _CHANCE_SIGMAS * error
-        variance += 0.125 * math.pi * blur**2 * np.where(unlike, step**2 - error**2, 0.0)
+        variance += (1.0 - lit) * 0.125 * math.pi * blur**2 * np.where(unlike, step**2 - error**2, 0.0)
+    variance += lit * uneven_px2
     result: Float[np.ndarray, "K"] = np.sqrt(np.where(np.isfinite(variance), variance, 0.0))
     return result
 

@@ -38,9 +38,10 @@ QUIET_FRAMES, SAFE_NOISE = 6, 2.0
 TOUCHED = 5.0
 #: Foam is unloading if its deflection is below the maximum by more than this fraction, as for the sensor.
 UNLOADED = 0.02
-#: Relative force loss of unloading foam against its loading curve, uniform up to 30 %: mean and standard deviation.
-#: (Flexible foam returns 60 to 90 % of the energy of a full cycle.)
-LOSS, LOSS_SIGMA = 0.15, 0.3 / 12**0.5
+#: Maximum relative force loss of unloading foam against its loading curve (flexible foam returns 60 to 90 % of the energy
+#: of a full cycle), and the mean and standard deviation of a uniform distribution up to it.
+MAX_LOSS = 0.3
+LOSS, LOSS_SIGMA = 0.5 * MAX_LOSS, MAX_LOSS / 12**0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)

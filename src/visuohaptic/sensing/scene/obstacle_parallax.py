@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 
-from ...core import POSITIVE, InputError, PlaneView, Ranged, above, at_least, within
+from ...core import POSITIVE, InputError, PlaneView, Ranged, above, at_least, normal_sigmas, within
 
 #: Edge of the square whose mean is removed [bins]: a few times the maximum parallax, so that no texture that it
 #: could show is removed, and smaller than the penumbra of moving shadows.
@@ -37,7 +37,7 @@ _REGISTRATION_BINS = 0.3
 #: the two frames differently. Errors of the range are 1.5 to 4 mm (rms of a drive) on open seeds of ``benchmarks.scene_evidence``.
 _SYSTEMATIC_BINS = 0.2
 #: A quarter of normal residuals is smaller than this many standard deviations: floor may be only a quarter of the image.
-_QUARTER_SIGMAS = 0.3186
+_QUARTER_SIGMAS = normal_sigmas(0.75)
 #: Residuals of a noiseless image [grey levels]: rounding, 1 / sqrt(12), of both images.
 _MIN_NOISE = 0.4
 #: Tails of the residuals in the steps of the refinement: wide at first, since an edge that is displaced by its own width

@@ -8,10 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...core import FINITE, InputError, check_ranges, from_dict, to_dict, write_text
-
-#: Maximum size of a trace file (bytes), about a million steps; checked before parsing.
-MAX_TRACE_BYTES = 512 * 1024 * 1024
+from ...core import FINITE, InputError, check_ranges, from_dict, read_text, to_dict, write_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,14 +102,7 @@ class Trace:
         InputError
             The file is missing, too large, not UTF-8, or not a trace.
         """
-        path = Path(path)
-        try:
-            if path.stat().st_size > MAX_TRACE_BYTES:
-                raise InputError(path, f"found more than {MAX_TRACE_BYTES} bytes")
-            text = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(path, f"cannot be read as text ({error})") from error
-        return cls.from_lines(text.splitlines(), where=path)
+        return cls.from_lines(read_text(path).splitlines(), where=path)
 
     @classmethod
     def from_lines(cls, lines: Iterable[str], where: object = "trace") -> Trace:

@@ -20,8 +20,8 @@ from .floor_outline import SIDE_M, FloorOutline, log_depth_prior
 
 #: A stored object is used from this probability on.
 CONFIDENT_PROBABILITY = 0.9
-#: Widths of objects that were never observed: half of them round, uniform in the logarithm between these limits [m].
-POPULATION_M = 0.05, 0.4
+#: Widths of objects that were never observed: half of them round, uniform in the logarithm over this factor, from 5 to 40 cm.
+POPULATION_FACTOR = 8.0
 #: Fraction of sides of which a part is hidden: 5 of 100 sides of boxes in random houses are more than three deviations short.
 HIDDEN = 0.05
 #: Frictions that are equivalent for a plan, as a fraction.
@@ -127,12 +127,11 @@ def _log_side(seen_m: float, size_m: float, sigma_m: float) -> float:
 
 def _population_fit(fitted: Sequence[FloorOutline]) -> float:
     """Log likelihood of an object that was never observed, of any width and shape."""
-    low, high = POPULATION_M
     logs = []
     for one in fitted:
         width, depth = one.size_m
         shape = 0.0 if one.round else log_depth_prior(width, depth)
-        logs.append(one.log_likelihood + shape - math.log(2.0 * width * math.log(high / low)))
+        logs.append(one.log_likelihood + shape - math.log(2.0 * width * math.log(POPULATION_FACTOR)))
     return float(np.logaddexp.reduce(logs))
 
 

@@ -16,13 +16,15 @@ example: visuohaptic recording capture --source realsense: --tag 7 --size-m 0.08
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
+from itertools import chain
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 from .... import core, io, tracking
 from ....core.errors import InputError
 from ....io import depth
+from ..._stop import signals
 
 #: Metres of one unit of the depth images: a quarter of the cameras' own millimetre, up to 16 m.
 _DEPTH_SCALE_M = 2.5e-4
@@ -51,27 +53,26 @@ def run(args: Any) -> dict[str, Any]:
         maker = args.source.partition(":")[0]
         names = [camera.name for camera in io.find_cameras() if camera.address.startswith(args.source)]
         skipped = [0]
-        views = _views(args, source, skipped)
-        if (first := next(views, None)) is None:
-            raise InputError(
-                f"tag {args.tag}",
-                f"was not detected in {skipped[0]} images",
-                remedy="check --tag, and that the whole tag is visible in even light",
-            )
-        count = depth.write_sequence(
-            args.out, _all(first, views), sensor=names[0] if names else maker, depth_scale_m=_DEPTH_SCALE_M
-        )
+        stop = Event()
+        # Between two images: the one that is being written would be lost, and the sequence unfinished.
+        with signals(stop.set):
+            views = _views(args, source, skipped, stop)
+            if (first := next(views, None)) is None:
+                raise InputError(
+                    f"tag {args.tag}",
+                    f"was not detected in {skipped[0]} images",
+                    remedy="check --tag, and that the whole tag is visible in even light",
+                )
+            frames, sensor = chain([first], views), names[0] if names else maker
+            count = depth.write_sequence(args.out, frames, sensor=sensor, depth_scale_m=_DEPTH_SCALE_M)
     args.report(f"{count} images in {args.out}, {skipped[0]} without the tag skipped")
     args.report(f"next: visuohaptic reconstruct {args.out} --out {args.out}_model")
     return {"folder": str(args.out), "frames": count, "skipped": skipped[0]}
 
 
-def _all(first: io.DepthFrame, others: Iterator[io.DepthFrame]) -> Iterator[io.DepthFrame]:
-    yield first
-    yield from others
-
-
-def _views(args: Any, source: depth.LiveDepthSource, skipped: list[int]) -> Iterator[io.DepthFrame]:
+def _views(
+    args: Any, source: depth.LiveDepthSource, skipped: list[int], stop: Event
+) -> Iterator[io.DepthFrame]:
     """Images with the pose of the camera in the frame of the tag, until there are enough or Ctrl-C."""
     import numpy as np
 
@@ -80,11 +81,10 @@ def _views(args: Any, source: depth.LiveDepthSource, skipped: list[int]) -> Iter
     tag = tracking.Template.from_tag(args.tag, size_m=args.size_m)
     stored, last_s = 0, -np.inf
     with (
-        suppress(KeyboardInterrupt),
         tracking.TemplateTracker([tag], source.camera, threaded=False) as tracker,
         args.progress(args.count, "recording") as bar,
     ):
-        while stored < args.count:
+        while stored < args.count and not stop.is_set():
             image = source.read()
             (seen,) = tracker.update(core.Frame(image.color, image.t_s, image.index))
             if not seen.valid or seen.T_camera_template is None:

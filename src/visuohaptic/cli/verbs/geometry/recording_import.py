@@ -44,7 +44,11 @@ def add_arguments(add: Any) -> None:
         str,
         "colour images of a recording, registered to the depth (default: by coordinate frame)",
     )
-    add("--depth-scale-m", float, "metres per unit of 16-bit depth (default: 0.001 in a recording)")
+    add(
+        "--depth-scale-m",
+        float,
+        "metres per unit of 16-bit depth (default: 0.001 in a recording); of a recording in metres, the unit to write (0.0001, up to 6.5 m)",
+    )
     add("--bit-rotation", 0, "bits by which the 16-bit values are rotated (F200: 3)")
 
 

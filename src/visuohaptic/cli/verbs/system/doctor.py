@@ -133,14 +133,16 @@ def _made(name: str) -> Any:
     module, _, function = name.partition(":")
     if not (module and function):
         raise InputError("--robot", f"found {name!r}, expected MODULE:FUNCTION such as my_robot:connect")
-    sys.path.insert(0, os.getcwd())
+    folder = os.getcwd()  # a module may change it
+    sys.path.insert(0, folder)
     try:
         make = getattr(importlib.import_module(module), function)
     except (Exception, SystemExit) as problem:
         why = problem if isinstance(problem, ImportError) else repr(problem)
         raise InputError("--robot", f"{name!r} cannot be imported: {why}") from problem
     finally:
-        sys.path.remove(os.getcwd())
+        if folder in sys.path:
+            sys.path.remove(folder)
     try:
         return make()
     except VisuohapticError:

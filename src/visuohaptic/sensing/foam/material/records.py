@@ -10,10 +10,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ....core.errors import CalibrationError
-from ....core.files import read_csv
+from ....core.files import MAX_TEXT_BYTES, read_csv
 
-#: Larger files are rejected: a press log of an hour at 100 Hz is about 10 MB.
-MAX_BYTES = 64 * 1024 * 1024
 #: No foam is so soft that its stress stays below this [Pa]; values in kPa without a unit would.
 SOFTEST_Pa = 150.0
 
@@ -22,7 +20,7 @@ _STRESS = {"stress": 1.0, "stress_pa": 1.0, "stress_kpa": 1e3, "stress_mpa": 1e6
 _DIRECTION = ("direction", "direction_of_loading", "loading_direction")
 _LOADING = {"loading", "load", "increasing", "up", "1", "+1"}
 _UNLOADING = {"unloading", "unload", "decreasing", "down", "-1"}
-_read_table = partial(read_csv, max_bytes=MAX_BYTES, spreadsheet=True, error=CalibrationError)
+_read_table = partial(read_csv, max_bytes=MAX_TEXT_BYTES, spreadsheet=True, error=CalibrationError)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

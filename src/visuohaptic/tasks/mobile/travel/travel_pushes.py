@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ....core.errors import InputError
+from ....core.measurement import normal_sigmas
 from ....core.objects import Estimate, HapticTag
 from ....core.robots import BaseState
 from ....navigation.planning.path_follower import FollowLimits, PathFollower
@@ -25,7 +26,7 @@ from .travel_motion import Motion, TravelMotion, force_unread
 from .travel_types import PERIOD_S, TravelCommand, TravelSettings
 
 #: Bound of the lateral offset at the end of a push in standard deviations: exceeded by one in a hundred as declared.
-ASIDE_SIGMAS = 2.576
+ASIDE_SIGMAS = normal_sigmas(0.01)
 
 
 class TravelPushes:

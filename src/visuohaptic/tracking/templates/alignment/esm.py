@@ -33,6 +33,7 @@ from ...points.homography import apply_homography
 from .block_fit import BlockFit, doubt, fit_blocks, recover
 from .esm_pyramid import MARGIN_PX, EsmSettings, GaussNewton, Work
 from .esm_template import CURVES, EsmTemplate
+from .repeats import among_repeats, peaks
 from .warp import is_proper, motion_jacobian
 
 
@@ -124,7 +125,8 @@ def align(
             break
         fit = again
     if fit is not None and not doubt(fit, settings):
-        fit = _in_even_light(work, fit, even)
+        here, fit = fit.homography, among_repeats(work, fit, start)
+        fit = _in_even_light(work, fit, even and fit.homography is here)
     return _judged(work, fit, start)
 
 
@@ -170,7 +172,7 @@ def _coarse(work: Work, top: int) -> None:
     if work.ncc >= work.settings.ncc_search and is_proper(work.homography, work.template.corners):
         return
     first_light = work.light.copy()
-    candidates = [work.homography, *_peaks(work, top, predicted)]
+    candidates = [work.homography, *(predicted @ shift for shift, _ in peaks(work, top, predicted, 6))]
     best, best_ncc, best_light = predicted, -1.0, first_light
     for candidate in candidates:
         work.light[:] = first_light
@@ -184,40 +186,6 @@ def _coarse(work: Work, top: int) -> None:
             break
     work.homography = best
     work.light[:] = best_light
-
-
-def _peaks(work: Work, k: int, homography: np.ndarray, count: int = 6) -> list[np.ndarray]:
-    """Homographies shifted in the template's plane to the best correlations on level k."""
-    import cv2
-
-    work.homography = homography
-    level, image, _ = work.pair(k)
-    a = 2.0**k
-    # Pixels of the image's finest level per template pixel.
-    relative = max(work.relative, 1e-3)
-    reach = int(np.ceil(work.settings.search_px / 2.0**work.image_base / (relative * a))) + 1
-    rows, columns = level.image.shape
-    reach = min(reach, 2 * max(rows, columns))
-    bx, by = work.block
-    pixel_h = homography @ np.array([[a * bx, 0, (bx - 1) / 2], [0, a * by, (by - 1) / 2], [0, 0, 1.0]])
-    pixel_h[:2] *= 0.5**k
-    start = pixel_h @ np.array([[1, 0, 1 - reach], [0, 1, 1 - reach], [0, 0, 1.0]])
-    view = cv2.warpPerspective(
-        image,
-        start,
-        (columns + 2 * reach, rows + 2 * reach),
-        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
-    scores = cv2.matchTemplate(view, level.image, cv2.TM_CCOEFF_NORMED)
-    local = scores >= cv2.dilate(scores, np.ones((3, 3), np.uint8))
-    order = np.argsort(np.where(local, -scores, np.inf), axis=None)[:count]
-    result = []
-    for v, u in zip(*np.unravel_index(order, scores.shape), strict=True):
-        if local[v, u]:
-            shift = np.array([[1, 0, a * bx * (u - reach)], [0, 1, a * by * (v - reach)], [0, 0, 1.0]])
-            result.append(homography @ shift)
-    return result
 
 
 def _lost(homography: np.ndarray, reason: str) -> Alignment:

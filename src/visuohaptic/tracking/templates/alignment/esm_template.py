@@ -22,6 +22,9 @@ CURVES = (0.0, 0.5, 1.0)
 #: Exponent of the curve 1, and offset of the light relative to white paper: black ink reflects a twentieth, and the
 #: curve of sRGB makes 0.67 of the mean of black and white, as the power of 1 / 2.2 does with this offset.
 _EXPONENT, _BLACK = 1 / 2.2, 0.035
+#: Correlation of a template with itself, shifted, from which another place can be taken for it: half of its blocks, each
+#: explained to a half.
+REPEATS = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,6 +190,33 @@ def _blocks(image: Float32[np.ndarray, "R C"], side: int) -> tuple[np.ndarray, n
     return (1.0 + 1.0 / np.maximum(mean, 1e-3)).reshape(down, across), contrast
 
 
+def resemblance(starts: list[Float32[np.ndarray, "rows columns"]]) -> float:
+    """Largest correlation of a template with itself where it is shifted by more than a block and half of it overlaps.
+
+    Parameters
+    ----------
+    starts
+        First levels of all chains, the finest first; the first of at most 200 px is used.
+    """
+    import cv2
+
+    image = next((start for start in starts if max(start.shape) <= 200), starts[-1])
+    side = _block_side(*image.shape)
+    # Shades that are larger than a block do not place it.
+    flat = image - cv2.GaussianBlur(image, (0, 0), side)
+    rows, columns = image.shape
+    power = np.abs(np.fft.rfft2(flat, (2 * rows, 2 * columns))) ** 2
+    alike = np.fft.irfft2(power, (2 * rows, 2 * columns))
+    y, x = (np.fft.fftfreq(2 * n, 0.5 / n) for n in (rows, columns))
+    common = np.outer(rows - np.abs(y), columns - np.abs(x))
+    alike = np.where(common >= 0.5 * image.size, alike / np.maximum(common, 1.0), 0.0).astype(np.float32)
+    # Peaks other than that without a shift; its slopes are none.
+    alike = np.fft.fftshift(alike)
+    alike[alike < cv2.dilate(alike, np.ones((5, 5)))] = 0.0
+    alike[rows, columns] = 0.0
+    return float(alike.max()) / max(float((flat**2).mean()), 1e-9)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class EsmTemplate:
     """A template and the data precomputed from it for tracking.
@@ -202,6 +232,7 @@ class EsmTemplate:
     starts: tuple[Float32[np.ndarray, "rows columns"], ...]  #: first levels, including their border
     corners: Float[np.ndarray, "4 2"]  #: centres of the corner pixels (column, row), clockwise
     sharp: bool = False  #: consists of steps, like a tag: blurrier in any camera
+    repeats: bool = False  #: resembles itself a shift away, like a wall of bricks
     _blurred: dict[tuple[int, int, int], Level] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -245,7 +276,8 @@ class EsmTemplate:
             starts.append(start)
         x, y = columns - 1.0, rows - 1.0
         corners = np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64)
-        return cls(tuple(chains), tuple(blocks), tuple(starts), corners, sharp)
+        repeats = not sharp and resemblance(starts) >= REPEATS
+        return cls(tuple(chains), tuple(blocks), tuple(starts), corners, sharp, repeats)
 
     def variance(self, chain: int, blur: int) -> float:
         """Blur of a chain with an index of ``BLUR_VARIANCES`` relative to the whole template [template px^2].

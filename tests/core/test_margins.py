@@ -1,0 +1,60 @@
+"""Limits that separate what may be measured from what cannot: each holds on both sides, a tenth or less apart."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.special import ndtri
+
+from visuohaptic.core import Camera, Estimate, HapticTag, InputError, normal_sigmas
+from visuohaptic.core.errors import brief_list
+from visuohaptic.core.files import parse_yaml
+
+
+@pytest.mark.parametrize("probability", [0.5, 0.1, 1e-3, 1e-9])
+def test_a_normal_error_is_beyond_its_limit_with_the_given_probability(probability: float) -> None:
+    """Against the tail integral of the error function."""
+    assert math.erfc(normal_sigmas(probability) / math.sqrt(2.0)) == pytest.approx(probability, rel=1e-9)
+
+
+def test_a_magnitude_is_negative_by_noise_once_in_a_thousand_million() -> None:
+    for tail, valid in ((1.1e-9, True), (0.9e-9, False)):
+        tag = HapticTag(static_friction_N=Estimate(0.1 * float(ndtri(tail)), 0.1))
+        if valid:
+            tag.check_read()
+            continue
+        with pytest.raises(InputError, match="expected >= 0"):
+            tag.check_read()
+
+
+def test_a_focal_length_that_no_lens_of_this_kind_has_is_told(
+    tmp_path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A field of view of 137 degrees is the limit: the tangent of half of it is 2.54."""
+    for degrees, told in ((133.0, False), (141.0, True)):
+        focal = 320.0 / math.tan(math.radians(0.5 * degrees))
+        matrix = np.array([[focal, 0.0, 319.5], [0.0, focal, 239.5], [0.0, 0.0, 1.0]])
+        path = tmp_path / f"{degrees}.yaml"
+        Camera(640, 480, matrix, np.zeros(5)).save(path)
+        caplog.clear()
+        Camera.load(path)
+        assert ("is it in millimetres?" in caplog.text) == told
+
+
+def test_a_list_in_a_message_has_600_characters() -> None:
+    """As many names as fit, and a line of a path, the list and a remedy that stays below a thousand characters."""
+    names = [f"name_{k:03d}" for k in range(200)]
+    text = brief_list(names)
+    listed = text.partition(", and ")[0]
+    assert len(listed) <= 600 < len(listed) + 2 * len(", name_000")
+    assert len(str(InputError("x" * 200, f"found {text}", remedy="y" * 150))) < 1000
+
+
+def test_every_integer_of_64_bits_is_read_and_longer_text_is_none() -> None:
+    """In binary, with an underscore after each digit, it has 130 characters less the last underscore and sign."""
+    bits = "0b" + "_".join(["1111"] * 16)
+    assert parse_yaml(f"a: {bits}", "a.yaml") == {"a": 2**64 - 1}
+    with pytest.raises(InputError, match="a number of 105 characters"):
+        parse_yaml("a: " + "1" * 105, "a.yaml")
