@@ -8,7 +8,6 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from ...core.files import load_yaml_model
-from .template import TAG_COUNT
 
 Size = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -17,7 +16,7 @@ class TagEntry(BaseModel):
     """One AprilTag 36h11."""
 
     model_config = ConfigDict(extra="forbid")
-    id: Annotated[int, Field(ge=0, lt=TAG_COUNT)]  #: of the family 36h11
+    id: Annotated[int, Field(ge=0, lt=587)]  #: of the family 36h11
     size_m: Size  #: side of the black border
 
 
