@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -15,9 +15,6 @@ from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.volume import SpaceGrid
 from .ray_evidence import HIDDEN
 from .view_geometry import ideal_depth, intrinsics, motions
-
-if TYPE_CHECKING:
-    from .evidence import EvidenceDetector
 
 #: Why nothing was found; ``found``: something was found.
 Cause = Literal["found", "no views", "no rays", "too few rays", "below threshold", "no outline"]
@@ -53,13 +50,13 @@ class SearchReport:
     )
 
     @classmethod
-    def of_search(cls, search: EvidenceDetector, compared: int, evidence: float) -> SearchReport:
+    def of_search(cls, search: Any, compared: int, evidence: float) -> SearchReport:
         """Summarise a search.
 
         Parameters
         ----------
         search
-            The search, after it has run.
+            The :class:`.EvidenceDetector`, after it has run.
         compared
             Number of views compared with others.
         evidence
