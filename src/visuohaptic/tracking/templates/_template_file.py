@@ -8,7 +8,9 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from ...core.files import load_yaml_model
-from .template import TAG_COUNT
+
+#: Tags in the family 36h11.
+_TAG_COUNT = 587
 
 Size = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -17,7 +19,7 @@ class TagEntry(BaseModel):
     """One AprilTag 36h11."""
 
     model_config = ConfigDict(extra="forbid")
-    id: Annotated[int, Field(ge=0, lt=TAG_COUNT)]  #: of the family 36h11
+    id: Annotated[int, Field(ge=0, lt=_TAG_COUNT)]  #: of the family 36h11
     size_m: Size  #: side of the black border
 
 
