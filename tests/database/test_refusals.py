@@ -260,6 +260,14 @@ def test_folders_that_cannot_be_exported_or_imported(tmp_path: Path) -> None:
         import_object(folder)
 
 
+@pytest.mark.parametrize("name", ["../evil", "/evil", "a/b", "", ".", "a" * 129])
+def test_an_id_does_not_lead_out_of_the_folder_of_an_export(tmp_path: Path, name: str) -> None:
+    """As of a card of others that is read and written again."""
+    with pytest.raises(InputError, match=r"found the id .*, expected up to 128 letters"):
+        export_object(VisuoHapticObject(name, licence="CC0-1.0"), tmp_path / "out")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_card_of_a_mesh_alone_has_its_geometry(tmp_path: Path) -> None:
     """Cards written by hand name a mesh and no arrays."""
     import trimesh

@@ -135,7 +135,7 @@ def test_the_bound_is_none_above_the_best_plan():
     assert soon.cost_s / (1.0 + soon.gap) <= 1.05 * best.cost_s
 
 
-@pytest.mark.parametrize("seed", [0, 2, 4, 6])
+@pytest.mark.parametrize("seed", [0, 2, 4])
 def test_a_gap_hardly_wider_than_the_robot_is_found_or_limits_the_bound(seed):
     coarse, fine = (
         make_plan(problem_of(described(narrow_gap(seed), cell_m)), limits=PATIENT) for cell_m in (0.05, 0.01)

@@ -316,23 +316,6 @@ def test_two_vessels_in_a_row_are_two_bodies_and_one_is_one(axes_m):
         assert np.all(np.abs(away[nearest]) < 4 * found[nearest].axis_sigma_m)
 
 
-def test_a_part_of_one_vessel_in_a_row_has_the_other_beside_it(monkeypatch):
-    """A body around both may be likelier than the one to which the voxels belong; then no voxel shows the other."""
-    seen = views(np.random.default_rng(11), np.linspace(-0.7, 0.7, 12), 0.5, ROW_M)
-    around = np.random.default_rng(9).uniform(-1, 1, (400, 3)) * np.array([0.03, 0.03, 0.05])
-    points_m = np.array([*ROW_M[0], 0.11]) + around
-    one = UprightBody(ROW_M[0], np.full(2, 0.002), (RADIUS_M, RADIUS_M), 0.002, (LOW_M, HIGH_M), 0.0)
-    one = replace(one, evidence=float(body_evidence(seen, one).sum()))
-    both = replace(one, axis_m=np.zeros(2), radius_m=(0.09, 0.09), evidence=1.15 * one.evidence)
-    known = [[both, one]]
-    monkeypatch.setattr(body_pairs, "fit_bodies", lambda *told: known.pop() if known else fit_bodies(*told))
-    monkeypatch.setattr(body_pairs, "fit_pair", lambda *_: [])
-    found = body_pairs.fit_part(seen, points_m, np.ones(400), 0.015, 12.0)
-    assert len(found) == 2
-    for axis_m in ROW_M:
-        assert min(np.hypot(*(body.axis_m - axis_m)) for body in found) < 0.006
-
-
 def test_a_second_body_counts_with_the_rays_that_miss_the_first():
     """A body around a vessel that is slightly smaller than it explains nothing that the vessel does not."""
     seen = views(np.random.default_rng(2), np.linspace(0, 6, 9), 0.5)

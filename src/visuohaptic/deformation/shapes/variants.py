@@ -88,8 +88,8 @@ def container_outline(description: ContainerDescription, around: int = 32) -> Fl
     around
         Number of vertices of a ring.
     """
-    thing = mesh_container(description, around=around)
-    points = thing.mesh.vertices_m[np.unique(thing.mesh.faces)]
+    container = mesh_container(description, around=around)
+    points = container.mesh.vertices_m[np.unique(container.mesh.faces)]
     heights = np.unique(points[:, 2].round(6))
     radius = [np.hypot(*points[np.abs(points[:, 2] - z) < 2e-6, :2].T).max() for z in heights]
     return np.column_stack([radius, heights])

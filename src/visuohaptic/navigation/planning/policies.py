@@ -82,7 +82,9 @@ def _with_finer_cells(
     deadline = Deadline.after(limits.budget_s)
     fine, plan = domain, plan_on(_impatient(domain), limits)
     soon = deadline.earlier(FINER_LEFT * deadline.left_s)
-    while fine.occupied.size <= MAX_HALVED and not (_settled(plan, limits) or soon.passed):
+    while fine.occupied.size <= MAX_HALVED and not (plan.proved or soon.passed):
+        if plan.reachable and not (plan.narrow and limits.gap < plan.gap):
+            break
         cells = fine.occupied.repeat(2, axis=0).repeat(2, axis=1)
         finer = OccupancyMap(cells, 0.5 * fine.map.resolution_m, fine.map.origin)
         fine = build_search_domain(replace(domain.problem, map=finer), domain.costs)
@@ -97,11 +99,6 @@ def _with_finer_cells(
 def _impatient(domain: SearchDomain) -> SearchDomain:
     """A domain in which a search ends where finer cells decide, if there can be any."""
     return replace(domain, patient=domain.occupied.size > MAX_HALVED)
-
-
-def _settled(plan: Plan, limits: SearchLimits) -> bool:
-    """Whether finer cells are not needed: a proof, or a plan near its bound, or no passage as wide as the robot matters."""
-    return plan.proved or (plan.reachable and not (plan.narrow and limits.gap < plan.gap))
 
 
 def _better(known: Plan, other: Plan, *, stated: bool) -> Plan:

@@ -150,7 +150,7 @@ def log_likelihood(
 
 
 def values_of(settings: ModelSettings, touches: int) -> int:
-    """Number of values of so many touches: two stiffnesses each, with widths one width each, and the height of the object.
+    """Number of values of an exploration: two stiffnesses each, with widths one width each, and the height of the object.
 
     Parameters
     ----------

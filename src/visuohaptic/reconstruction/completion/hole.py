@@ -160,7 +160,7 @@ def support_band(mesh: SurfaceMesh, region: HoleRegion, *, max_points: int = 320
     if region.size_m > _LARGEST * (extent_m := float(np.ptp(welded.vertices_m, axis=0).max())):
         raise InputError(
             "support_band",
-            f"found a region of {region.size_m:.3g} m, expected at most {_LARGEST * extent_m:.3g} m beside {extent_m:.3g} m of surface",
+            f"found a region of {region.size_m:.3g} m, expected at most {_LARGEST * extent_m:.3g} m for a surface of {extent_m:.3g} m",
             remedy="give a box around the missing part only",
         )
     outline = _outline(welded, region, max(_RIM_REACH * region.size_m, nearest) + width)

@@ -40,32 +40,7 @@ def fit_part(
     """
     bodies = [*fit_bodies(views, points_m, evidence), *fit_pair(views, points_m, evidence)]
     thick = [body for body in bodies if sum(body.radius_m) >= 2 * radius_m]
-    chosen = disjoint_bodies(views, thick, threshold)
-    if len(chosen) != 1:
-        return chosen
-    thick += [
-        body for body in _in_a_row(views, chosen[0], thick, radius_m) if sum(body.radius_m) >= 2 * radius_m
-    ]
     return disjoint_bodies(views, thick, threshold)
-
-
-def _in_a_row(
-    views: Sequence[OutlineView], wide: UprightBody, bodies: Sequence[UprightBody], radius_m: float
-) -> list[UprightBody]:
-    """Bodies in the room of a wide one that another of the bodies leaves, by the rays that miss that one.
-
-    One body around two in a row may be likelier than each of them, and the part that of one only. A body at another place with
-    more than half of the evidence is taken for the first of them.
-    """
-    apart_m = [float(np.hypot(*(body.axis_m - wide.axis_m))) for body in bodies]
-    for body, off_m in zip(bodies, apart_m, strict=True):
-        if 2 * body.evidence > wide.evidence and off_m > 0.5 * sum(body.radius_m):
-            room_m = wide.points_m(radius_m / 3)
-            room_m = room_m[~body.contains(room_m, radius_m)]
-            rest = without_body(views, body.shape_m)
-            found = fit_bodies(rest, room_m, np.ones(len(room_m))) if len(room_m) else []
-            return [replace(one, evidence=float(body_evidence(views, one).sum())) for one in found]
-    return []
 
 
 def fit_pair(

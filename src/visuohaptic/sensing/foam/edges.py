@@ -10,8 +10,8 @@ sqrt(2 pi) / 4 b d / C. Both errors are shared by neighbours, as far as these ag
 Near its place at rest, the front is compared with the zero image in the light that is seen beside it, within the blur of the lens
 (``_light_kernels.front_in_light``). This edge is shifted only by light that varies within the blur. The difference s from the other
 edge is subtracted, less that which its error e explains: ``(1 - e^2 / s^2) s`` (James and Stein). e is the scatter of the differences of
-edges in even light, and what changes if the light is seen beside the front at rest or beside the displaced one. What the light
-beside the edge explains of its blur is no excess.
+edges in even light, what distinguishes neighbours, and what changes if the light is seen beside the front at rest or beside the
+displaced one. What the light beside the edge explains of its blur is no excess.
 """
 
 from __future__ import annotations
@@ -162,8 +162,10 @@ def shift_by_light_px(
     even = measured & (np.abs(excess_px2) <= quick_median(np.abs(excess_px2[measured])))
     remainder = found[1] - quick_median((found[1] - excess_px2)[even])
     shift = np.where(near, strip.rest_px - front - found[0], 0.0)
-    # A difference that depends on the place beside which the light is seen is uncertain by as much as that changes it.
-    error = (1.4826 * quick_median(np.abs(shift[even]))) ** 2 + np.where(near, found[3], 0.0) ** 2
+    # Light is no matter of a single point, nor of the place beside which it is seen: what differs is error.
+    apart = np.diff(shift, prepend=np.inf, append=np.inf) ** 2
+    error = (1.4826 * quick_median(np.abs(shift[even]))) ** 2 + 0.5 * np.minimum(apart[:-1], apart[1:])
+    error += np.where(near, found[3], 0.0) ** 2
     part = np.where(near, 1.0 - np.minimum(error / np.maximum(shift**2, 1e-12), 1.0), 0.0)
     excess_px2[measured] += (part * (remainder - excess_px2))[measured]
     # Noise alone scatters about a straight line, too.
@@ -303,8 +305,7 @@ def with_cancelled_texture(
     bend = (delta_m[:-2] - 2.0 * delta_m[1:-1] + delta_m[2:])[middle]
     scatter = quick_median(bend**2) / (6.0 * 0.455)
     excess = scatter - quick_median(noise_m[rest] ** 2)
-    left = np.clip(excess / max(quick_median(texture[rest]), 1e-18), 0.0, None)
-    return np.sqrt(noise_m**2 + texture * (alike * left + (1.0 - alike)))
+    return np.sqrt(noise_m**2 + alike * max(excess, 0.0) + (1.0 - alike) * texture)
 
 
 @kernel(nogil=True)

@@ -102,7 +102,7 @@ def drives_cost(
     if field is not None:
         _over_lattice(domain, ends[-1], field)
     # The lattice cost is a lower bound of the cost on the map.
-    if lattice_cost(domain, steps, start) >= most:
+    if sum(_over_lattice(domain, end)[1] for end in ends) >= most:
         return float("inf")
     total = 0.0
     for end in ends:
@@ -113,14 +113,19 @@ def drives_cost(
 
 
 def lattice_cost(domain: SearchDomain, steps: tuple[PushStep, ...], start: Point) -> float:
-    """Cost of a plan's drives on the lattice [cells at full speed]; infinite if one of them does not exist there.
+    """Cost of a plan's drives on the lattice [cells at full speed]; infinite if one is known not to exist on the map along it.
 
     Parameters
     ----------
     domain, steps, start
         See :func:`drives_cost`.
     """
-    return sum(_over_lattice(domain, end)[1] for end in _ends(domain, steps, start))
+    total = 0.0
+    for end in _ends(domain, steps, start):
+        block, _, cost, _ = domain.drives.get(_key(*end), (domain.block, None, 0.0, None))
+        along = block == domain.block and np.isfinite(cost)
+        total += _over_lattice(domain, end)[1] if along else float("inf")
+    return total
 
 
 def drive_cost(domain: SearchDomain, shifts: Shifts, start: Point, goal: Point) -> float:

@@ -208,10 +208,18 @@ class _Search:
         left_out = tuple(sorted(self.active - needed - worth))
         return replace(plan, bound=bound, expanded=self.expanded, left_out=left_out)
 
-    def _heuristic(self, bodies: Collection[int], free: PushHeuristic | None = None) -> PushHeuristic:
+    def _heuristic(
+        self, bodies: Collection[int], free: PushHeuristic | None = None, *, relaxed: bool = True
+    ) -> PushHeuristic:
         left_out = self.active - frozenset(bodies)
         return PushHeuristic(
-            self.domain, self.costs, bodies, left_out=left_out, oblique=self.oblique, free=free
+            self.domain,
+            self.costs,
+            bodies,
+            left_out=left_out,
+            oblique=self.oblique,
+            free=free,
+            relaxed=relaxed,
         )
 
     def _looked(self, heuristic: PushHeuristic) -> SearchResult:
@@ -226,12 +234,8 @@ class _Search:
 
     def _guide(self, heuristic: PushHeuristic) -> PushHeuristic:
         """The heuristic for a first plan, which has to exist on the centres of cells."""
-        left_out = self.active - frozenset(heuristic.active)
-        guide = PushHeuristic(
-            self.domain, self.costs, heuristic.active, left_out=left_out, oblique=self.oblique, relaxed=False
-        )
-        for index, units in heuristic.alone.items():
-            guide.raise_bound(index, units)
+        guide = self._heuristic(heuristic.active, relaxed=False)
+        guide.alone = heuristic.alone
         return guide
 
     def _late(self) -> SearchResult:
