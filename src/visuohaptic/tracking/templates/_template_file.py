@@ -9,6 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ...core.files import load_yaml_model
 
+#: Tags in the family 36h11.
+_TAG_COUNT = 587
+
 Size = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
@@ -16,7 +19,7 @@ class TagEntry(BaseModel):
     """One AprilTag 36h11."""
 
     model_config = ConfigDict(extra="forbid")
-    id: Annotated[int, Field(ge=0, lt=587)]  #: of the family 36h11
+    id: Annotated[int, Field(ge=0, lt=_TAG_COUNT)]  #: of the family 36h11
     size_m: Size  #: side of the black border
 
 

@@ -35,9 +35,6 @@ TAG_CELLS = 8
 _TAG_CELL_PX = 40
 _TAG_MARGIN_CELLS = 0.5
 
-#: Tags in the family 36h11.
-_TAG_COUNT = 587
-
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
 
 
@@ -216,9 +213,10 @@ def tag_image(tag_id: int, cell_px: int, margin_px: int) -> UInt8[np.ndarray, "s
     """
     import cv2
 
-    if not 0 <= tag_id < _TAG_COUNT:
-        raise InputError("tag", f"found {tag_id}, expected 0..{_TAG_COUNT - 1}", field="id")
     family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    count = len(family.bytesList)
+    if not 0 <= tag_id < count:
+        raise InputError("tag", f"found {tag_id}, expected 0..{count - 1}", field="id")
     tag = cv2.aruco.generateImageMarker(family, tag_id, TAG_CELLS * cell_px)
     return np.pad(tag, margin_px, constant_values=255)
 
