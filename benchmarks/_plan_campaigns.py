@@ -22,7 +22,14 @@ from ._plan_child import Planner, described
 from ._plan_drives import drives, drives_table
 from ._plan_footprints import footprints, footprints_table
 from ._plan_judge import FAULT_M, Row, Rows, answer_of, asked, faults_row, quantile
-from ._plan_options import off_centre_plans, off_centre_table, places, places_table
+from ._plan_options import (
+    narrow_gaps,
+    narrow_gaps_table,
+    off_centre_plans,
+    off_centre_table,
+    places,
+    places_table,
+)
 from ._plan_physics import oracle, oracle_table, push_ends, push_ends_table, room, room_keys, rooms_table
 from .nav_doors import data_folder
 
@@ -403,6 +410,7 @@ CAMPAIGNS: dict[str, Campaign] = {
     "route_edges": Campaign(_route_keys, _route, _route_table),
     "footprints": Campaign(_seeded, footprints, footprints_table),
     "off_centre": Campaign(_seeded, off_centre_plans, off_centre_table),
+    "narrow_gaps": Campaign(_seeded, narrow_gaps, narrow_gaps_table),
     "places": Campaign(_seeded, places, places_table),
     "drives": Campaign(_seeded, drives, drives_table),
     "namosim": Campaign(_scene_keys, _scene, _scene_table),

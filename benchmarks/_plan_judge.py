@@ -11,13 +11,15 @@ from tests.worlds.plan_checks import Floor, check_plan, drive_seconds
 
 from ._plan_child import Planner, described
 
-__all__ = ["FAULT_M", "Row", "Rows", "answer_of", "asked", "faults_row", "judged", "quantile"]
+__all__ = ["FAULT_M", "Row", "Rows", "answer_of", "asked", "bounds_row", "faults_row", "judged", "quantile"]
 
 Row = dict[str, Any]
 Rows = dict[str, Row]
 
 #: Deeper than this a fault is one: what rounding and the written micrometres can't explain [m].
 FAULT_M = 1e-3
+#: A bound is refuted by a plan that is cheaper by more than this fraction: costs of drives are rounded to 0.2 %.
+BOUND_TOLERANCE = 2e-3
 
 
 def answer_of(reply: dict[str, Any]) -> str:
@@ -43,6 +45,7 @@ def judged(world: World, resolution_m: float, reply: dict[str, Any]) -> Row:
     faults = check_plan(floor, tasks, world.robot, world.start_m, world.goal_m)
     return row | {
         "cost_s": reply["plan"]["cost_s"],
+        "gap": reply["plan"]["gap"],
         "pushes": sum(task["kind"] == "push" for task in tasks),
         "fault_m": max((fault.depth_m for fault in faults), default=0.0),
         "fault": next((fault.what for fault in faults if fault.depth_m > FAULT_M), ""),
@@ -70,6 +73,26 @@ def asked(planner: Planner, world: World, cell_m: float, **options: Any) -> Row:
     """Plan a world with a given cell size, and evaluate the answer."""
     reply = planner.ask({"do": "plan", "problem": described(world, cell_m), **options})
     return judged(world, cell_m, reply)
+
+
+def bounds_row(name: str, plans: list[tuple[Row, float]]) -> Row:
+    """Row of the stated bounds that a known plan refutes, from plans and the true cost of a feasible one [s]."""
+    stated = [
+        (row["true_cost_s"] / (1.0 + row["gap"]), best_s)
+        for row, best_s in plans
+        if row.get("gap") is not None
+    ]
+    over = [bound_s / best_s - 1.0 for bound_s, best_s in stated]
+    false = [value for value in over if value > BOUND_TOLERANCE]
+    gaps = [row["gap"] for row, _ in plans if row.get("gap") is not None]
+    note = f"of {len(stated)}; highest {1 + max(over, default=0.0):.3f} of a known plan; stated median {100 * (quantile(gaps, 0.5) or 0.0):.1f} %"
+    return {
+        "name": f"{name}: stated bounds above the cost of a known plan",
+        "ours": len(false),
+        "unit": "",
+        "floor": 0,
+        "note": note,
+    }
 
 
 def quantile(values: Iterable[float], part: float) -> float | None:

@@ -1,4 +1,4 @@
-"""Options of the planner: off-centre pushes in physics, and places of objects by what remains reachable."""
+"""Options of the planner: off-centre pushes in physics, places of objects, and gaps as wide as the robot."""
 
 from __future__ import annotations
 
@@ -6,16 +6,25 @@ from dataclasses import replace
 
 import numpy as np
 import shapely
-from tests.worlds.floor_scenes import plank, random_rooms
+from tests.worlds.floor_scenes import narrow_gap, plank, random_rooms
 from tests.worlds.maps import Body, World
 
 from ._plan_child import Planner, described
-from ._plan_judge import Row, Rows, answer_of, quantile
+from ._plan_judge import Row, Rows, answer_of, asked, bounds_row, faults_row, quantile
 from ._plan_physics import execute
 
-__all__ = ["off_centre_plans", "off_centre_table", "places", "places_table"]
+__all__ = [
+    "narrow_gaps",
+    "narrow_gaps_table",
+    "off_centre_plans",
+    "off_centre_table",
+    "places",
+    "places_table",
+]
 
 CELL_M, ON_ROUTE_S = 0.05, 60.0
+#: Each of these grids refines the one before it [m].
+GAP_CELLS_M = (0.05, 0.025, 0.005)
 #: Half the width of a person or a larger robot; doors are at least 0.75 m wide [m].
 PERSON_M = 0.35
 
@@ -38,6 +47,34 @@ def off_centre_table(rows: Rows) -> list[Row]:
          "unit": "%", "note": f"{reached} of {len(without)} without a straight plan; {planned} planned; {len(rows)} scenes"},
         {"name": "plank in a door: first plan, median", "ours": quantile(times, 0.5), "unit": "ms"},
     ]  # fmt: skip
+
+
+def narrow_gaps(planner: Planner, key: str) -> Row:
+    """Plans through a gap that is hardly wider than the robot, by size of the cells."""
+    world = narrow_gap(int(key))
+    return {str(cell): asked(planner, world, cell) for cell in GAP_CELLS_M}
+
+
+def narrow_gaps_table(rows: Rows) -> list[Row]:
+    """Bounds and costs on each size of cells, against the cheapest plan on any of them."""
+    pairs: dict[str, list[tuple[Row, float]]] = {str(cell): [] for cell in GAP_CELLS_M}
+    for row in rows.values():
+        best_s = min((plan.get("true_cost_s", np.inf) for plan in row.values()), default=np.inf)
+        for cell, plan in row.items():
+            if plan["answer"] == "plan":
+                pairs[cell].append((plan, best_s))
+    table: list[Row] = []
+    for cell, plans in pairs.items():
+        name = f"narrow gaps, cells of {100 * float(cell):g} cm"
+        ratios = [plan["true_cost_s"] / best_s for plan, best_s in plans]
+        found = sum(ratio < 1.05 for ratio in ratios)
+        times = [plan["cpu_s"] for plan, _ in plans]
+        note = f"median {quantile(ratios, 0.5) or np.nan:.3f}, worst {max(ratios, default=np.nan):.2f}; CPU {quantile(times, 0.5) or np.nan:.2f} s, p90 {quantile(times, 0.9) or np.nan:.2f}"
+        table += [
+            bounds_row(name, plans),
+            {"name": f"{name}: within 5 % of the cheapest known plan", "ours": 100.0 * found / max(len(rows), 1), "unit": "%", "note": note},
+        ]  # fmt: skip
+    return [*table, faults_row("narrow gaps", [plan for row in rows.values() for plan in row.values()])]
 
 
 def places(planner: Planner, key: str) -> Row:

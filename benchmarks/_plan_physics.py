@@ -14,7 +14,7 @@ from tests.worlds.push_physics import FloorPhysics
 from tests.worlds.real_floors import real_scene, room_scene
 
 from ._plan_child import Planner, described
-from ._plan_judge import Row, Rows, answer_of, asked, faults_row, quantile
+from ._plan_judge import Row, Rows, answer_of, asked, bounds_row, faults_row, quantile
 from .nav_doors import data_folder
 
 __all__ = ["oracle", "oracle_table", "push_ends", "push_ends_table", "room", "room_keys", "rooms_table"]
@@ -366,5 +366,6 @@ def oracle_table(rows: Rows) -> list[Row]:
             "unit": "%",
             "floor": 1.0,
         },
+        bounds_row("oracle", [(row, min(row["oracle_s"], row["true_cost_s"])) for row in both]),
         faults_row("oracle", list(rows.values())),
     ]

@@ -63,6 +63,7 @@ def completed(seed: int, *, squeeze: bool) -> dict[str, Any]:
             "ended": story.summary(),
             "error_mm": 1e3 * claims["shape"].error,
             "declared_mm": 1e3 * known.outline_sigma_m,
+            "higher_mm": 1e3 * (claims["height"].value - claims["height"].truth),
             "chi_square": chi_square(known, true_m),
         }
         if squeeze:
@@ -81,7 +82,9 @@ def figures(rows: list[dict[str, Any]]) -> list[str]:
     square = float(np.mean([row["chi_square"] for row in ended]))
     lines = [
         f"{len(ended)} of {len(rows)} outlines; error / declared, median "
-        f"{median(row['error_mm'] / row['declared_mm'] for row in ended):.2f}; chi-square per width, mean {square:.2f}"
+        f"{median(row['error_mm'] / row['declared_mm'] for row in ended):.2f}; chi-square per width, mean {square:.2f}",
+        f"height, mean error {np.mean([row['higher_mm'] for row in ended]):+.2f} mm, root mean square "
+        f"{np.sqrt(np.mean([row['higher_mm'] ** 2 for row in ended])):.2f} mm",
     ]
     if squeezed := [row for row in ended if "squeezes" in row]:
         claimed = [row for row in squeezed if row["class"]]

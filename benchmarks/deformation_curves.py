@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from visuohaptic.core.objects import NOMINAL_N, NOMINAL_m
 from visuohaptic.deformation.maps import (
     HEIGHTS,
     DEFORMATIONS_m,
@@ -23,7 +24,6 @@ from visuohaptic.deformation.maps import (
     linear_features,
     nonlinear_features,
 )
-from visuohaptic.deformation.maps.features import NOMINAL_N, NOMINAL_m
 from visuohaptic.deformation.nonlinear import Contents
 from visuohaptic.deformation.shapes import class_names, draw_variant, load_container, mesh_container
 

@@ -27,6 +27,7 @@ from visuohaptic.core.measurement import AIR_PA
 from visuohaptic.core.resources import one_blas_thread
 from visuohaptic.deformation import mesh_container, object_map
 from visuohaptic.deformation.shapes import ContainerDescription, load_container
+from visuohaptic.deformation.shapes.variants import nearest_variant
 from visuohaptic.deformation.shells.shell_material import IsotropicMaterial
 from visuohaptic.demo import hand_chapters
 from visuohaptic.demo.bottle import (
@@ -43,7 +44,6 @@ from visuohaptic.demo.story import Known
 from visuohaptic.recognition import UNKNOWN
 from visuohaptic.recognition.touch import stiffness_samples
 from visuohaptic.recognition.touch.contents import wall_from_stiffness
-from visuohaptic.recognition.touch.outline_match import nearest_variant
 from visuohaptic.recognition.touch.refinement import CLASS, OUTLINE
 from visuohaptic.simulation.tabletop import OvalContainer
 from visuohaptic.simulation.tabletop.deformable import DeformableContainer

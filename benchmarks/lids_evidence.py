@@ -29,9 +29,9 @@ from visuohaptic.deformation.shapes import (
     load_container,
     mesh_container,
 )
+from visuohaptic.deformation.shapes.variants import container_outline
 from visuohaptic.deformation.shells import dual_tip_compliance, opposing_points
 from visuohaptic.recognition import UNKNOWN
-from visuohaptic.recognition.touch import container_outline
 from visuohaptic.recognition.touch.contents import (
     FORCES_N,
     MAX_DEFORMATION_M,

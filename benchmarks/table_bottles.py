@@ -1,6 +1,6 @@
 """Containers on the table, of known and of unknown classes: claims after some squeezes, without the rest of a mission.
 
-Outlines have smooth errors over the height of up to 2.5 mm and heights of 0.9 mm, walls are up to 30 % stiffer than the class,
+Outlines have smooth errors over the height of up to 2.5 mm and heights of 0.4 mm, walls are up to 30 % stiffer than the class,
 and the contents are arbitrary. Squeezes return the truth with the noise of the fingers: rendering of foam and rod, which
 takes most of a mission's time, is left out, so that hundreds of objects take seconds.
 
@@ -24,6 +24,7 @@ from benchmarks._seeds import add_seeds, seeds_of
 from visuohaptic.core.resources import one_blas_thread
 from visuohaptic.deformation.maps.features import HEIGHTS
 from visuohaptic.deformation.shapes import ContainerDescription, draw_variant, load_container
+from visuohaptic.deformation.shapes.variants import container_outline
 from visuohaptic.demo.bottle import (
     GROUPS,
     ROUND,
@@ -35,12 +36,12 @@ from visuohaptic.demo.bottle import (
 from visuohaptic.demo.hand_chapters import CONFIDENCE, MAX_SQUEEZES, MIN_SQUEEZES, NO_ROUND, mission_classes
 from visuohaptic.demo.probe_chapters import seen_errors
 from visuohaptic.recognition import UNKNOWN
-from visuohaptic.recognition.touch import HapticModel, container_outline, with_outline
+from visuohaptic.recognition.touch import HapticModel, with_outline
 from visuohaptic.simulation.tabletop import OvalContainer
 from visuohaptic.tasks.manipulation import BayesSqueezer, Place, SqueezeCurve
 
 #: Noise of a level's force [N], deformation and place of the wall [m]; error of the height, and over which it is smooth [m].
-FORCE_N, DEFORMATION_M, SURFACE_M, TALL_M, SMOOTH_M = 0.03, 1.5e-5, 5e-5, 9e-4, 0.015
+FORCE_N, DEFORMATION_M, SURFACE_M, TALL_M, SMOOTH_M = 0.03, 1.5e-5, 5e-5, 4e-4, 0.015
 LEVELS_N = (0.5, 1.0, 2.0, 4.0, 8.0)
 
 

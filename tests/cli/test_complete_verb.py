@@ -53,7 +53,7 @@ def test_the_back_of_an_opaque_object_is_completed_in_a_box(
     seen = (whole.face_normals[:, 1] < 0.1) | (whole.face_normals[:, 2] > 0.9)
     whole.submesh(np.flatnonzero(seen)).save(tmp_path / "surface.ply")
     words = ["complete", str(tmp_path / "surface.ply"), "--out", str(tmp_path / "c.ply"), "--next", "--json"]
-    box = ["--hidden", "-0.04", "0.005", "0.005", "0.04", "0.032", "0.115"]
+    box = ["--hidden", "-4e-2", "0.005", "0.005", "0.04", "0.032", "0.115"]
     rows, found, rms_m = ["x_m,y_m,z_m,start_x_m,start_y_m,start_z_m"], [], []
     for number in range(5):
         (tmp_path / "touches.csv").write_text("\n".join(rows) + "\n")
@@ -74,5 +74,7 @@ def test_the_back_of_an_opaque_object_is_completed_in_a_box(
     assert rms_m[0] < 2 * found[0]["expected_error_m"] < 0.005
     assert rms_m[-1] < 0.5 * rms_m[0]
     assert found[-1]["expected_error_m"] < found[0]["expected_error_m"]
+    assert main([*words, "--hidden", *["-1e9"] * 3, *["1e9"] * 3]) == 2
+    assert "region of 2e+09 m, expected at most" in capsys.readouterr().err
     assert main([*words, *box, "--region", "regions.json"]) == 2
     assert "expected one of them" in capsys.readouterr().err

@@ -6,9 +6,12 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from visuohaptic.cli.main import main
+from visuohaptic.io.meshes.ply import PlyMesh, write_ply
 from visuohaptic.recognition.touch.refinement import CLASS
 
 
@@ -133,3 +136,35 @@ def test_bad_words_are_refused(
 ) -> None:
     assert main(["grasp", *words, *(["--around", "16"] if words[0] == "cup" else [])]) == 2
     assert text in capsys.readouterr().err
+
+
+def test_a_scene_is_an_obstacle_where_the_object_stands(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two walls of two triangles each beside a cup leave ways along them only, or none if there are four."""
+    out, scene = tmp_path / "map.npz", tmp_path / "walls.ply"
+    assert main(["stiffness", "cup", "--around", "32", "--out", str(out)]) == 0
+    capsys.readouterr()
+    words = [str(out), "--force", "4", "--count", "1", "--scene", str(scene)]
+    square = np.array([[-0.3, 0.06, 0.0], [0.3, 0.06, 0.0], [0.3, 0.06, 0.3], [-0.3, 0.06, 0.3]])
+    corners = np.array([[0, 1, 2], [0, 2, 3]])
+    turned = [square @ Rotation.from_euler("z", 90 * k, degrees=True).as_matrix().T for k in range(4)]
+    place, yaw = np.array([1.5, -0.7, 0.4]), Rotation.from_euler("z", 30, degrees=True).as_matrix()
+
+    def written(walls: list[np.ndarray]) -> None:
+        points = np.concatenate(walls) @ yaw.T + place
+        write_ply(scene, PlyMesh(points, np.concatenate([corners + 4 * k for k in range(len(walls))])))
+
+    written([turned[0], turned[2]])
+    (grasp,) = run(capsys, *words, "--place", "1.5", "-0.7", "0.4", "30")["grasps"]
+    approach, fingers = (np.array(grasp["pose"])[:3, k] for k in (2, 0))
+    # The palm passes between the walls: it comes from above, or along them.
+    assert abs(approach[1]) < 0.5
+    assert abs(fingers[1]) < 0.9 or approach[2] < -0.9
+    written(turned)
+    found = run(capsys, *words, "--place", "1.5", "-0.7", "0.4", "30")
+    assert all(abs(one["pose"][2][2]) > 0.8 for one in found["grasps"])  # from above only
+    assert main(["grasp", *words]) == 2
+    assert "no point is within 0.4 m of the object" in capsys.readouterr().err
+    assert main(["grasp", "cup", "--place", "0", "0", "0", "0"]) == 2
+    assert "--place: found without --scene" in capsys.readouterr().err

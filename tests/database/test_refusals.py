@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import sqlite3
+import struct
 import sys
 from collections.abc import Sequence
 from contextlib import closing
@@ -28,6 +31,7 @@ from visuohaptic.core import (
     Provenance,
     VisuoHapticObject,
 )
+from visuohaptic.core.files import save_yaml
 from visuohaptic.database import (
     FeatureIndex,
     ObjectDatabase,
@@ -256,15 +260,21 @@ def test_folders_that_cannot_be_exported_or_imported(tmp_path: Path) -> None:
         import_object(folder)
 
 
+@pytest.mark.parametrize("name", ["../evil", "/evil", "a/b", "", ".", "a" * 129])
+def test_an_id_does_not_lead_out_of_the_folder_of_an_export(tmp_path: Path, name: str) -> None:
+    """As of a card of others that is read and written again."""
+    with pytest.raises(InputError, match=r"found the id .*, expected up to 128 letters"):
+        export_object(VisuoHapticObject(name, licence="CC0-1.0"), tmp_path / "out")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_card_of_a_mesh_alone_has_its_geometry(tmp_path: Path) -> None:
     """Cards written by hand name a mesh and no arrays."""
-    import hashlib
-
     import trimesh
     import yaml
 
     mesh = trimesh.Trimesh(CUBE, FACES, process=False).export(file_type="glb")
-    for name, data, said in (("whole", mesh, ""), ("half", mesh[:60], "is not a readable mesh")):
+    for name, data, said in (("whole", mesh, ""), ("half", mesh[:60], "has no valid glTF document")):
         folder = tmp_path / name
         folder.mkdir()
         (folder / "mesh.glb").write_bytes(data)
@@ -279,6 +289,36 @@ def test_a_card_of_a_mesh_alone_has_its_geometry(tmp_path: Path) -> None:
             assert shape is not None
             np.testing.assert_allclose(shape.vertices_m, CUBE, atol=1e-7)
             np.testing.assert_array_equal(shape.faces, FACES)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"accessors": [{"componentType": 5126, "count": 2**30, "type": "VEC3"}]}, "more elements than fit"),
+        ({"nodes": [{"mesh": 0}] * 30_000}, "has 30000 nodes, expected at most 10000"),
+        ({"nodes": [{"mesh": 0}] * 9_000}, "has 9000000 vertices, expected at most 6000000"),
+    ],
+)
+def test_a_mesh_of_a_card_that_declares_gigabytes_is_refused(tmp_path: Path, change: dict, said: str) -> None:
+    """A few hundred bytes declare 12 GB of zeros, and copies of one mesh multiply it."""
+    document = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"componentType": 5126, "count": 1000, "type": "VEC3"}],
+        "buffers": [{"byteLength": 12000}],
+    }  # fmt: skip
+    text = json.dumps(document | change).encode()
+    text += b" " * (-len(text) % 4)
+    parts = (
+        struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", 12000, b"BIN\0") + bytes(12000)
+    )
+    data = b"glTF" + struct.pack("<II", 2, 12 + len(parts)) + parts
+    (tmp_path / "mesh.glb").write_bytes(data)
+    about = {"mesh.glb": {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data)}}
+    card = {"format": "visuohaptic object", "version": 1, "licence": "CC0-1.0", "object": {"id": "box"}}
+    save_yaml(tmp_path / "card.yaml", {**card, "files": about})
+    with pytest.raises(InputError, match=said):
+        import_object(tmp_path)
 
 
 def test_few_shards_stay_open(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from tests.reconstruction.test_outline import AXIS, cone
 from benchmarks import table_bottles
 from visuohaptic.core import Estimate, HapticTag, InputError, Reason
 from visuohaptic.deformation.shapes import draw_variant, load_container
+from visuohaptic.deformation.shapes.variants import container_outline
 from visuohaptic.demo import (
     CHAPTERS,
     PARTS,
@@ -42,7 +43,7 @@ from visuohaptic.demo.judge import Claim
 from visuohaptic.demo.probe_chapters import default_outline
 from visuohaptic.demo.results import Illustration, done, failed
 from visuohaptic.demo.served import place_bottle, robot_at_table
-from visuohaptic.recognition.touch import container_outline, wall_from_stiffness
+from visuohaptic.recognition.touch import wall_from_stiffness
 from visuohaptic.reconstruction import SurfaceMesh
 from visuohaptic.simulation import FaultKind
 from visuohaptic.simulation.foam import SensorRig

@@ -10,14 +10,13 @@ from scipy.optimize import least_squares
 
 from visuohaptic.deformation.maps.features import HEIGHTS
 from visuohaptic.deformation.shapes import ContainerDescription, load_container
-from visuohaptic.deformation.shapes.variants import draw_variants
+from visuohaptic.deformation.shapes.variants import container_outline, draw_variants
 from visuohaptic.deformation.shells.fourier_shell import RevolutionShell, pinch_stiffness
 from visuohaptic.demo.bottle import NECK_M, training_objects
 from visuohaptic.demo.hand_chapters import MOUTH, mission_classes
 from visuohaptic.recognition import TouchReading
 from visuohaptic.recognition.touch import update_belief
-from visuohaptic.recognition.touch.haptic_model import MOUTH_REACH
-from visuohaptic.recognition.touch.outline_match import container_outline
+from visuohaptic.recognition.touch.nuisances import MOUTH_REACH
 from visuohaptic.tasks.manipulation import BayesSqueezer
 
 CLASSES = ("bottle", "smoothie")

@@ -356,3 +356,25 @@ def test_a_stream_and_a_device_are_opened_by_their_address(monkeypatch: pytest.M
     ):
         _camera_drivers.choose("/dev/video7", CameraSettings(), uvc_only=False).open()
     assert opened == ["rtsp://robot/front", "/dev/video7"]
+
+
+def test_a_vendor_that_fails_hides_no_other_camera(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Intel's package raises RuntimeError where it has no permission for the bus; Orbbec's lists one camera."""
+
+    def broken() -> None:
+        raise RuntimeError("no permission")
+
+    devices = SimpleNamespace(
+        get_count=lambda: 1,
+        get_device_serial_number_by_index=lambda index: f"S{index}",
+        get_device_name_by_index=lambda index: "Gemini",
+    )
+    modules = {
+        "pyrealsense2": SimpleNamespace(camera_info=None, context=broken),
+        "pyorbbecsdk": SimpleNamespace(Context=lambda: SimpleNamespace(query_devices=lambda: devices)),
+    }
+    monkeypatch.setattr(_camera_drivers, "import_module", modules.__getitem__)
+    assert [camera.address for camera in _camera_drivers.find()][-1:] == ["orbbec:S0"]
+    assert "pyrealsense2 cannot list its cameras (no permission)" in caplog.text

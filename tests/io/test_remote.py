@@ -23,6 +23,7 @@ from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.io.remote import RemoteRobot, start_robot
 from visuohaptic.io.remote.server import serve_robot
 from visuohaptic.io.remote.wire import pack, unpack
+from visuohaptic.navigation.mapping import OccupancyMapper
 from visuohaptic.simulation.floor import FloorObject
 from visuohaptic.tasks.manipulation import Hand, Place, SqueezeSettings, squeeze
 
@@ -210,3 +211,38 @@ def test_after_an_answer_that_does_not_come_nothing_is_answered(monkeypatch: pyt
         time.sleep(0.8)
         with pytest.raises(DeviceError, match="lost the connection"):
             robot.call("wait", "wait", 0.0)
+
+
+def test_a_mind_maps_a_room_that_it_scans_in_another_process(tmp_path: Path) -> None:
+    """Driven by its laser alone: the map of an L of walls and a box, and the pose in it, from served scans and odometry."""
+    pytest.importorskip("mujoco")
+    cells = np.zeros((60, 80), np.int8)
+    cells[[0, -1]] = cells[:, [0, -1]] = 100
+    cells[:20, 38:40] = 100
+    walls = OccupancyMap(cells, 0.05)
+    walls.save(tmp_path / "room.yaml")
+    box = [[2.6, 2.0], [3.0, 2.0], [3.0, 2.4], [2.6, 2.4]]
+    crate = {"id": "crate", "footprint_m": box, "mass_kg": 3.0, "floor_friction": 0.4}
+    world = {"map": str(tmp_path / "room.yaml"), "start_m": [0.8, 1.8, 0.0], "objects": [crate], "seed": 4}
+    mapper = OccupancyMapper()
+    with start_robot("visuohaptic.simulation.served:floor", world) as robot:
+        assert "laser" in robot.parts
+        with pytest.raises(AttributeError, match="base has no pose_m"):
+            robot.base.pose_m  # type: ignore[attr-defined]  # noqa: B018 - the truth of the world
+        for speed_m_s, turn_rad_s, steps in ((0.3, 0.0, 8), (0.0, 0.6, 4), (0.3, 0.0, 3)):
+            for _ in range(steps):
+                robot.base.drive(speed_m_s, turn_rad_s)
+                robot.wait(0.35)
+                robot.base.stop()
+                scan, state = robot.scan(), robot.base.state()
+                mapper.add(scan, (state.x_m, state.y_m, state.heading_rad))
+    seen = scan.points_m
+    assert scan.t_s == pytest.approx(state.t_s)
+    # The mapper's frame is that of the odometry: scans err by 1 cm, cells have 5 cm.
+    assert np.hypot(mapper.pose[0] - state.x_m, mapper.pose[1] - state.y_m) < 0.04
+    found, (turn, x, y) = mapper.map(), (state.heading_rad, state.x_m, state.y_m)
+    points = seen @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) + (x, y)
+    near = np.abs(points[:, None] - np.array(box)).max(axis=2).min(axis=1) < 0.45
+    assert np.count_nonzero(near) > 5, "the crate is scanned"
+    inside = found.cell_from_world(points).astype(int)
+    assert np.mean(found.cells[inside[:, 0], inside[:, 1]] >= 50) > 0.8

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from visuohaptic.core import Estimate, HapticTag
+from visuohaptic.core import Estimate, HapticTag, LaserScan
 from visuohaptic.core.objects import Primitive, PrimitiveKind
 from visuohaptic.io import OccupancyMap
 from visuohaptic.navigation.mapping.map_changes import new_objects, scan_fit
+from visuohaptic.navigation.mapping.mapper import OccupancyMapper
 from visuohaptic.navigation.problem.passages import Passage, PassageKind, is_door_wing
 from visuohaptic.navigation.problem.path_plan import Plan
 from visuohaptic.navigation.problem.robot_model import RobotModel
@@ -118,3 +119,16 @@ def test_two_groups_of_four_points_are_one_object_within_four_cells_of_2_cm() ->
     for gap_m, objects in ((0.061, 1), (0.081, 0)):
         along = 0.2 + np.concatenate([0.01 * np.arange(4.0), 0.03 + gap_m + 0.01 * np.arange(4.0)])
         assert len(new_objects(_room(), np.column_stack([np.full(8, 0.5), along]))) == objects
+
+
+def test_a_cell_is_free_when_two_beams_have_passed_it() -> None:
+    """Bayes' rule: the odds of a beam that passes, 0.4 to 0.6, once and twice."""
+    mapper = OccupancyMapper()
+    mapper.add(LaserScan(0.0, np.full(360, 2.0), -np.pi, np.pi / 180), (0.0, 0.0, 0.0))
+    once = math.log(0.4 / 0.6)
+    grid = mapper._grid
+    grid.log_odds[:] = 0.0
+    row, column = grid.log_odds.shape[0] // 2, grid.log_odds.shape[1] // 2
+    grid.log_odds[row, column : column + 2] = once, 2.0 * once
+    cells = mapper.map().cells
+    assert cells.tolist() == [[-1, 0]]

@@ -9,7 +9,7 @@ import pytest
 
 from visuohaptic.recognition.data import TouchProtocol
 from visuohaptic.recognition.touch import ModelSettings, few_curves
-from visuohaptic.recognition.touch.haptic_model import HEIGHTS, NUISANCES, nuisance_effects
+from visuohaptic.recognition.touch.nuisances import HEIGHTS, NUISANCES, nuisance_effects
 from visuohaptic.recognition.touch.unknown_class import FEATURES, FIRST_WIDTH
 
 

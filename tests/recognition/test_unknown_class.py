@@ -6,12 +6,19 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import InputError
+from visuohaptic.recognition import FeatureSet, TouchReading
+from visuohaptic.recognition.touch import ModelSettings, fit_model, update_belief
 from visuohaptic.recognition.touch.unknown_class import (
     FEATURES,
     FIRST_WIDTH,
     GROOVE_SIGMA,
     HEIGHT,
+    OVAL_SIGMA,
+    SIMULATED,
+    SIZES,
     UNKNOWN_CLASS_SIGMAS,
+    simulated_kinds,
+    simulated_spread,
     smooth_profile,
     unknown_kinds,
 )
@@ -87,3 +94,61 @@ def test_what_unknown_objects_are_like_is_learned_from_the_classes() -> None:
 def test_other_features_are_refused() -> None:
     with pytest.raises(InputError, match=f"found 3 features, expected {FEATURES}"):
         unknown_kinds(np.ones((2, 3)))
+
+
+def test_simulated_containers_are_those_of_the_shells() -> None:
+    """Pinched at mid-height, a shell of triangles is as stiff; sizes are within their ranges."""
+    data = simulated_kinds()
+    assert len(data) == SIMULATED
+    np.testing.assert_array_equal(data.features, simulated_kinds.__wrapped__().features)
+    stiffness = data.features[..., 0]
+    assert np.isfinite(stiffness).all()
+    np.testing.assert_allclose(stiffness[..., 1:], stiffness[..., :1].repeat(3, axis=2))  # round
+    low, high = np.array(SIZES[0])
+    assert (data.height_m > low).all()
+    assert (data.height_m < high).all()
+    # A wall of five times the modulus is five times as stiff: the level is left open by more than this factor.
+    spread = np.ptp(np.log(stiffness).mean(axis=(1, 2)))
+    assert spread > 4 * UNKNOWN_CLASS_SIGMAS[0]
+
+
+def test_axes_of_oval_containers_differ_as_those_of_an_ellipse() -> None:
+    """Stiffness is inverse to the radius of curvature, b^2 / a at the end of the long axis and a^2 / b at that of the short one."""
+    round_, oval = simulated_spread()
+    more = oval - round_
+    first, second = 4 * 7, 4 * 7 + 2  # along x and y at one height
+    apart = np.zeros(FEATURES)
+    apart[first], apart[second] = 1, -1
+    wide = np.zeros(FEATURES)
+    wide[FIRST_WIDTH + 14], wide[FIRST_WIDTH + 15] = 1, -1
+    a, b = np.exp(OVAL_SIGMA / 2), np.exp(-OVAL_SIGMA / 2)
+    assert wide @ more @ wide == pytest.approx(np.log(a / b) ** 2)
+    assert wide @ more @ apart == pytest.approx(np.log(a / b) * np.log((a**2 / b) / (b**2 / a)))
+    assert apart @ round_ @ apart == pytest.approx(0.0, abs=1e-12)
+    level = UNKNOWN_CLASS_SIGMAS[0]
+    assert round_[first, first + 20] == pytest.approx(level**2)
+
+
+def test_containers_of_no_class_are_recognised_by_stiffness_alone() -> None:
+    """Two classes of made-up tubes; containers that are simulated with another seed are asked for."""
+    rng, height = np.random.default_rng(0), np.linspace(0, 1, 16)
+    top = np.repeat([1e3, 4e4], 20)
+    profile = 8e3 * (top[:, None] / 8e3) ** height * rng.lognormal(0, 0.15, (40, 1))
+    data = FeatureSet.of_stiffness(
+        np.repeat(profile[:, :, None], 4, axis=2), np.full((40, 16, 2), 0.06), ["cup"] * 20 + ["can"] * 20
+    )
+    model = fit_model(data, settings=ModelSettings(use_width=False))
+    asked = simulated_kinds.__wrapped__(1).features[..., 0]
+    told = [
+        update_belief(model, [TouchReading.of_stiffness(h, "x", one[h - 1, :2]) for h in (3, 6, 9, 12, 15)])
+        for one in asked
+    ]
+    said = np.mean([one.answer == "unknown" for one in told])
+    known = [
+        update_belief(
+            model, [TouchReading.of_stiffness(h, "x", one[h - 1, [0, 0]]) for h in (3, 6, 9, 12, 15)]
+        ).answer
+        for one in profile[:, :, None]
+    ]
+    assert known == list(data.label)
+    assert said > 0.9

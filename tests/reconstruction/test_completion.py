@@ -376,6 +376,14 @@ def test_rims_and_band_of_a_cut_bottle():
     far = HoleRegion.of_points(region.hull_m + 5.0)
     with pytest.raises(InputError, match="away from the surface"):
         support_band(visible, far)
+    # Four of 34 nodes along the surface: a region of 8 extents is still resolved, one of 9 is not.
+    extent_m = float(np.ptp(visible.vertices_m, axis=0).max())
+    wide, too_wide = (
+        HoleRegion.of_points(region.hull_m * extents * extent_m / region.size_m) for extents in (8.0, 9.0)
+    )
+    assert support_band(visible, wide).gap_m >= 0
+    with pytest.raises(InputError, match="expected at most"):
+        support_band(visible, too_wide)
 
 
 @pytest.fixture

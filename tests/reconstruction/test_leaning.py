@@ -1,4 +1,4 @@
-"""Vessels that lean: outlines of a sheared cylinder, their files, and refusal of a completion around an upright axis."""
+"""Vessels that lean: outlines of a turned cylinder, their files, and refusal of a completion around an upright axis."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import InputError
-from visuohaptic.core.camera import Camera
+from visuohaptic.core.camera import Camera, Pose
 from visuohaptic.io.depth import DepthFrame
 from visuohaptic.reconstruction.body_completion import BodyCompletion
 from visuohaptic.reconstruction.completion import load_hole_regions
@@ -22,17 +22,19 @@ from .test_outline_fit import AXIS_M, CAMERA, HIGH_M, LOW_M, NOISE, RADIUS_M, fi
 
 
 def seen(lean_m: tuple[float, float], seed: int) -> list[OutlineView]:
-    """Twelve views; a shear turns the leaning cylinder into the upright one, and straight rays into straight rays."""
+    """Twelve views of a cylinder that is turned about its middle, until the upper end of its axis has moved by the lean."""
     rng, (rows, columns) = np.random.default_rng(seed), np.mgrid[0:120, 0:160]
     rays = CAMERA.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float)).reshape(120, 160, 3)
-    shear = np.eye(3)
-    shear[:2, 2] = -np.array(lean_m) / (HIGH_M - LOW_M)
-    middle = np.array([0.0, 0.0, 0.5 * (LOW_M + HIGH_M)])
+    way = np.array([-lean_m[1], lean_m[0], 0.0]) / max(float(np.hypot(*lean_m)), 1e-12)
+    turned = Pose.from_rotation_vector(
+        way * np.arcsin(np.hypot(*lean_m) / (HIGH_M - LOW_M)), np.zeros(3)
+    ).rotation
+    middle = np.array([*AXIS_M, 0.5 * (LOW_M + HIGH_M)])
     found = []
     for turn in np.linspace(0, 6, 12):
         pose = Camera.pose_of_view((0.6 * np.cos(turn), 0.6 * np.sin(turn), 0.55), (0.0, 0.0, 0.08))
-        eye = shear @ (pose.translation_m - middle) + middle
-        glass = hit(eye, rays @ pose.rotation.T @ shear.T)
+        eye = turned.T @ (pose.translation_m - middle) + middle
+        glass = hit(eye, rays @ pose.rotation.T @ turned)
         dropped = rng.random(glass.shape) < np.where(glass, 0.5, 0.02)
         ratio = np.where(dropped, 3.2, -0.67).astype(np.float32)
         limit_m = np.full(glass.shape, 2.0, np.float32)
@@ -51,15 +53,35 @@ def test_a_leaning_body_is_told_and_its_axis_follows(lean_m):
     # Half a window is 14 mm at the ends of an outline with two sides in twelve views; a lean has the error of both ends.
     assert np.array(body.lean_m) == pytest.approx(np.array(lean_m), abs=0.015)
     assert np.linalg.norm(body.axis_m - AXIS_M) < 0.006
-    points_m = np.array(
-        [[*(AXIS_M + 0.4 * np.array(lean_m)), 0.5 * (LOW_M + HIGH_M) + 0.4 * (HIGH_M - LOW_M)]]
-    )
+    rise_m = np.sqrt((HIGH_M - LOW_M) ** 2 - np.dot(lean_m, lean_m))
+    points_m = np.array([[*(AXIS_M + 0.4 * np.array(lean_m)), 0.5 * (LOW_M + HIGH_M) + 0.4 * rise_m]])
     assert body.contains(points_m).all()
+    # The foot, as far below the body as this is high, is uncertain by the lean as well as by the place.
+    foot_m, sigma_m = body.axis_at_m(2 * body.height_m[0] - body.height_m[1])
+    assert (sigma_m > 1.5 * body.axis_sigma_m).all()
+    true_m = AXIS_M - np.array(lean_m) / rise_m * (
+        0.5 * (LOW_M + HIGH_M) - 2 * body.height_m[0] + body.height_m[1]
+    )
+    assert (np.abs(foot_m - true_m) < 3 * sigma_m).all()
     away_m = np.append(AXIS_M - np.array(lean_m), points_m[0, 2])
     assert not body.contains(away_m[None]).any()
     inside_m = body.points_m(0.01)
     high, low = (inside_m[k, :2].mean(axis=0) for k in (inside_m[:, 2] > 0.13, inside_m[:, 2] < 0.08))
     assert (high - low) @ np.array(lean_m) > 0.5 * np.dot(lean_m, lean_m)
+
+
+def test_an_axis_beyond_its_ends_has_the_deviation_of_place_and_lean_together():
+    rng = np.random.default_rng(2)
+    root = 1e-3 * rng.normal(size=(2, 2, 2))  # of place and lean (rows), along x and y
+    draws = np.einsum("xij,xjn->xin", root, rng.standard_normal((2, 2, 100_000)))
+    place_m, lean_m = draws[:, 0], draws[:, 1]
+    ends_m = np.array([(place_m + part * lean_m).std(axis=1) for part in (-0.5, 0.5)])
+    body = UprightBody(
+        np.zeros(2), place_m.std(axis=1), (0.03, 0.03), 0.001, (0.05, 0.15), 80.0, ends_sigma_m=ends_m
+    )
+    for z_m in (0.0, 0.12, 0.3):
+        expected_m = (place_m + (z_m - 0.1) / 0.1 * lean_m).std(axis=1)
+        assert body.axis_at_m(z_m)[1] == pytest.approx(expected_m, rel=1e-6)
 
 
 def test_upright_bodies_are_said_to_lean_as_rarely_as_stated():
@@ -74,8 +96,9 @@ def test_upright_bodies_are_said_to_lean_as_rarely_as_stated():
 
 def test_a_lean_is_saved_and_no_wall_is_completed_around_an_upright_axis(tmp_path):
     body = UprightBody(
-        np.zeros(2), np.full(2, 0.004), (0.03, 0.03), 0.003, (0.05, 0.15), 80.0, lean_m=(0.05, 0.01)
-    )
+        np.zeros(2), np.full(2, 0.004), (0.03, 0.03), 0.003, (0.05, 0.15), 80.0, lean_m=(0.05, 0.01),
+        ends_sigma_m=np.array([[0.005, 0.006], [0.007, 0.004]]),
+    )  # fmt: skip
     grid = SpaceGrid.around((-0.04, -0.04, 0.03), (0.04, 0.04, 0.15), 0.02)
     inside = np.ones((4, 4, 6), dtype=bool)
     (region,) = find_regions(inside.astype(float), inside, grid, min_voxels=1)
@@ -83,6 +106,7 @@ def test_a_lean_is_saved_and_no_wall_is_completed_around_an_upright_axis(tmp_pat
     (loaded,) = load_hole_regions(tmp_path / "regions.json")
     assert loaded.body is not None
     assert loaded.body.lean_m == body.lean_m
+    assert loaded.body.axis_at_m(0.0)[1] == pytest.approx(body.axis_at_m(0.0)[1])
     assert np.degrees(body.lean_rad) == pytest.approx(27.0, abs=0.1)  # atan(hypot(50, 10) / 100)
     table = SurfaceMesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     with pytest.raises(InputError, match="leans by 27 degrees, expected an upright one"):

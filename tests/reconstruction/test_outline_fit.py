@@ -34,6 +34,7 @@ from visuohaptic.reconstruction.transparency.ray_readings import (
     RayImage,
 )
 from visuohaptic.reconstruction.transparency.regions import agreement_evidence, passing_evidence
+from visuohaptic.reconstruction.vessel_shapes import end_circles
 
 #: x, y of the axis, radius and height of the body, which stands at z = 0.05 [m].
 AXIS_M, RADIUS_M, LOW_M, HIGH_M = np.array([0.02, -0.03]), 0.035, 0.05, 0.17
@@ -241,7 +242,8 @@ def test_sums_of_outlines_are_those_of_drawn_polygons(seed):
     sums = np.pad(np.cumsum(evidence, axis=1), ((0, 0), (1, 0)))[None]
     limits, motion = np.full((1, 120, 160), 2.0, np.float32), pose.inverse().matrix[:3][None]
     found = np.empty(1)
-    outline_sums(body, 16, sums, limits, motion, matrix[None], np.zeros(1), np.ones(1), found)
+    corners_m = end_circles(body, 16)
+    outline_sums(corners_m, sums, limits, motion, matrix[None], np.zeros(1), np.ones(1), found)
     ring = 2 * np.pi * np.arange(16) / 16
     points = np.concatenate(
         [
@@ -276,7 +278,7 @@ def test_the_second_eye_sees_the_background_beside_a_body_and_not_that_behind_it
     near = np.full_like(known, 0.5)
     found = np.empty((3, 1))
     for limits, total in zip((known, unknown, near), found, strict=True):
-        outline_sums(body, 16, sums, limits, motion, matrix, reach, np.ones(1), total)
+        outline_sums(end_circles(body, 16), sums, limits, motion, matrix, reach, np.ones(1), total)
     assert found[0] == found[1] != found[2]
 
 
@@ -312,23 +314,6 @@ def test_two_vessels_in_a_row_are_two_bodies_and_one_is_one(axes_m):
         nearest = min(range(len(found)), key=lambda k: np.hypot(*away[k]))
         assert np.hypot(*away[nearest]) < 0.006
         assert np.all(np.abs(away[nearest]) < 4 * found[nearest].axis_sigma_m)
-
-
-def test_a_part_of_one_vessel_in_a_row_has_the_other_beside_it(monkeypatch):
-    """A body around both may be likelier than the one to which the voxels belong; then no voxel shows the other."""
-    seen = views(np.random.default_rng(11), np.linspace(-0.7, 0.7, 12), 0.5, ROW_M)
-    around = np.random.default_rng(9).uniform(-1, 1, (400, 3)) * np.array([0.03, 0.03, 0.05])
-    points_m = np.array([*ROW_M[0], 0.11]) + around
-    one = UprightBody(ROW_M[0], np.full(2, 0.002), (RADIUS_M, RADIUS_M), 0.002, (LOW_M, HIGH_M), 0.0)
-    one = replace(one, evidence=float(body_evidence(seen, one).sum()))
-    both = replace(one, axis_m=np.zeros(2), radius_m=(0.09, 0.09), evidence=1.15 * one.evidence)
-    known = [[both, one]]
-    monkeypatch.setattr(body_pairs, "fit_bodies", lambda *told: known.pop() if known else fit_bodies(*told))
-    monkeypatch.setattr(body_pairs, "fit_pair", lambda *_: [])
-    found = body_pairs.fit_part(seen, points_m, np.ones(400), 0.015, 12.0)
-    assert len(found) == 2
-    for axis_m in ROW_M:
-        assert min(np.hypot(*(body.axis_m - axis_m)) for body in found) < 0.006
 
 
 def test_a_second_body_counts_with_the_rays_that_miss_the_first():

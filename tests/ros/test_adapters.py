@@ -230,6 +230,37 @@ def test_an_arm_follows_a_straight_line(machine: Robot, ours: RosNode) -> None:
                 arm.move_linear(pose, speed)
 
 
+def test_an_arm_whose_pose_gets_lost_stops_where_it_is_told_to(machine: Robot, ours: RosNode) -> None:
+    """Its driver sends NaN from some time on: no target follows the stop, which says why it cannot hold the pose."""
+    start, end = (Pose(np.eye(3), np.array([0.4, y, 0.2])) for y in (0.0, 0.1))
+    sent = messages.pose(start)
+    machine.obey("target_frame", "geometry_msgs/msg/PoseStamped")
+    machine.tell(
+        "current_pose",
+        "geometry_msgs/msg/PoseStamped",
+        lambda: {"header": messages.header(7.0, "base_link"), "pose": sent},
+    )
+    with RosArm(ours, (0.1, 0.9), rate_Hz=200.0) as arm:
+        arm.move_linear(end, 0.01)
+        assert until(lambda: bool(machine.got))
+        sent = messages.pose(start) | {"position": {"x": math.nan, "y": 0.0, "z": 0.2}}
+        assert until(lambda: _is_lost(arm))
+        with pytest.raises(StaleFrameError, match="the pose on /current_pose is not valid"):
+            arm.stop()
+        time.sleep(0.05)  # what was on its way has arrived
+        count = len(machine.got)
+        time.sleep(0.05)
+        assert len(machine.got) == count
+
+
+def _is_lost(arm: RosArm) -> bool:
+    try:
+        arm.pose()
+    except StaleFrameError:
+        return True
+    return False
+
+
 def test_a_command_that_nobody_hears_is_an_error(machine: Robot, ours: RosNode) -> None:
     machine.tell("odom", "nav_msgs/msg/Odometry", odometry)
     machine.obey("cmd_vel", "geometry_msgs/msg/TwistStamped")  # another type: it would never arrive

@@ -12,6 +12,7 @@ from scipy.special import ndtr, ndtri
 
 from visuohaptic.core.errors import CalibrationError
 from visuohaptic.sensing.beam.calibration import _refuse_few, _refuse_noise, _refuse_surprise, _refuse_wander
+from visuohaptic.sensing.push.at_rest import _noise_m
 from visuohaptic.sensing.push.tag import _withstood_N, fixed_probability
 from visuohaptic.sensing.scene.contact_surface import _contact_line
 from visuohaptic.sensing.scene.obstacle_parallax import _scale
@@ -128,3 +129,16 @@ def test_noise_of_a_strip_is_measured_down_to_that_of_rounding() -> None:
     for sigma in (1.5, 6.0):
         noisy = _scale((sigma * rng.standard_normal((60, 400))).astype(np.float32), variance, level)
         assert float(noisy.mean() / still.mean()) == pytest.approx(rounded / sigma**2, rel=0.09)
+
+
+@pytest.mark.parametrize(("frames", "measured"), [(5, False), (6, True), (4000, True)])
+def test_noise_of_a_deflection_is_twice_its_scatter_from_six_free_frames_on(
+    frames: int, measured: bool
+) -> None:
+    """Of white noise, differences from frame to frame have sqrt(2) of its deviation."""
+    noise = 1e-5 * np.random.default_rng(6).standard_normal(frames)
+    record: Any = SimpleNamespace(deflection_sigma_m=np.full(frames, 1e-3), deflection_m=noise)
+    found = _noise_m(record, frames)
+    assert (found < 1e-4) == measured
+    if frames > 1000:
+        assert found == pytest.approx(2e-5, rel=0.05)

@@ -21,7 +21,7 @@ from visuohaptic.tasks.mobile.known_objects import _alike, _log_side, _populatio
 from visuohaptic.tasks.mobile.outline_curvature import contact_curvature
 from visuohaptic.tasks.mobile.touch_map._map_contacts import _held
 from visuohaptic.tasks.mobile.touch_map._odometry_scale import OdometryScale
-from visuohaptic.tasks.mobile.touch_map._straight_walls import _face_rad
+from visuohaptic.tasks.mobile.touch_map._straight_walls import WallDriftCorrection, _face_rad
 from visuohaptic.tasks.mobile.travel.travel_memory import TravelMemory
 
 
@@ -154,3 +154,19 @@ def test_a_grasp_for_weighing_holds_twice_the_heaviest_contents(monkeypatch: pyt
     assert 2.0 * 0.6 * plan.force_N == pytest.approx(2.0 * 0.5 * 9.81)
     # 20 mm/s over 10 mm: half a second, in which a load cell has settled.
     assert plan.lift_m / plan.arm_m_s == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "along_m", "same"),
+    [(0.375, 0.0, True), (0.385, 0.0, False), (0.35, 1.45, True), (0.35, 1.55, False)],
+)
+def test_a_wall_is_met_again_within_8_cm_and_a_metre_and_a_half_along_it(
+    distance_m: float, along_m: float, same: bool
+) -> None:
+    """A wall at 0.3 m ahead; the pose is moved to where it was measured first."""
+    walls = WallDriftCorrection(0.1)
+    for x_m, y_m, expected_m in ((0.3, 0.0, 0.0), (distance_m, along_m, 0.3 - distance_m if same else 0.0)):
+        line = SimpleNamespace(parameters=np.array([x_m, y_m, 0.5 * math.pi]))
+        contact: Any = SimpleNamespace(primitive=line, points_foam_m=np.array([[x_m, y_m]]))
+        pose = walls._against_walls((0.0, 0.0, 0.0), contact, 0.5 * math.pi)
+        assert pose[0] == pytest.approx(expected_m, abs=1e-12)

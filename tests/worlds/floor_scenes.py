@@ -10,8 +10,8 @@ import shapely
 from .maps import Body, Robot, World, at, bar, box, disc, ell, place_bodies, walled
 
 __all__ = [
-    "blind_corridor", "campus", "closed_room", "doors_in_series", "idle_objects", "off_centre", "plank", "random_body", "random_rooms", "six_boxes",
-    "small_room",
+    "blind_corridor", "campus", "closed_room", "doors_in_series", "idle_objects", "narrow_gap", "off_centre", "plank", "random_body", "random_rooms",
+    "six_boxes", "small_room",
 ]  # fmt: skip
 
 DOOR_M = 0.9
@@ -228,6 +228,35 @@ def small_room(seed: int) -> World:
             break
     bodies = tuple(_body(f"body{i}", outline, r, rng) for i, (outline, r) in enumerate(placed))
     return World(f"small room {seed}", (4.0, 3.0), tuple(walls), bodies, start, goal)
+
+
+def narrow_gap(seed: int) -> World:
+    """4 x 6 m whose cheapest plan most likely passes a gap of up to 3 cm more than the robot; the way around is 8 m longer.
+
+    Kinds: a slit in the wall, a fixed body in a door, a body that a post stops when it has been pushed just far enough.
+    Walls are on cells of 5 cm, and the gap is measured by the robot or a body.
+    """
+    rng = _rng(11, seed)
+    kind = seed // 2 % 3
+    low, room, radius = 0.05 * int(rng.integers(10, 25)), float(rng.uniform(0.0, 0.03)), 0.17
+    door = (0.35, 0.9, 0.5)[kind]
+    x = 0.05 * int(rng.integers(30, 41))
+    walls = [*walled(4.0, 6.0), *_wall_with_doors(x, 6.0, [(low + door / 2, door), (5.4, 0.8)], 0.1)]
+    bodies: list[Body] = []
+    if kind == 0:
+        radius = (door - room) / 2.0
+    elif kind == 1:
+        width = door - 2.0 * radius - room
+        bodies.append(Body("fixed", at(box(0.2, width), x + 0.05, low + width / 2.0), fixed=True))
+    else:
+        face = x + 0.1 + 2.0 * radius + room + 0.4
+        bodies.append(_body("box", at(box(0.4, 0.4), x + 0.05, low + door / 2.0), 0.0, rng))
+        bodies.append(Body("post", at(box(0.1, 0.1), face + 0.05, low + door / 2.0), fixed=True))
+    start = (_cm(rng.uniform(0.5, x - 0.9)), _cm(rng.uniform(0.5, 2.0)))
+    goal = (3.5, _cm(rng.uniform(0.5, 2.0)))
+    return World(
+        f"narrow gap {seed} kind {kind}", (4.0, 6.0), tuple(walls), tuple(bodies), start, goal, Robot(radius)
+    )
 
 
 def off_centre(seed: int) -> World:

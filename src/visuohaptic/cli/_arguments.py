@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import re
 from collections.abc import Callable
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -134,7 +136,7 @@ def overwritten_file(args: argparse.Namespace) -> tuple[str, str] | None:
 
 
 def with_signed_axes(words: list[str]) -> list[str]:
-    """Join ``--up -y`` to ``--up=-y``: argparse takes ``-y`` for an option.
+    """Join ``--up -y`` to ``--up=-y``, and write ``-1e-3`` without an exponent: argparse takes both for options.
 
     Parameters
     ----------
@@ -145,6 +147,8 @@ def with_signed_axes(words: list[str]) -> list[str]:
     for word in words:
         if out and out[-1] == "--up" and word in {"-x", "-y", "-z"}:
             out[-1] += f"={word}"
+        elif re.fullmatch(r"-(\d+\.?\d*|\.\d+)[eE][-+]?\d{1,3}", word):
+            out.append(f"{Decimal(word):f}")
         else:
             out.append(word)
     return out

@@ -23,6 +23,10 @@ _MAGNITUDES = (
     "deformability",
     "stiffness_N_per_m",
 )
+#: Stiffness features of an object: 16 heights and four sides; limit of low deformation [m]; nominal force [N] and deformation [m] of
+#: the quadratic coefficient (Alt 2016, Sec. 6.1.6).
+HEIGHTS, SIDES = 16, ("x+", "x-", "y+", "y-")
+LOW_m, NOMINAL_N, NOMINAL_m = 0.003, 50.0, 0.01
 #: By noise, a magnitude is below zero by more than this number of standard deviations once in 10^9.
 _MAX_NOISE = normal_sigmas(2e-9)
 #: A contact contour spans one contact of a platform; coordinates larger than any building are invalid.

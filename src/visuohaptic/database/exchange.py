@@ -6,7 +6,9 @@ display and other programs, and is read only if the card has no mesh among its a
 
 from __future__ import annotations
 
+import io
 import logging
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +18,7 @@ import numpy as np
 
 from ..core import Geometry, VisuoHapticObject, decode, encode
 from ..core.errors import InputError, needs
-from ..core.files import MAX_FILE_BYTES, atomic_path, load_yaml_model, save_yaml
+from ..core.files import MAX_FILE_BYTES, atomic_path, check_glb, load_yaml_model, read_bytes, save_yaml
 from .shards import file_sha256, pack, unpack
 
 if TYPE_CHECKING:
@@ -26,6 +28,26 @@ _log = logging.getLogger(__name__)
 
 _FORMAT = "visuohaptic object"
 _ARRAYS, _MESH = "arrays.parquet", "mesh.glb"
+#: Ids are folder names, too.
+_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
+
+
+def check_id(object_id: str) -> None:
+    """Reject an id that cannot be stored, or that would lead out of the folder of an export.
+
+    Parameters
+    ----------
+    object_id
+        Id of an object.
+
+    Raises
+    ------
+    InputError
+        It does not consist of 1 to 128 letters, digits, ``.``, ``_`` and ``-``.
+    """
+    if not _ID.fullmatch(object_id):
+        found = f"found the id {object_id!r}"
+        raise InputError("object", f"{found}, expected up to 128 letters a to z, digits, '.', '_', '-'")
 
 
 def _card_model() -> type[BaseModel]:
@@ -67,8 +89,9 @@ def export_object(obj: VisuoHapticObject, folder: Path | str, *, licence: str = 
     Raises
     ------
     InputError
-        Neither the object nor the call specifies a licence, or the folder cannot be written.
+        Neither the object nor the call specifies a licence, its id is no name of a folder, or the folder cannot be written.
     """
+    check_id(obj.id)
     if not (licence := obj.licence or licence):
         raise InputError(obj.id, "has no licence", remedy="name the one under which it may be passed on")
     target = Path(folder) / obj.id
@@ -191,8 +214,11 @@ def _glb(shape: Geometry) -> bytes:
 
 def _from_glb(path: Path) -> Geometry:
     trimesh = _trimesh()
+    data = read_bytes(path, MAX_FILE_BYTES)
+    check_glb(path, data)
     try:
-        mesh = trimesh.load(path, file_type="glb", force="mesh", process=False)
+        # From memory, so that it cannot refer to other files.
+        mesh = trimesh.load(io.BytesIO(data), file_type="glb", force="mesh", process=False)
         return Geometry(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64))
     except Exception as error:
         raise InputError(path, f"is not a readable mesh ({type(error).__name__}: {error})") from error

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,6 +12,7 @@ from jaxtyping import Float
 from sqlalchemy import Connection, and_, bindparam, select
 
 from ..core import InputError, Provenance, VisuoHapticObject, cards
+from .exchange import check_id
 from .merge import merge_objects
 from .schema import counter, feature, object_, shard
 
@@ -70,8 +70,6 @@ class Summary:
     change: int  #: sequence number of its last write
 
 
-#: Ids are also folder names in an export.
-_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
 #: One object that is not deleted.
 ALIVE = select(object_).where(and_(object_.c.id == bindparam("requested"), object_.c.deleted_s.is_(None)))
 _REQUESTED = object_.c.id.in_(bindparam("requested", expanding=True))
@@ -124,9 +122,7 @@ def row_of(
     InputError
         The id is none, or a text is not Unicode, as of a file whose name is not UTF-8.
     """
-    if not _ID.fullmatch(obj.id):
-        found = f"found the id {obj.id!r}"
-        raise InputError("object", f"{found}, expected up to 128 letters a to z, digits, '.', '_', '-'")
+    check_id(obj.id)
     if zeros := [one for one in (obj.name, obj.visual_class, *obj.features) if "\0" in one]:
         # PostgreSQL stores none: it could not be synchronised.
         raise InputError(f"object {obj.id}", f"found {zeros[0]!r}, expected text without zero bytes")

@@ -52,8 +52,10 @@ from .shapes.posture import MeshConvention as MeshConvention
 from .shapes.symmetry_reduction import SymmetricPart as SymmetricPart
 from .shapes.symmetry_reduction import is_round as is_round
 from .shapes.symmetry_reduction import symmetric_part as symmetric_part
+from .shapes.variants import container_outline as container_outline
 from .shapes.variants import draw_variant as draw_variant
 from .shapes.variants import draw_variants as draw_variants
+from .shapes.variants import nearest_variant as nearest_variant
 from .shapes.wall_properties import WallProperties as WallProperties
 from .shells.corotational import CorotationalShell as CorotationalShell
 from .shells.corotational import PressureLaw as PressureLaw

@@ -14,12 +14,12 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core import Camera, Pose
-from ..deformation.maps.features import HEIGHTS
+from ..core.objects import HEIGHTS
 from ..deformation.shapes.container import Base, ContainerDescription, WallSection, load_container
+from ..deformation.shapes.variants import container_outline
 from ..deformation.shells.fourier_shell import RevolutionShell
 from ..deformation.shells.shell_material import IsotropicMaterial
 from ..recognition import UNKNOWN, FeatureSet, load_feature_set
-from ..recognition.touch.outline_match import container_outline
 from ..simulation.tabletop import PET, Band, Bottle, Box, RefractingScene, Revolution, random_bottle
 from ..simulation.tabletop.deformable import GRAIN_FILL, WATER_FILL, BulkFill, DeformableContainer
 from ..simulation.tabletop.oval import OvalContainer, oval_container

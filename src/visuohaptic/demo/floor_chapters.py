@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.geometry import compose_2d, relative_2d, rotation_2d
-from ..io.maps.occupancy_map import OCCUPIED, OccupancyMap
+from ..io.maps.occupancy_map import OccupancyMap
 from ..navigation.mapping.map_changes import map_agreement, mark_points, new_objects, scan_fit
 from ..navigation.mapping.mapper import OccupancyMapper
 from ..navigation.planning.policies import without_pushing
@@ -22,6 +22,7 @@ from ..report.floor_chart import MapObject
 from ..rigs.virtual_office import ROBOT
 from ..simulation.faults import FaultKind, wrong_map
 from ..simulation.houses.guided_platform import GuidedPlatform
+from ..simulation.mobile.laser import with_outlines
 from ..simulation.mobile.obstacles import ObstacleKind, SimulatedObstacle
 from ..tasks.manipulation.hand import as_vector
 from ..tasks.memory import RememberedMap
@@ -53,20 +54,8 @@ def world_map(mission: Mission) -> OccupancyMap:
     mission
         Mission with the house, and the true poses of its objects.
     """
-    import shapely
-
-    grid = mission.house.fine_grid()
-    cells = grid.cells.copy()
-    for one in mission.house.obstacles:
-        outline = outline_m(mission, one)
-        # Cells whose centre is inside: with every cell that the outline touches, a side would be half a cell further out.
-        corners = grid.cell_from_world(outline).astype(int)
-        window = np.ix_(
-            *(np.arange(low, high + 1) for low, high in zip(corners.min(0), corners.max(0), strict=True))
-        )
-        x, y = grid.world_from_cell(np.stack(np.broadcast_arrays(*window), axis=-1)).transpose(2, 0, 1)
-        cells[window] = np.where(shapely.contains_xy(shapely.Polygon(outline), x, y), OCCUPIED, cells[window])
-    return OccupancyMap(cells, grid.resolution_m, grid.origin)
+    outlines_m = [outline_m(mission, one) for one in mission.house.obstacles]
+    return with_outlines(mission.house.fine_grid(), outlines_m)
 
 
 def outline_m(

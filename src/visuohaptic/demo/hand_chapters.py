@@ -12,13 +12,14 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core import Estimate, Frame
-from ..deformation.maps.features import HEIGHTS
+from ..core.objects import HEIGHTS
 from ..deformation.shapes.container import load_container
+from ..deformation.shapes.variants import nearest_variant
 from ..recognition.touch import map_of_outline, map_of_oval, smooth_errors, stiffness_samples
 from ..recognition.touch.belief import with_outline
 from ..recognition.touch.contents import FILLINGS, SCALE, ContentsModel, wall_from_stiffness
-from ..recognition.touch.haptic_model import UNKNOWN, HapticModel, ModelSettings, fit_model
-from ..recognition.touch.outline_match import nearest_variant
+from ..recognition.touch.haptic_model import UNKNOWN, HapticModel, fit_model
+from ..recognition.touch.nuisances import ModelSettings
 from ..sensing.beam.tracked import TrackedBeam
 from ..sensing.foam.sensor import FoamSensor
 from ..tasks import Hand, LiftPlan, Place, RememberedContainer, SqueezeSettings, grasp_and_lift
@@ -186,7 +187,7 @@ def _classified(mission: Mission, hand: Hand) -> tuple[Classification, list[Mapp
 
 def mission_classes() -> HapticModel:
     """Prior knowledge of the classes, for a calibrated arm and measured heights."""
-    settings = ModelSettings(pose_m=HEIGHT_SIGMA_M, poses=(1.0,), mouth=MOUTH)
+    settings = ModelSettings(pose_m=HEIGHT_SIGMA_M, poses=(1.0,), mouth=MOUTH, simulate_unknown=False)
     return fit_model(training_objects(), GROUPS, settings=settings)
 
 

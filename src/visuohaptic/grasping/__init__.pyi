@@ -1,6 +1,7 @@
 from .approach import ApproachSpace as ApproachSpace
 from .approach import GripperApproach as GripperApproach
 from .approach import find_approach as find_approach
+from .approach import scene_points as scene_points
 from .confirm import Confirmation as Confirmation
 from .confirm import confirm_grasp as confirm_grasp
 from .confirm import pinch_at as pinch_at

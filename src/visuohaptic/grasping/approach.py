@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from ..core.errors import InputError
 from ..core.objects import StiffnessMap
 from .force import GripperModel
 
@@ -15,6 +16,9 @@ from .force import GripperModel
 ELEVATIONS_rad = tuple(np.radians((0.0, 30.0, 60.0, 90.0)))
 #: Length of the straight approach, and clearance to obstacles [m].
 TRAVEL_m, CLEARANCE_m = 0.1, 0.002
+#: Distance of the points by which the triangles of a scene are represented [m], half of the narrowest part of a gripper; and the
+#: distance beyond which nothing is an obstacle [m].
+SCENE_STEP_m, SCENE_REACH_m = 0.005, 0.4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +53,49 @@ class ApproachSpace:
         if scene_m is not None:
             points.append(np.asarray(scene_m, dtype=float).reshape(-1, 3))
         return cls(np.concatenate(points), float(corners[..., 2].min()))
+
+
+def scene_points(
+    vertices_m: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    T_scene_object: Float[np.ndarray, "4 4"],
+    extent_m: Float[np.ndarray, "2 3"],
+    name: str = "scene",
+) -> Float[np.ndarray, "s 3"]:
+    """Points of a scene near an object, in its frame: vertices, and a grid on larger triangles.
+
+    Parameters
+    ----------
+    vertices_m, faces
+        Mesh, or points with no faces, in the frame of the scene.
+    T_scene_object
+        Pose of the object in the scene.
+    extent_m
+        Lowest and highest corner of the object.
+    name
+        Of the scene, for errors.
+
+    Raises
+    ------
+    InputError
+        No point is near the object.
+    """
+    points = (vertices_m - T_scene_object[:3, 3]) @ T_scene_object[:3, :3]
+    low, high = extent_m[0] - SCENE_REACH_m, extent_m[1] + SCENE_REACH_m
+    pieces, corners = [points], points[faces]
+    while len(corners):
+        corners = corners[((corners.max(axis=1) > low) & (corners.min(axis=1) < high)).all(axis=1)]
+        middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
+        large = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1) > SCENE_STEP_m
+        pieces.append(middles.reshape(-1, 3))
+        # Each of the others is divided into four, so that what is beyond the reach is left out early.
+        outer = np.stack([corners, middles, np.roll(middles, 1, axis=1)], axis=2)[large]
+        corners = np.concatenate([outer.reshape(-1, 3, 3), middles[large]])
+    found = np.concatenate([one[((one > low) & (one < high)).all(axis=1)] for one in pieces])
+    if not len(found):
+        away = f"no point is within {SCENE_REACH_m} m of the object, expected metres, and its surroundings"
+        raise InputError(name, away, remedy="give the place of the object in it (--place)")
+    return found
 
 
 def find_approach(

@@ -161,7 +161,12 @@ def _wall_m(container: ShellObject) -> Float[np.ndarray, "v"]:
 
 
 def plan_map(
-    surface: StiffnessMap, task: GraspTask, *, count: int = 5, arm_cost: ArmCost | None = None
+    surface: StiffnessMap,
+    task: GraspTask,
+    *,
+    count: int = 5,
+    arm_cost: ArmCost | None = None,
+    scene_m: Float[np.ndarray, "s 3"] | None = None,
 ) -> GraspPlan:
     """Ranked grasps from a stiffness map alone, e.g. from a file or a database.
 
@@ -177,6 +182,8 @@ def plan_map(
         Maximum number of grasps.
     arm_cost
         Ranking of the goals; by score without it. An infinite cost removes the goal.
+    scene_m
+        As of :func:`plan_grasps`.
 
     Raises
     ------
@@ -201,7 +208,7 @@ def plan_map(
         count,
         arm_cost,
         lambda grasp: None,
-        ApproachSpace.of(surface),
+        ApproachSpace.of(surface, scene_m),
     )
 
 

@@ -33,7 +33,7 @@ _TRANSFORMS = "tf2_msgs/msg/TFMessage"
 #: A scanner whose axis is tilted further does not measure a horizontal plane: cosine of 5 degrees.
 _UPRIGHT = math.cos(math.radians(5.0))
 _log = logging.getLogger(__name__)
-#: Maximum time between a scan and the nearest odometry message [s], or the usual interval of the odometry if that is longer.
+#: Maximum time between a scan and the nearest odometry message [s]; between two messages, their usual interval if that is longer.
 _SLACK_S = 0.25
 
 
@@ -246,7 +246,8 @@ def _joined(
     slack_s = max(_SLACK_S, float(np.median(np.diff(times_s)))) if len(times_s) > 1 else _SLACK_S
     pairs: list[OdometryScan] = []
     for scan in sorted(scans, key=lambda scan: scan.t_s):
-        if np.abs(times_s - scan.t_s).min() <= slack_s:
+        near = times_s[0] - _SLACK_S <= scan.t_s <= times_s[-1] + _SLACK_S
+        if near and np.abs(times_s - scan.t_s).min() <= slack_s:
             x, y, angle = (float(np.interp(scan.t_s, times_s, v)) for v in (poses[:, 0], poses[:, 1], yaw))
             pairs.append((scan, (x, y, angle)))
     if 0 < len(pairs) < len(scans):

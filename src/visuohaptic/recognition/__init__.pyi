@@ -36,8 +36,8 @@ from .touch.contents import ContentsPosterior as ContentsPosterior
 from .touch.contents import wall_from_stiffness as wall_from_stiffness
 from .touch.haptic_model import UNKNOWN as UNKNOWN
 from .touch.haptic_model import HapticModel as HapticModel
-from .touch.haptic_model import ModelSettings as ModelSettings
 from .touch.haptic_model import fit_model as fit_model
+from .touch.nuisances import ModelSettings as ModelSettings
 from .touch.steps import Listener as Listener
 from .touch.steps import planner_follower as planner_follower
 from .touch.steps import planner_steps as planner_steps

@@ -230,7 +230,9 @@ def _placed(
     if (body := region.body) is None:
         return region
     common_m = common_sigma_m(reported, frames, region.centroid_m)[:2]
-    return replace(region, body=replace(body, axis_sigma_m=np.hypot(body.axis_sigma_m, common_m)))
+    ends_m = None if body.ends_sigma_m is None else np.hypot(body.ends_sigma_m, common_m)
+    axis_m = np.hypot(body.axis_sigma_m, common_m)
+    return replace(region, body=replace(body, axis_sigma_m=axis_m, ends_sigma_m=ends_m))
 
 
 def sequence_noise(sequence: DepthSequence | Sequence[DepthFrame]) -> DepthNoise:

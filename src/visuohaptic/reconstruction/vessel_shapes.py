@@ -29,16 +29,21 @@ class OutlineRings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UprightBody:
-    """A truncated cone that stands, or leans on something, with the standard deviations of its axis and radius."""
+    """A truncated cone that stands, or leans on something, with the standard deviations of its axis and radius.
+
+    Its ends are at right angles to its axis.
+    """
 
     axis_m: Float[np.ndarray, "2"]  #: x, y of its axis at half of its height [m]
     axis_sigma_m: Float[np.ndarray, "2"]  #: standard deviations of the axis [m]
     radius_m: tuple[float, float]  #: lower and upper radius [m]
     radius_sigma_m: float  #: standard deviation of a common change of both radii [m]
-    height_m: tuple[float, float]  #: z of its lower and upper end [m]
+    height_m: tuple[float, float]  #: z of the lower and upper end of its axis [m]
     evidence: float  #: log-likelihood ratio against no body [nat]
     rings: OutlineRings = field(default_factory=OutlineRings)  #: its radius at single heights
     lean_m: tuple[float, float] = (0.0, 0.0)  #: x, y of the upper end of its axis less those of the lower [m]
+    #: standard deviations of x, y of the lower and upper end of the axis, if it leans [m]
+    ends_sigma_m: Float[np.ndarray, "2 2"] | None = None
 
     @property
     def shape_m(self) -> Float[np.ndarray, "8"]:
@@ -49,6 +54,22 @@ class UprightBody:
     def lean_rad(self) -> float:
         """Angle between its axis and the vertical [rad]."""
         return float(np.arctan2(np.hypot(*self.lean_m), self.height_m[1] - self.height_m[0]))
+
+    def axis_at_m(self, z_m: float) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+        """x, y of the axis at a height, also beyond its ends, and their standard deviations [m].
+
+        Both are linear in position and lean, whose covariance follows from the deviations at the middle and at both ends.
+
+        Parameters
+        ----------
+        z_m
+            Height [m].
+        """
+        part = (z_m - np.mean(self.height_m)) / (self.height_m[1] - self.height_m[0])
+        middle = self.axis_sigma_m**2
+        low, high = (middle, middle) if self.ends_sigma_m is None else self.ends_sigma_m**2
+        square = middle + part * (high - low) + part**2 * (2 * (low + high) - 4 * middle)
+        return self.axis_m + part * np.array(self.lean_m), np.sqrt(np.maximum(square, 0.0))
 
     def meets(self, other: UprightBody) -> bool:
         """Whether two bodies intersect, with the means of their radii.
@@ -69,12 +90,9 @@ class UprightBody:
         voxel_m
             Spacing of the points along each axis [m].
         """
-        reach = max(self.radius_m) + 0.5 * float(np.hypot(*self.lean_m))
-        side = np.arange(-reach, reach + voxel_m, voxel_m)
-        x, y, z = np.meshgrid(
-            self.axis_m[0] + side, self.axis_m[1] + side, np.arange(*self.height_m, voxel_m), indexing="ij"
-        )
-        found: Float[np.ndarray, "n 3"] = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+        low, high = (end(end_circles(self.shape_m, 16), axis=0) for end in (np.min, np.max))
+        sides = [np.arange(a, b + voxel_m, voxel_m) for a, b in zip(low, high, strict=True)]
+        found: Float[np.ndarray, "n 3"] = np.stack(np.meshgrid(*sides, indexing="ij"), -1).reshape(-1, 3)
         return found[self.contains(found)]
 
     def contains(self, points_m: Float[np.ndarray, "n 3"], margin_m: float = 0.0) -> Bool[np.ndarray, "n"]:
@@ -87,11 +105,47 @@ class UprightBody:
         margin_m
             Growth of its radii and of its height at both ends [m].
         """
-        z_m, (low_m, high_m) = points_m[:, 2], self.height_m
-        above = (z_m - 0.5 * (low_m + high_m)) / (high_m - low_m)
-        away_m = np.hypot(*(points_m[:, :2] - self.axis_m - above[:, None] * self.lean_m).T)
-        inside: Bool[np.ndarray, "n"] = away_m <= np.interp(z_m, self.height_m, self.radius_m) + margin_m
-        return inside & (z_m >= low_m - margin_m) & (z_m <= high_m + margin_m)
+        middle_m = np.array([*self.axis_m, np.mean(self.height_m)])
+        axis_m = np.array([*self.lean_m, self.height_m[1] - self.height_m[0]])
+        half_m = 0.5 * float(np.linalg.norm(axis_m))
+        along_m = (points_m - middle_m) @ axis_m / (2 * half_m)
+        away_m = np.sqrt(np.maximum(((points_m - middle_m) ** 2).sum(axis=1) - along_m**2, 0.0))
+        inside: Bool[np.ndarray, "n"] = (
+            away_m <= np.interp(along_m, (-half_m, half_m), self.radius_m) + margin_m
+        )
+        return inside & (np.abs(along_m) <= half_m + margin_m)
+
+
+def end_circles(
+    shape_m: Float[np.ndarray, "n"], number: int, fraction: float = 1.0
+) -> Float[np.ndarray, "points 3"]:
+    """Points on the two circles that bound a truncated cone, the lower one first [m].
+
+    Parameters
+    ----------
+    shape_m
+        x, y of the axis, lower and upper radius, lower and upper height, and lean along x and y, if it leans [m].
+    number
+        Number of points on each.
+    fraction
+        Fraction of the radii.
+    """
+    lean_m = shape_m[6:] if len(shape_m) > 6 else np.zeros(2)
+    axis_m = np.array([*lean_m, shape_m[5] - shape_m[4]])
+    x, y, z = axis_m / np.sqrt(axis_m @ axis_m)
+    # The level directions, turned with the axis.
+    across = np.array(
+        [[1 - x * x / (1 + z), -x * y / (1 + z), -x], [-x * y / (1 + z), 1 - y * y / (1 + z), -y]]
+    )
+    ring, middle_m = _circle(number) @ across, np.array([*shape_m[:2], 0.5 * (shape_m[4] + shape_m[5])])
+    both = [middle_m + (k - 0.5) * axis_m + fraction * shape_m[2 + k] * ring for k in (0, 1)]
+    return np.concatenate(both)
+
+
+@cache
+def _circle(number: int) -> Float[np.ndarray, "number 2"]:
+    turn = 2 * np.pi * np.arange(number) / number
+    return np.column_stack([np.cos(turn), np.sin(turn)])
 
 
 def vessel_profiles(

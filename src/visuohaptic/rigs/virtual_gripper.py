@@ -15,9 +15,10 @@ from ..core import Camera, Frame, PlaneView
 from ..sensing.foam import FingerSensor, FoamSensorConfig
 from ..sensing.foam.strip.stripe_view import train_stripe
 from ..simulation.foam import FoamStrip, FoamStripGeometry, Outline, SensorRig, StripLaw
+from ..simulation.foam.press_rig import STEP_M
 from ..simulation.rendering import CameraEffects, FoamScene, Occluder, SceneObject
 from ..simulation.rendering._finger_tag import FingerTag
-from ..simulation.tabletop.gripper import STEP_M, VirtualGripper
+from ..simulation.tabletop.gripper import VirtualGripper
 from ..simulation.tabletop.gripper_setup import (
     GRIPPER_RIG,
     ROD,

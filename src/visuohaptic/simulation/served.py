@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..io.maps.occupancy_map import OccupancyMap
-from .floor import FloorObject, FloorSenses, FloorWorld
+from .floor import FloorLaser, FloorObject, FloorSenses, FloorWorld
+from .houses.house import FINER
 from .tabletop import DeformableContainer, KitchenTable
 
 
@@ -32,10 +33,13 @@ def floor(
         Seed of the sensor errors.
     """
     items = [FloorObject(**{**one, "footprint_m": np.array(one["footprint_m"])}) for one in objects]
-    world = FloorWorld(OccupancyMap.load(map), items, start_m)
+    walls = OccupancyMap.load(map)
+    world, fine = FloorWorld(walls, items, start_m), np.kron(walls.cells, np.ones((FINER, FINER), np.int8))
+    scanned = OccupancyMap(fine, walls.resolution_m / FINER, walls.origin)
     return {
         "base": world.base,
         "senses": FloorSenses(world, np.random.default_rng(seed)),
+        "laser": FloorLaser(world, scanned, np.random.default_rng([seed, 1])),
         "wait": world.step,
     }
 

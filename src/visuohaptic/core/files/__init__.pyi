@@ -14,6 +14,7 @@ from .figures import literal as literal
 from .figures import new_figure as new_figure
 from .figures import ramp_colours as ramp_colours
 from .figures import save_figure as save_figure
+from .glb import check_glb as check_glb
 from .image_header import MAX_PIXELS as MAX_PIXELS
 from .image_header import check_image_size as check_image_size
 from .image_header import image_size as image_size

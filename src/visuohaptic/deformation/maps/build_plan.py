@@ -12,8 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from ..._version import __version__
 from ...core import InputError, load_yaml_model
+from ...core.objects import HEIGHTS
 from ..shapes import ContainerDescription, class_names, draw_variant, load_container
-from .features import HEIGHTS
 
 #: Format version; incremented when the meaning of the results changes, so that older results are recomputed.
 BUILD_FORMAT = 2

@@ -24,12 +24,13 @@ from ..._version import __version__
 from ...core.errors import InputError, VisuohapticError
 from ...core.files import atomic_path, lock, read_npz, write_text
 from ...core.map_tasks import map_tasks
+from ...core.objects import HEIGHTS
 from ..nonlinear.contents import Contents
 from ..shapes.mesher import ShellObject, mesh_container
 from .build_plan import BUILD_FORMAT, BuildJob
 from .confidence_band import object_map
 from .curve_features import nonlinear_features
-from .features import HEIGHTS, StiffnessFeatures, linear_features
+from .features import StiffnessFeatures, linear_features
 
 _log = logging.getLogger(__name__)
 

@@ -18,15 +18,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from ...core.errors import InputError
+from ...core.objects import HEIGHTS, NOMINAL_N, SIDES, LOW_m
 from ..nonlinear.contents import Contents
 from ..shapes import ShellObject, is_round
 from .features import (
-    HEIGHTS,
     HELD,
-    NOMINAL_N,
     NOTHING_OPPOSITE,
-    SIDES,
-    LOW_m,
     StiffnessFeatures,
     curve_coefficients,
     feature_locations,

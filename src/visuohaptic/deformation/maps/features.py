@@ -16,16 +16,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from ...core import InputError, finite_array
+from ...core.objects import HEIGHTS as HEIGHTS
+from ...core.objects import NOMINAL_N, LOW_m, NOMINAL_m
+from ...core.objects import SIDES as SIDES
 from ..nonlinear.contents import Contents, closed_compliance, enclosed_gradient, tip_approach
 from ..shapes.mesher import ShellObject
 from ..shells.shell import ShellModel
 from ..shells.stiffness_map import DualTips, dual_tip_compliance, opposing_points
 from .grasp_patterns import own_compliance
 
-HEIGHTS = 16
-SIDES = ("x+", "x-", "y+", "y-")
-#: Limit of low deformation [m]; nominal force [N] and deformation [m] of the quadratic coefficient.
-LOW_m, NOMINAL_N, NOMINAL_m = 0.003, 50.0, 0.01
 #: Reasons for a missing feature.
 HELD, NOTHING_OPPOSITE = "the wall is held", "nothing is opposite"
 

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
+from ...core.objects import SIDES
 from ...core.ranges import check_choice, check_numbers, finite_array, within
 from ..nonlinear.contents import Contents
 from ..nonlinear.equilibrium_path import EquilibriumPath
@@ -335,8 +336,6 @@ def side_vertex(container: ShellObject, side: str = "x+", height_m: float | None
     height_m
         Above the foot [m]; half the height by default.
     """
-    from .features import SIDES
-
     check_choice("side_vertex", SIDES, side, field="side")
     level = 0.5 * container.height_m if height_m is None else float(height_m)
     check_numbers("side_vertex", within(0, container.height_m), height_m=level)

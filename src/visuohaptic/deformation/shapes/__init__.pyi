@@ -34,8 +34,10 @@ from .symmetry_reduction import SymmetricPart as SymmetricPart
 from .symmetry_reduction import is_round as is_round
 from .symmetry_reduction import symmetric_part as symmetric_part
 from .symmetry_reduction import turned as turned
+from .variants import container_outline as container_outline
 from .variants import draw_variant as draw_variant
 from .variants import draw_variants as draw_variants
+from .variants import nearest_variant as nearest_variant
 from .wall_profile import WallProfile as WallProfile
 from .wall_profile import unit_section as unit_section
 from .wall_properties import WallProperties as WallProperties

@@ -1,12 +1,17 @@
-"""Variants sampled from a class: a low-discrepancy sequence over its ranges; invalid shapes are skipped."""
+"""Variants sampled from a class: a low-discrepancy sequence over its ranges; invalid shapes are skipped; and the one of a measured outline."""
 
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from ...core import InputError, check_numbers, within
 from .container import ContainerDescription
+from .mesher import mesh_container
 from .wall_profile import WallProfile
+
+#: Compared heights, as fractions of the object's height: the foot and the closure are not part of the shape.
+FRACTIONS = np.linspace(0.05, 0.9, 20)
 
 #: Maximum number of points of the sequence tried for one variant.
 ATTEMPTS = 16
@@ -71,3 +76,44 @@ def draw_variant(container: ContainerDescription, index: int, seed: int) -> Cont
         f"no variant {index} has a valid shape; the last: {problem}",
         remedy="narrow the ranges",
     )
+
+
+def container_outline(description: ContainerDescription, around: int = 32) -> Float[np.ndarray, "k 2"]:
+    """Radius and height [m] of the rings of a round container, from the bottom up.
+
+    Parameters
+    ----------
+    description
+        The container.
+    around
+        Number of vertices of a ring.
+    """
+    container = mesh_container(description, around=around)
+    points = container.mesh.vertices_m[np.unique(container.mesh.faces)]
+    heights = np.unique(points[:, 2].round(6))
+    radius = [np.hypot(*points[np.abs(points[:, 2] - z) < 2e-6, :2].T).max() for z in heights]
+    return np.column_stack([radius, heights])
+
+
+def nearest_variant(
+    base: ContainerDescription, outline_m: Float[np.ndarray, "k 2"], *, count: int = 24
+) -> ContainerDescription:
+    """Variant whose radii and height fit a measured outline best, by least squares.
+
+    Parameters
+    ----------
+    base
+        Description of the class.
+    outline_m
+        Radius and height [m], from the bottom up.
+    count
+        Number of variants that are compared.
+    """
+    measured = np.interp(FRACTIONS, outline_m[:, 1] / outline_m[-1, 1], outline_m[:, 0])
+
+    def residual(variant: ContainerDescription) -> float:
+        profile = container_outline(variant, 16)
+        radius = np.interp(FRACTIONS, profile[:, 1] / profile[-1, 1], profile[:, 0])
+        return float(np.sum((radius - measured) ** 2)) + (profile[-1, 1] - outline_m[-1, 1]) ** 2
+
+    return min(draw_variants(base, count, 0), key=residual)

@@ -26,23 +26,15 @@ def _uvc() -> Any:
     return uvc
 
 
-def _realsense() -> list[FoundCamera]:
-    """RealSense cameras, if the vendor's package is installed."""
-    try:
-        rs: Any = import_module("pyrealsense2")
-    except ImportError:
-        return []
+def _realsense(rs: Any) -> list[FoundCamera]:
+    """RealSense cameras that the vendor's package finds."""
     key = rs.camera_info
     found = [(d.get_info(key.serial_number), d.get_info(key.name)) for d in rs.context().query_devices()]
     return [FoundCamera(f"realsense:{serial}", name, serial) for serial, name in found]
 
 
-def _orbbec() -> list[FoundCamera]:
-    """Orbbec cameras, if the vendor's package is installed."""
-    try:
-        ob: Any = import_module("pyorbbecsdk")
-    except ImportError:
-        return []
+def _orbbec(ob: Any) -> list[FoundCamera]:
+    """Orbbec cameras that the vendor's package finds."""
     devices = ob.Context().query_devices()
     found = [
         (devices.get_device_serial_number_by_index(index), devices.get_device_name_by_index(index))
@@ -52,8 +44,16 @@ def _orbbec() -> list[FoundCamera]:
 
 
 def find() -> list[FoundCamera]:
-    """Find UVC cameras or video devices of the system, and depth cameras."""
-    return _video() + _realsense() + _orbbec()
+    """Find UVC cameras or video devices of the system, and depth cameras whose vendor's package is installed."""
+    found = _video()
+    for package, listed in (("pyrealsense2", _realsense), ("pyorbbecsdk", _orbbec)):
+        try:
+            found += listed(import_module(package))
+        except ImportError:
+            continue
+        except Exception as error:  # noqa: BLE001 - of the vendor: no common base class; the other cameras work
+            _log.warning("%s cannot list its cameras (%s)", package, error)
+    return found
 
 
 def _video() -> list[FoundCamera]:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import io
-import json
 import logging
 import re
-import struct
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.errors import InputError, MissingExtraError, VisuohapticError, needs
-from ...core.files import MAX_TEXT_BYTES, read_bytes
+from ...core.files import MAX_TEXT_BYTES, check_glb, read_bytes
 from ._mesh_diagnosis import diagnose, first_zero_index
 from .ply import parse_ply
 
@@ -129,26 +127,4 @@ def _distrust(path: Path, kind: str, data: bytes) -> None:
     if kind == ".obj" and (found := first_zero_index(data)):
         raise InputError(path, found)
     if kind == ".glb":
-        _distrust_glb(path, data)
-
-
-def _distrust_glb(path: Path, data: bytes) -> None:
-    if len(data) < 20 or data[:4] != b"glTF":
-        raise InputError(path, "does not start with a GLB header")
-    length = struct.unpack("<I", data[12:16])[0]
-    try:
-        document = json.loads(data[20 : 20 + length])
-        counts = [entry["count"] for entry in document.get("accessors", [])]
-        children = [child for node in document.get("nodes", []) for child in node.get("children", [])]
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
-        raise InputError(path, f"has no valid glTF document ({type(error).__name__})") from error
-    if any(not isinstance(count, int) or not 0 <= count <= len(data) for count in counts):
-        raise InputError(path, "declares more elements than fit into the file", field="accessors")
-    try:
-        repeated = len(children) != len(set(children))
-    except TypeError as error:
-        raise InputError(path, "children are not numbers", field="nodes") from error
-    if repeated:
-        raise InputError(path, "a node has two parents, expected a tree", field="nodes")
-    if len(document.get("nodes", [])) > 10_000:
-        raise InputError(path, f"has {len(document['nodes'])} nodes, expected at most 10000", field="nodes")
+        check_glb(path, data)

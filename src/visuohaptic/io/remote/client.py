@@ -13,7 +13,17 @@ from multiprocessing import AuthenticationError
 from multiprocessing.connection import Client
 from typing import Any, cast
 
-from ...core import Camera, Closing, DeviceError, Frame, InputError, VisuohapticError, Wrench, errors
+from ...core import (
+    Camera,
+    Closing,
+    DeviceError,
+    Frame,
+    InputError,
+    LaserScan,
+    VisuohapticError,
+    Wrench,
+    errors,
+)
 from ...core.robots import ROBOT_CONTRACT, Gripper, MapPose, MobileBase, ProbeArm
 from . import server
 from .wire import MAX_MESSAGE_BYTES, PROTOCOLS, RemoteDepth, RemoteTouch, pack, unpack
@@ -65,6 +75,8 @@ class RemoteRobot(Closing):
         self.load_camera = _RemoteCamera(self, "load_camera")
         #: latest pose in the map: the robot is its own ``Localizer``
         self.locate: Callable[[], MapPose] = partial(self.call, "localizer", "locate")
+        #: newest scan of the laser
+        self.scan: Callable[[], LaserScan] = partial(self.call, "laser", "scan")
         #: measurement of the finger's sensor for a frame of :attr:`camera`
         self.feel: Callable[[Frame], RemoteTouch] = partial(self.call, "feel", "touch")
         #: measurement of the beam sensor for a frame

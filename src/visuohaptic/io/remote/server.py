@@ -23,7 +23,7 @@ def serve_robot(parts: Mapping[str, Any], *, key: bytes, ready: Callable[[tuple[
     Parameters
     ----------
     parts
-        Components from :data:`~.wire.PROTOCOLS`: ``base``, ``arm``, ``gripper``, ``localizer``, ``senses``, ``camera``, ``load_camera``,
+        Components from :data:`~.wire.PROTOCOLS`: ``base``, ``arm``, ``gripper``, ``localizer``, ``laser``, ``senses``, ``camera``, ``load_camera``,
         ``depth``, and the functions ``feel`` (frame to touch), ``wrench``, ``weigh`` (of a frame) and ``wait`` (of seconds).
     key
         Secret shared with the client.

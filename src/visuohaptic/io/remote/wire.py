@@ -13,7 +13,18 @@ from typing import Any
 
 import numpy as np
 
-from ...core import BaseState, Camera, DeviceError, Frame, GripperState, InputError, MapPose, Pose, Wrench
+from ...core import (
+    BaseState,
+    Camera,
+    DeviceError,
+    Frame,
+    GripperState,
+    InputError,
+    LaserScan,
+    MapPose,
+    Pose,
+    Wrench,
+)
 from ...core.codec import DTYPES, encode_record, from_dict
 
 #: Larger messages are rejected before memory is allocated: about ten 4K images.
@@ -40,7 +51,7 @@ class RemoteDepth:
 #: Dataclasses that can be transferred.
 KINDS: dict[str, type] = {
     kind.__name__: kind
-    for kind in (BaseState, Camera, Frame, GripperState, MapPose, Pose, RemoteTouch, Wrench)
+    for kind in (BaseState, Camera, Frame, GripperState, LaserScan, MapPose, Pose, RemoteTouch, Wrench)
 }
 #: Array types as written by :func:`pack`.
 _CODES = frozenset(np.dtype(name).newbyteorder("<").str for name in DTYPES)
@@ -50,6 +61,7 @@ PROTOCOLS: dict[str, tuple[str, ...]] = {
     "arm": ("move_linear", "stop", "pose", "reach_m"),
     "gripper": ("move", "stop", "state"),
     "localizer": ("locate",),
+    "laser": ("scan",),
     "senses": ("pose", "touch", "look"),
     "camera": ("model", "next"),
     "load_camera": ("model", "next"),

@@ -88,10 +88,10 @@ def _assembled(
     domain: SearchDomain, result: SearchResult, begin: Point, deadline: Deadline, name: str
 ) -> Plan:
     """Tasks of a search result that starts at ``begin``: driving along string-pulled paths, pushes with goal and risk."""
-    notes = _notes(domain, result)
+    notes, narrow = _notes(domain, result), result.narrow
     if not result.found:
         proved, expanded = result.exhausted, result.expanded
-        return Plan(False, reason=result.reason, proved=proved, expanded=expanded, name=name, notes=notes)
+        return Plan(False, (), result.reason, proved, expanded, name, notes=notes, narrow=narrow)
     tasks: list[Task] = []
     at = domain.start
     shifts = np.zeros((len(domain.bodies), 2))
@@ -124,7 +124,7 @@ def _assembled(
             at, shifts = step.retreat, step.shifts_after
     notes += _place_notes(domain, shifts)
     gap = max((result.cost + longer) / result.bound - 1.0, 0.0) if result.bound > 0 else float("inf")
-    return Plan(True, tuple(tasks), expanded=result.expanded, name=name, notes=notes, gap=gap)
+    return Plan(True, tuple(tasks), expanded=result.expanded, name=name, notes=notes, gap=gap, narrow=narrow)
 
 
 def _place_notes(domain: SearchDomain, shifts: Shifts) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -28,6 +29,8 @@ RELIABLE_RISK_S = 600.0
 KNOWN_FRACTION = 0.5
 #: Maximum number of cells of a map that is divided into cells of half their size.
 MAX_HALVED = 1_000_000
+#: Fraction of the time after a first search that finer cells leave for a search on the given ones that does not end early.
+FINER_LEFT = 0.4
 #: Time limit of the tour for the most information [s]: in effect none on one floor.
 LEARN_S = 3600.0
 
@@ -64,25 +67,52 @@ def make_plan(
     limits = limits or SearchLimits()
     load_kernels()
     deadline = Deadline.after(limits.budget_s)
-    return _with_finer_cells(build_search_domain(problem, costs), _until(deadline, limits), _cheapest)
+    plan, domain = _with_finer_cells(build_search_domain(problem, costs), _until(deadline, limits), _cheapest)
+    return _with_proof(domain, plan, _until(deadline, limits))
 
 
 def _with_finer_cells(
     domain: SearchDomain, limits: SearchLimits, plan_on: Callable[[SearchDomain, SearchLimits], Plan]
-) -> Plan:
-    """A plan; without plan and proof, on cells of half the size, as often as budget and :data:`MAX_HALVED` allow.
+) -> tuple[Plan, SearchDomain]:
+    """A plan, and the domain it was last searched in: one with cells of half the size, as often as the budget allows.
 
-    The obstacles are the same, but a robot may drive where it does not fit on the centres of larger cells.
+    The obstacles are the same, but a robot may drive where it does not fit on the centres of larger cells. Cells are
+    divided while there is neither a plan within the allowed gap nor a proof.
     """
     deadline = Deadline.after(limits.budget_s)
-    plan = plan_on(domain, limits)
-    while not (plan.reachable or plan.proved or deadline.passed or domain.occupied.size > MAX_HALVED):
-        cells = domain.occupied.repeat(2, axis=0).repeat(2, axis=1)
-        finer = OccupancyMap(cells, 0.5 * domain.map.resolution_m, domain.map.origin)
-        domain = build_search_domain(replace(domain.problem, map=finer), domain.costs)
-        again = plan_on(domain, _until(deadline, limits))
-        plan = again if again.reachable or again.proved else plan
-    return _with_proof(domain, plan, _until(deadline, limits)) if plan_on is _cheapest else plan
+    fine, plan = domain, plan_on(_impatient(domain), limits)
+    soon = deadline.earlier(FINER_LEFT * deadline.left_s)
+    while fine.occupied.size <= MAX_HALVED and not (plan.proved or soon.passed):
+        if plan.reachable and not (plan.narrow and limits.gap < plan.gap):
+            break
+        cells = fine.occupied.repeat(2, axis=0).repeat(2, axis=1)
+        finer = OccupancyMap(cells, 0.5 * fine.map.resolution_m, fine.map.origin)
+        fine = build_search_domain(replace(domain.problem, map=finer), domain.costs)
+        told = limits.found if not plan.reachable else None
+        again = plan_on(_impatient(fine), replace(_until(soon, limits), found=told))
+        plan = _better(plan, again, stated=domain.places is None)
+    if not (plan.reachable or plan.proved or deadline.passed) and domain.occupied.size <= MAX_HALVED:
+        plan = _better(plan, plan_on(domain, _until(deadline, limits)), stated=True)
+    return plan, fine
+
+
+def _impatient(domain: SearchDomain) -> SearchDomain:
+    """A domain in which a search ends where finer cells decide, if there can be any."""
+    return replace(domain, patient=domain.occupied.size > MAX_HALVED)
+
+
+def _better(known: Plan, other: Plan, *, stated: bool) -> Plan:
+    """The cheaper of two plans of a problem, with the tighter of their bounds; without a plan, a proof.
+
+    Unless their costs are all ``stated``, the one that is nearer to its bound.
+    """
+    if not (known.reachable and other.reachable):
+        return other if other.reachable or (other.proved and not known.reachable) else known
+    if not stated:
+        return min((known, other), key=lambda plan: plan.gap)
+    best = min((known, other), key=lambda plan: plan.cost_s if plan.expected_s is None else plan.expected_s)
+    bound_s = max(plan.cost_s / (1.0 + plan.gap) for plan in (known, other))
+    return replace(best, gap=max(best.cost_s / bound_s - 1.0, 0.0) if bound_s > 0.0 else math.inf)
 
 
 def _cheapest(domain: SearchDomain, limits: SearchLimits, done: frozenset[str] = frozenset()) -> Plan:
@@ -103,7 +133,7 @@ def _cheapest(domain: SearchDomain, limits: SearchLimits, done: frozenset[str] =
             continue
         plan = via_sideward(domain, index, partial(planned, done=done | {id}), safe_plan.cost_s, deadline)
         safe_plan = min(safe_plan, plan, key=lambda one: one.cost_s)
-    if turned and not safe_plan.reachable and not deadline.passed:
+    if turned and not (safe_plan.reachable or safe_plan.narrow or deadline.passed):
 
         def after_turn(after: PlanningProblem, id: str) -> Plan:
             # An object that was turned once is pushed straight from then on; until one is chosen, so are all.
@@ -147,7 +177,7 @@ def without_pushing(problem: PlanningProblem, limits: SearchLimits | None = None
     limits
         Limits of the search.
     """
-    return _with_finer_cells(build_search_domain(problem), limits or SearchLimits(), _detour)
+    return _with_finer_cells(build_search_domain(problem), limits or SearchLimits(), _detour)[0]
 
 
 _detour = partial(plan_in_domain, active=(), name="no pushing")
@@ -177,7 +207,10 @@ def alternatives(
     limits, domain = replace(limits or SearchLimits(), found=None), build_search_domain(problem, costs)
     cautious = replace(domain.costs, risk_s=RELIABLE_RISK_S)
     reliable = _planned(domain, limits, unknown=True, weights=cautious)
-    cheapest, free = (_with_finer_cells(domain, limits, plan_on) for plan_on in (_cheapest, _detour))
+    (plan, finer), (free, _) = (
+        _with_finer_cells(domain, limits, plan_on) for plan_on in (_cheapest, _detour)
+    )
+    cheapest = _with_proof(finer, plan, limits)
     tour = exploration_tour(problem, LEARN_S, costs, to_goal=True)
     found = {
         "cheapest": cheapest,
@@ -207,11 +240,12 @@ def _planned(
     deadline = Deadline.after(limits.budget_s)
     active = _pushed(domain, unknown=unknown)
     found = plan_in_domain(domain, limits, active=active, weights=weights)
-    if found.reachable or not active or deadline.passed:
+    if found.reachable or not active or deadline.passed or found.narrow:
         return found
     # Oblique pushes rely on friction: they are used only if no other push clears a path.
     left = _until(deadline, limits)
-    oblique = plan_in_domain(domain, left, active=active, oblique=True, weights=weights)
+    among = replace(domain, patient=True)
+    oblique = plan_in_domain(among, left, active=active, oblique=True, weights=weights)
     if oblique.reachable or (oblique.proved and not found.proved):
         return oblique
     note = "oblique pushes do not help either" + ("" if oblique.proved else ", within the search budget")

@@ -69,6 +69,9 @@ class Plan:
     )
     notes: tuple[str, ...] = field(default=())  #: e.g. objects that are never pushed, with reasons
     gap: float = 0.0  #: no plan of the model is cheaper by more than this fraction of the bound
+    narrow: bool = (
+        False  #: whether the bound is that of a passage about as wide as the robot, which it may not pass
+    )
 
     @property
     def answer(self) -> str:

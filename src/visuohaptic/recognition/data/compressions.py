@@ -17,10 +17,12 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
+from scipy.constants import g
 
 from ...core.errors import InputError
 from ...core.files import MAX_DATA_BYTES, CsvRow, read_csv, read_text
 from .curve_file import SqueezedObject
+from .places import HEIGHTS
 from .readings import CurveCoefficients, TouchReading, fit_curve
 
 #: Columns of the shape, without the height: two coefficients of the outline at the base and at the top, twist, and taper.
@@ -30,9 +32,7 @@ SHAPE = (
 #: Forces of a curve.
 SAMPLES = 100
 #: Heights of the touches that stand for thickness, displacement, weight and curve: far apart, as they are unrelated.
-THICKNESS, DISPLACEMENT, WEIGHT, CURVE = 1, 6, 11, 16
-#: Standard gravity.
-_GRAVITY_m_per_s2 = 9.80665
+THICKNESS, DISPLACEMENT, WEIGHT, CURVE = (1 + part * (HEIGHTS - 1) // 3 for part in range(4))
 #: Standard deviation of a mass that is rounded to 0.1 g, as many of them are [kg].
 _MASS_SIGMA_kg = 1e-4 / math.sqrt(12)
 
@@ -63,7 +63,7 @@ class Compression:
         InputError
             The force does not rise with the displacement.
         """
-        weight = _GRAVITY_m_per_s2 * self.mass_kg / self.height_m
+        weight = g * self.mass_kg / self.height_m
         side = CurveCoefficients(weight, weight, math.nan, _MASS_SIGMA_kg / self.mass_kg, math.nan)
         nothing = None, None
         out = [

@@ -21,10 +21,8 @@ from jaxtyping import Float
 from scipy.special import ndtri
 
 from ...core import InputError, finite_array
-from .places import HEIGHTS
+from ...core.objects import HEIGHTS, NOMINAL_N, LOW_m, NOMINAL_m
 
-#: Range of the coefficient i [m]; nominal force [N] and deformation [m] of II.
-LOW_m, NOMINAL_N, NOMINAL_m = 0.003, 50.0, 0.01
 #: False alarms of a curve: one in a thousand files of a hundred curves.
 FALSE_ALARM = 1e-5
 #: Power of the deformation in the force of a membrane.

@@ -20,7 +20,8 @@ from scipy.special import chdtrc, chdtri
 
 from ..data.places import HEIGHTS
 from ..data.readings import TouchReading
-from .haptic_model import NUISANCES, HapticModel
+from .haptic_model import HapticModel
+from .nuisances import NUISANCES, ModelSettings
 from .unknown_class import CURVATURE, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 from .zeros import curvatures, with_zeros
 
@@ -29,6 +30,8 @@ from .zeros import curvatures, with_zeros
 WIDTH_VARIANCE = 0.0024**2
 #: Probability that readings of a known class are rejected, at each test: one in a hundred.
 FALSE_ALARM = 0.01
+#: Touches of the explorations by which "unknown" is calibrated; errors of its densities accumulate with the values that are read.
+JUDGED_TOUCHES = 10
 #: Standard deviations from which a nuisance is reported as contradicted: for each nuisance, one exploration in 20 by chance.
 _CONTRADICTION_SIGMAS = 2.0
 
@@ -137,11 +140,26 @@ def log_likelihood(
     """
     fit, square = sequential_likelihood(model, place, value, noise, np.array([len(place)]))[0]
     fit = fit + _by_exemplars(model, fit, (place, value, noise))
+    each = model.temperature * model.unknown_log_odds / values_of(model.settings, JUDGED_TOUCHES)
+    fit = np.where(model.part < 0, fit + each * len(place), fit)
     freedom = model.freedom + len(place)
     if not freedom:
         return np.stack([fit, np.full_like(fit, -np.inf)])
     limit = model.tail * chdtri(freedom, FALSE_ALARM)
     return np.stack([fit, fit + 0.5 * (class_chi_square(model, square, freedom) - limit)])
+
+
+def values_of(settings: ModelSettings, touches: int) -> int:
+    """Number of values of an exploration: two stiffnesses each, with widths one width each, and the height of the object.
+
+    Parameters
+    ----------
+    settings
+        Whether widths are evidence.
+    touches
+        Number of touches.
+    """
+    return 3 * touches + 1 if settings.use_width else 2 * touches
 
 
 def class_likelihood(model: HapticModel, fit: Float[np.ndarray, "c"]) -> Float[np.ndarray, "k"]:
@@ -314,7 +332,7 @@ def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"]) -> Belie
     if np.isfinite(beside[best]) and np.isfinite(score[foreign]).any():
         known, other = (np.logaddexp.reduce(score[part]) for part in (~foreign, foreign))
         unlike = known + beside[best] - score[best]
-        score[foreign] += np.logaddexp(other + model.unknown_log_odds, unlike) - other
+        score[foreign] += np.logaddexp(other, unlike) - other
     weight = np.exp(score - score.max())
     weight /= weight.sum()
     return Belief(by_answer(weight, model), weight, model.answers)

@@ -27,15 +27,18 @@ from ..data.noise import as_measured
 from .bayes import TOUCHES
 from .belief import (
     FALSE_ALARM,
+    JUDGED_TOUCHES,
     WIDTH_VARIANCE,
     class_chi_square,
     class_likelihood,
     evidence,
     log_likelihood,
     sequential_likelihood,
+    values_of,
 )
 from .exemplars import learn_exemplars, pooled_powers, thinned
-from .haptic_model import APART, RANGE_WIDENING, HapticModel, fit_model
+from .haptic_model import RANGE_WIDENING, HapticModel, fit_model
+from .nuisances import APART
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
 #: Number of folds of the training objects, each of which is left out in turn; candidate temperatures.
@@ -101,7 +104,7 @@ def calibrate(
     rng: np.random.Generator,
     *,
     explorations: int = EXPLORATIONS,
-    max_touches: int = 6,
+    max_touches: int = JUDGED_TOUCHES,
 ) -> HapticModel:
     """Fit the temperature, the offset of the log odds of "unknown", and the factor of the limit of chi-square.
 
@@ -136,9 +139,8 @@ def calibrate(
     margins = np.concatenate([one.margin(temperature) for one in judged])
     tails = np.concatenate([one.tail() for one in judged])
     rate = rate_of_each(margins, tails)
-    # Before the first touch, "unknown" is at most as probable as all classes together.
-    log_odds = min(
-        float(np.quantile(margins, rate)), math.log(1 / max(model.settings.unknown_prior, 1e-300) - 1)
+    log_odds = (
+        float(np.quantile(margins, rate)) * values_of(model.settings, JUDGED_TOUCHES) / judged[0].freedom
     )
     tail = max(float(np.quantile(tails, 1.0 - rate)), 1.0)
     return replace(model, temperature=temperature, unknown_log_odds=log_odds, tail=tail)

@@ -32,7 +32,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
-from ..data import SqueezeSamples
+from ..data import HEIGHTS, SqueezeSamples
 from ._round_body import (
     EMPTY,
     FILLINGS,
@@ -69,8 +69,8 @@ FORCE_N, SURFACE_M = 0.05, 3e-5
 #: Relative standard deviation of the wall's mass: the thickness is estimated from a stiffness that is proportional to about
 #: its square (SCALE / 2). Mass of a cap, which is not part of the outline [kg].
 WALL_MASS, CAP_KG = 0.2, 0.003
-#: Number of heights, minimum distance of two places, and margin at the foot, where the stiffness depends most on the height.
-HEIGHTS, APART, FOOT = 16, 2, 4
+#: Minimum distance of two places, and margin at the foot, where the stiffness depends most on the height.
+APART, FOOT = 2, 4
 #: Gauss-Legendre nodes and weights for how far a lid holds the rim, from not at all to fully.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 HELD, HELD_WEIGHTS = 0.5 + 0.5 * _NODES, 0.5 * _WEIGHTS

@@ -25,10 +25,9 @@ from .calibration import with_exemplars
 from .haptic_model import (
     ClassStatistics,
     HapticModel,
-    ModelSettings,
     assemble,
-    pose_covariance,
 )
+from .nuisances import ModelSettings, pose_covariance
 from .unknown_class import (
     CURVATURE,
     FEATURES,
@@ -110,7 +109,8 @@ def _learned_gaussians(
     settings: ModelSettings | None,
     protocol: TouchProtocol | None,
 ) -> HapticModel:
-    settings, protocol = settings or ModelSettings(), protocol or TouchProtocol()
+    settings = replace(settings or ModelSettings(), simulate_unknown=False)  # these need not be containers
+    protocol = protocol or TouchProtocol()
     learned = dict(simulated or {})
     labels = dict.fromkeys(one.label for one in squeezed)
     if len({*learned, *labels}) < 2:

@@ -20,7 +20,7 @@ c0 of a touch, k / (1 + c0 k): it saturates beyond the resolution, and its logar
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any
@@ -29,9 +29,25 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.errors import InputError
-from ..data import HEIGHTS, FeatureSet, POSE_m, TouchProtocol
+from ..data import FeatureSet, TouchProtocol
 from .exemplars import ExemplarDensity
-from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, UNKNOWN_CLASS_SIGMAS, USUAL_HEIGHT_m, unknown_kinds
+from .nuisances import (
+    APART,
+    NUISANCES,
+    ModelSettings,
+    discrepancy,
+    log_features,
+    nuisance_effects,
+    pose_covariance,
+)
+from .unknown_class import (
+    HEIGHT,
+    UNKNOWN_CLASS_SIGMAS,
+    round_fraction,
+    simulated_kinds,
+    simulated_spread,
+    unknown_kinds,
+)
 
 UNKNOWN = "unknown"
 #: A parameter uniform in its range has a standard deviation of 0.29 widths. If every fourth one exceeds its range by up to
@@ -40,36 +56,8 @@ UNKNOWN = "unknown"
 RANGE_WIDENING = 1.43
 #: Number of independent parameters of a class: mean of the shipped ones.
 PARAMETERS = 12
-#: Ratio of the pose error of an uncalibrated gripper (5 mm) to that of a calibrated one (2 mm).
-POSE_RATIO = 2.5
 #: Candidate strengths of the shrinkage: number of objects that the average covariance of all classes is equivalent to.
 SHRINKAGE_STRENGTHS = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
-#: Names of the nuisances, in the order of the rows of ``nuisance``.
-NUISANCES = ("gain", "height", "zero of the force", "zero of the deformation", "mouth")
-APART = [k for k, name in enumerate(NUISANCES) if name != "height"]  # the height is part of the pose
-#: Places over which the effect of the mouth's closure falls by e: fitted to maps of bottles with free and with fixed mouths.
-MOUTH_REACH = 2.2
-
-
-@dataclass(frozen=True, slots=True)
-class ModelSettings:
-    """Standard deviations that the training data do not contain, and priors."""
-
-    discrepancy: float = 0.04  #: relative error of simulated stiffness, independent by place
-    end_discrepancy: float = 0.5  #: at the lowest and highest place, which depend on boundary conditions
-    pose_m: float = POSE_m  #: error of the height, common to all touches
-    poses: tuple[float, ...] = (1.0, POSE_RATIO)  #: equally probable factors of it; 1 if it was measured
-    tilt_rad: float = 0.05  #: error of the gripper's tilt against the object, 3 degrees
-    width_m: float = 0.0008  #: error of the width by pose and contact
-    width_discrepancy: float = 0.005  #: relative
-    gain: float = 0.09  #: common to all stiffnesses: force gain 5 %, modulus within 12 % (std 7 % if uniform)
-    zero_N: float = 0.05  #: error of the force's zero, common to all touches
-    zero_m: float = 5e-5  #: error of the deformation's zero (contact), common to all touches
-    repeat: float = 0.0  #: relative difference of repeated touches of a place, learned from curves
-    curvature: float = np.inf  #: between places of an object, learned from curves; infinite: no evidence
-    mouth: float = 0.0  #: of log stiffness at the highest place, if open or closed unlike in training
-    unknown_prior: float = 0.1  #: probability that an object is of no trained class
-    use_width: bool = True  #: widths and the height of the object count as evidence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +78,9 @@ class HapticModel:
     settings: ModelSettings
     protocol: TouchProtocol
     temperature: float = 1.0  #: evidence is divided by this, see :mod:`.calibration`
-    unknown_log_odds: float = 0.0  #: added to those of "unknown", see :mod:`.calibration`
+    unknown_log_odds: float = (
+        0.0  #: added to those of "unknown" after ten touches, in proportion before, see :mod:`.calibration`
+    )
     tail: float = 1.0  #: factor of the chi-square limit of known classes, see :mod:`.calibration`
     square: Float[np.ndarray, "c"] | float = 0.0  #: chi-square of an outline, see :func:`.with_outline`
     freedom: int = 0  #: number of its values
@@ -133,7 +123,8 @@ def fit_model(
         Assumed standard deviations, and the protocol of a touch.
     """
     settings, protocol = settings or ModelSettings(), protocol or TouchProtocol()
-    found = assemble(class_statistics(data, settings, protocol), groups or {}, settings, protocol)
+    learned = class_statistics(data, settings, protocol)
+    found = assemble(learned, groups or {}, settings, protocol)
     return with_prior(found, prior)
 
 
@@ -158,7 +149,7 @@ def class_statistics(
             "fit_model",
             "no class has two objects, expected two objects or more of some class, for the variation within a class",
         )
-    within = _within(away, number, _discrepancy(settings))
+    within = _within(away, number, discrepancy(settings))
     if data.height_m is None:
         within[:, HEIGHT, HEIGHT] = UNKNOWN_CLASS_SIGMAS[4] ** 2
     out = {}
@@ -191,8 +182,7 @@ def assemble(
         name_of |= {member: group for member in members if member in name_of}
     answers = tuple(dict.fromkeys(name_of.values()))
     fraction = _prior(answers, None, settings)
-    own = np.diag(_discrepancy(settings))
-    kinds, likely = unknown_kinds(np.stack([one.mean for one in learned.values()]))
+    own = np.diag(discrepancy(settings))
     rows: list[tuple[Any, ...]] = []
     for index, (part, one) in enumerate(learned.items()):
         effect = (not one.touched) * nuisance_effects(one.mean, one.pose, settings, protocol)
@@ -206,15 +196,37 @@ def assemble(
             among, whole = each / len(poses), shared + within + pose**2 * one.pose
             chance = fraction[name_of[part]] / alike * among
             rows.append((number, index, one.mean, whole, chance, among, scaled, spread, pose))
-        for kind, kind_of in zip(kinds, likely, strict=True):
-            chance = fraction[UNKNOWN] / len(learned) * kind_of
-            whole = shared + one.within + one.pose + kind
-            rows.append((len(answers), -1, one.mean, whole, chance, chance, effect, 1.0, 1.0))
+    for mean, whole, effect, chance in _unknown(learned, settings, protocol):
+        chance *= fraction[UNKNOWN]
+        rows.append((len(answers), -1, mean, whole, chance, chance, effect, 1.0, 1.0))
     columns: Any = [np.array(part) for part in zip(*rows, strict=True)]
     with np.errstate(divide="ignore"):
         columns[4] = np.log(columns[4])
     rest: Any = {"groups": dict(groups), "settings": settings, "protocol": protocol}
     return HapticModel((*answers, UNKNOWN), *columns, **rest)
+
+
+def _unknown(
+    learned: Mapping[str, ClassStatistics], settings: ModelSettings, protocol: TouchProtocol
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, float]]:
+    """Mean, covariance, effects and probability of each Gaussian of unknown objects."""
+    own, means = np.diag(discrepancy(settings)), np.stack([one.mean for one in learned.values()])
+    if not settings.simulate_unknown:
+        kinds, likely = unknown_kinds(means)
+        for one in learned.values():
+            effect = (not one.touched) * nuisance_effects(one.mean, one.pose, settings, protocol)
+            shared = one.mean_covariance + effect[APART].T @ effect[APART] + (not one.touched) * own
+            for kind, chance in zip(kinds, likely, strict=True):
+                yield one.mean, shared + one.within + one.pose + kind, effect, chance / len(learned)
+        return
+    data, even = simulated_kinds(), round_fraction(means)
+    kinds = np.mean([one.within for one in learned.values()], axis=0) + simulated_spread()
+    for k, mean in enumerate(log_features(data, protocol)):
+        pose = pose_covariance(data.take(np.array([k])), mean[None], settings, protocol)
+        effect = nuisance_effects(mean, pose, settings, protocol)
+        shared = own + effect[APART].T @ effect[APART] + pose
+        for kind, chance in zip(kinds, (even, 1 - even), strict=True):
+            yield mean, shared + kind, effect, chance / len(data)
 
 
 def with_prior(model: HapticModel, prior: Mapping[str, float] | None) -> HapticModel:
@@ -233,98 +245,6 @@ def with_prior(model: HapticModel, prior: Mapping[str, float] | None) -> HapticM
     ratio = np.array([fraction[name] / alike[name] for name in model.answers])
     with np.errstate(divide="ignore"):
         return replace(model, log_prior=model.log_prior + np.log(ratio)[model.answer_of])
-
-
-def log_features(data: FeatureSet, protocol: TouchProtocol) -> Float[np.ndarray, "n p"]:
-    """Logarithms of stiffness [N/m], width [m] and height as a ratio to :data:`USUAL_HEIGHT_m`.
-
-    Parameters
-    ----------
-    data
-        Objects.
-    protocol
-        Resolution of the stiffness.
-    """
-    stiffness = protocol.seen_stiffness(data.features[..., 0].reshape(len(data), -1))[0]
-    tall = np.zeros(len(data)) if data.height_m is None else np.log(data.height_m / USUAL_HEIGHT_m)
-    return np.column_stack([stiffness, np.log(data.width_m).reshape(len(data), -1), tall, 0 * tall])
-
-
-def nuisance_effects(
-    mean: Float[np.ndarray, "p"],
-    pose: Float[np.ndarray, "p p"],
-    settings: ModelSettings,
-    protocol: TouchProtocol,
-) -> Float[np.ndarray, "m p"]:
-    """Effect of one standard deviation of each nuisance on the features of a class.
-
-    The slope of a line through the origin, fitted to evenly spaced samples up to the reach r, changes by -3 z / (2 r) if
-    the deformation reads z too high, and by 3 f / (2 k r) with an error f of the force's zero. "height" is the part of the pose errors
-    along the slope s of the profile, P s / sqrt(s' P s). "mouth" decays exponentially from the highest place downwards.
-
-    Parameters
-    ----------
-    mean
-        Features of the class.
-    pose
-        P, effect of pose errors.
-    settings, protocol
-        Assumed standard deviations, and the protocol of a touch.
-    """
-    out = np.zeros((len(NUISANCES), FEATURES))
-    stiffness = np.exp(mean[:FIRST_WIDTH])
-    reach = np.minimum(protocol.max_deformation_m, protocol.max_force_N / stiffness)
-    out[0, :FIRST_WIDTH] = settings.gain
-    slope = _slopes(mean[None])[0]
-    along = pose @ slope
-    out[1] = along / np.sqrt(max(float(slope @ along), 1e-12))
-    out[2, :FIRST_WIDTH] = 1.5 * settings.zero_N / (stiffness * reach)
-    # The linearisation of the logarithm holds up to a relative effect of 1.
-    out[3, :FIRST_WIDTH] = -np.minimum(1.5 * settings.zero_m / reach, 1.0)
-    below = HEIGHTS - 1 - np.arange(FIRST_WIDTH) // 4
-    out[4, :FIRST_WIDTH] = settings.mouth * np.exp(-below / MOUTH_REACH)
-    return out
-
-
-def pose_covariance(
-    data: FeatureSet, features: Float[np.ndarray, "n p"], settings: ModelSettings, protocol: TouchProtocol
-) -> Float[np.ndarray, "p p"]:
-    """Covariance of the features due to one pose error of the gripper, common to all touches.
-
-    Taken from the stiffness maps of the objects where available. Otherwise an error of the height moves all contacts along
-    the slope of each profile, and a tilt in the plane of the tips moves them up on one side and down on the other.
-
-    Parameters
-    ----------
-    data
-        Objects of one class.
-    features
-        Their features, see :func:`log_features`.
-    settings, protocol
-        Standard deviations of the pose; resolution of the stiffness and distance of the heights.
-    """
-    count = len(features)
-    slopes = _slopes(features)
-    shift = settings.pose_m / protocol.place_m * slopes
-    out = shift.T @ shift / count
-    if data.pose_errors is not None:
-        scale = settings.pose_m / POSE_m * protocol.seen_stiffness(data.features[..., 0])[1]
-        moved = (scale[:, None] * np.asarray(data.pose_errors, dtype=float)).reshape(-1, FIRST_WIDTH)
-        out[:FIRST_WIDTH] = out[:, :FIRST_WIDTH] = 0.0
-        out[:FIRST_WIDTH, :FIRST_WIDTH] = moved.T @ moved / len(moved)
-    else:
-        lever = 0.5 * settings.tilt_rad * data.width_m / protocol.place_m
-        steep = slopes[:, :FIRST_WIDTH].reshape(count, HEIGHTS, 4)
-        for axis in range(2):
-            tilted = np.zeros_like(steep)
-            for k, sign in enumerate((1.0, -1.0)):
-                tilted[:, :, 2 * axis + k] = sign * lever[:, :, axis] * steep[:, :, 2 * axis + k]
-            flat = tilted.reshape(count, -1)
-            out[:FIRST_WIDTH, :FIRST_WIDTH] += flat.T @ flat / count
-    spread = (settings.width_m / data.width_m.mean(axis=0)) ** 2
-    # The height of the object is measured as accurately as the gripper is positioned.
-    tall = (settings.pose_m / USUAL_HEIGHT_m * np.exp(-features[:, HEIGHT].mean())) ** 2
-    return out + np.diag(np.concatenate([np.zeros(FIRST_WIDTH), spread.ravel(), [tall, 0.0]]))
 
 
 def _within(
@@ -366,21 +286,6 @@ def _shrunk(
     scatter = np.stack([away[number == k].T @ away[number == k] for k in range(len(counts))])
     average = scatter.sum(axis=0) / max(int(freedom.sum()), 1)
     return np.asarray((strength * average + scatter) / (strength + freedom)[:, None, None])
-
-
-def _slopes(features: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n p"]:
-    """Change of each feature from one height to the next."""
-    count = len(features)
-    stiffness = np.gradient(features[:, :FIRST_WIDTH].reshape(count, HEIGHTS, 4), axis=1)
-    width = np.gradient(features[:, FIRST_WIDTH:HEIGHT].reshape(count, HEIGHTS, 2), axis=1)
-    return np.column_stack([stiffness.reshape(count, -1), width.reshape(count, -1), np.zeros((count, 2))])
-
-
-def _discrepancy(settings: ModelSettings) -> Float[np.ndarray, "p"]:
-    out = np.full(FEATURES, settings.discrepancy**2)
-    out[:4] = out[FIRST_WIDTH - 4 : FIRST_WIDTH] = settings.end_discrepancy**2
-    out[FIRST_WIDTH:] = settings.width_discrepancy**2
-    return out
 
 
 def _prior(

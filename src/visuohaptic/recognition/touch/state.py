@@ -22,9 +22,10 @@ from jaxtyping import Float
 from ...core import InputError, VisuohapticError, from_dict, to_dict
 from ...core.files import load_json, write_text
 from ...core.map_tasks import map_tasks
+from ...core.objects import NOMINAL_N, NOMINAL_m
 from ...deformation import ContainerDescription, Contents, PinchPlane, mesh_container, side_vertex
 from ..data import HEIGHTS, SIDES, TouchProtocol
-from ..data.readings import NOMINAL_N, NOMINAL_m, TouchNoise, TouchReading, fit_curve
+from ..data.readings import TouchNoise, TouchReading, fit_curve
 from .haptic_model import UNKNOWN
 from .unknown_class import posterior_with_unknown
 

@@ -17,8 +17,10 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from ..data.readings import NOMINAL_m, TouchReading
-from .haptic_model import NUISANCES, HapticModel
+from ...core.objects import NOMINAL_m
+from ..data.readings import TouchReading
+from .haptic_model import HapticModel
+from .nuisances import NUISANCES
 from .unknown_class import UNKNOWN_CLASS_SIGMAS
 
 _ZEROS = [NUISANCES.index(name) for name in ("zero of the force", "zero of the deformation")]

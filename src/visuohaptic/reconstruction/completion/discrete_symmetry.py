@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Int
 from .hole import SupportBand
 from .hole_region import HoleRegion
 from .rbf_centres import Centres
+from .symmetry import MAX_WALL_NZ
 
 #: Steps of the grid of each symmetry on both sides of the middle, along both of its parameters.
 _STEPS = 10
@@ -30,8 +31,6 @@ _ODDS = 13 / 4
 _ALONE = 0.1
 #: Minimum distance between the points of the likelihood, in sizes of the region: nearer points have correlated errors.
 _APART = 0.15
-#: Surfaces whose unit normal has a smaller absolute z component are walls.
-_WALL = 0.85
 #: Distance between the points that are mapped to the hidden side, in sizes of the region.
 _STEP = 0.06
 #: Central fraction of the missing heights in which a wall has to be visible.
@@ -65,7 +64,7 @@ class DiscreteSymmetry:
         # Points near the foot may belong to the table; horizontal surfaces are invariant under every such map.
         above = (z_m > outer.hull_m[:, 2].min() + 0.02 * size_m) & outer.within(band.samples_m, self.spread_m)
         self._seen = even_subset(band.samples_m, np.flatnonzero(above), _STEP * size_m)
-        walls = self._seen[np.abs(band.sample_normals[self._seen, 2]) < _WALL]
+        walls = self._seen[np.abs(band.sample_normals[self._seen, 2]) < MAX_WALL_NZ]
         low_m, high_m = region.hull_m[:, 2].min(), region.hull_m[:, 2].max()
         level = np.abs(z_m[walls] - 0.5 * (low_m + high_m)) < 0.5 * _SAME * (high_m - low_m)
         self._tests = even_subset(band.samples_m, walls, _APART * size_m)[: None if level.any() else 0]

@@ -20,7 +20,7 @@ from ...io.meshes.mesh_state import boundary_edges, face_parts
 from ..mesh import SurfaceMesh
 from .hole_region import HoleRegion
 from .symmetry import MAX_WALL_NZ
-from .visibility import open_sight
+from .visibility import MIN_SIGHT, open_sight
 
 #: Rims farther from the region than this fraction of its size belong to other holes.
 _RIM_REACH = 0.5
@@ -28,12 +28,12 @@ _RIM_REACH = 0.5
 _WIDTH = 0.25
 #: Points deeper in the region than this fraction of its size are readings through the glass, not surface.
 _DEEPEST = 0.1
-#: Minimum fraction of the hemisphere that is visible from a point of the outline.
-_MIN_SIGHT = 0.2
 #: Minimum cosine between a normal and the direction to the centre of the region of a surface that faces the region.
 _FACING = 0.3
 #: Connected components with a smaller fraction of the area near the region are spurious.
 _MIN_PART = 0.03
+#: Maximum size of a region, in extents of the surface: the grid on which touches are planned then has four cells along the surface.
+_LARGEST = 8.5
 #: Number of surface samples around a region.
 _SAMPLES = 12_000
 
@@ -157,6 +157,12 @@ def support_band(mesh: SurfaceMesh, region: HoleRegion, *, max_points: int = 320
             f"the region is {nearest:.3g} m away from the surface and {region.size_m:.3g} m large",
             remedy="check that model and region are in the same frame",
         )
+    if region.size_m > _LARGEST * (extent_m := float(np.ptp(welded.vertices_m, axis=0).max())):
+        raise InputError(
+            "support_band",
+            f"found a region of {region.size_m:.3g} m, expected at most {_LARGEST * extent_m:.3g} m for a surface of {extent_m:.3g} m",
+            remedy="give a box around the missing part only",
+        )
     outline = _outline(welded, region, max(_RIM_REACH * region.size_m, nearest) + width)
     if not len(outline.faces):
         raise InputError(
@@ -220,7 +226,7 @@ def _outline(welded: SurfaceMesh, region: HoleRegion, reach_m: float) -> Surface
     facing = (welded.face_normals[near] * ways).sum(axis=1) > _FACING * np.linalg.norm(ways, axis=1)
     near = near[~facing]
     sight = open_sight(welded, region, centres[near], welded.face_normals[near])
-    outline = welded.submesh(near[sight >= _MIN_SIGHT])
+    outline = welded.submesh(near[sight >= MIN_SIGHT])
     part = face_parts(outline.faces)
     areas = np.bincount(part, weights=outline.face_areas_m2)
     return outline.submesh(np.flatnonzero((areas >= _MIN_PART * areas.sum())[part]))

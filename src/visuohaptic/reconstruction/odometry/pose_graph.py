@@ -11,10 +11,7 @@ from jaxtyping import Float, Int
 
 from ...core.geometry import hat
 from ..transparency.pose_refinement import normal_equations
-from .registration import Phase, RegisteredViews, moved
-
-#: Over-relaxation, as of single registrations.
-_RELAXED = 1.4
+from .registration import RELAXED, Phase, RegisteredViews, moved
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,8 +51,10 @@ def solve_graph(
     poses, free = poses.copy(), np.setdiff1d(pairs, fixed)
     own = (6 * free[:, None] + np.arange(6)).ravel()
 
-    def linear(stride: int, reach_m: float, *weights: float) -> tuple[Any, Float[np.ndarray, "r"]]:
-        squares, pulls = views.equations(pairs, poses, reach_m, stride, weights)
+    def linear(
+        stride: int, reach_m: float, planes: float, steps: float
+    ) -> tuple[Any, Float[np.ndarray, "r"]]:
+        squares, pulls = views.equations(pairs, poses, reach_m, stride, (planes, steps))
         matrix, right = normal_equations(squares, pulls, pairs, len(poses))
         # A view that nothing holds does not move.
         slight = 1e-9 * float(np.trace(squares.mean(axis=0)))
@@ -63,7 +62,7 @@ def solve_graph(
 
     for phase in phases:
         solve, right = linear(2, *phase)
-        for view, step in zip(free, _RELAXED * solve(right).reshape(-1, 6), strict=True):
+        for view, step in zip(free, RELAXED * solve(right).reshape(-1, 6), strict=True):
             poses[view] = moved(poses[view], step)
     inverse = linear(1, *phases[-1])[0](np.eye(len(own)))
     covariance = np.full((len(poses), 6, 6), np.nan)

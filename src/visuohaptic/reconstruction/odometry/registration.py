@@ -11,13 +11,12 @@ from jaxtyping import Float, Float32, Int
 from ...core.camera.model import Camera
 from ...core.geometry import so3_exp
 from ..fusion.depth_noise import DepthNoise
+from ..transparency.pose_refinement import MIN_SIGMA_M
 from ..transparency.view_geometry import intrinsics
 from .depth_edges import DepthEdges, depth_edges
 
 #: Points of a view on smooth surfaces.
 _POINTS = 2000
-#: Minimum standard deviation of a depth [m].
-_MIN_SIGMA_M = 5e-4
 #: Residuals beyond this many standard deviations are suppressed (Geman-McClure), as in the refinement of poses.
 _ROBUST = 3.0
 #: Fraction of points whose depth in the other view is of another surface, or of no surface.
@@ -26,7 +25,7 @@ _OUTLIERS = 0.1
 #: Window of the normals [px], and minimum fraction of it that must be measured.
 _WINDOW_PX, _MEASURED = 9, 0.7
 #: Over-relaxation: reweighting minimises an upper bound, so that a longer step still descends.
-_RELAXED = 1.4
+RELAXED = 1.4
 
 Equations = tuple[Float[np.ndarray, "p 6 6"], Float[np.ndarray, "p 6"]]
 #: Reach [m], and weights of planes and of depth steps, of one step of Gauss-Newton.
@@ -63,7 +62,7 @@ class RegisteredViews:
             self.points.append(found[np.linspace(0, len(found) - 1, min(_POINTS, len(found))).astype(int)])
         self.firsts = np.cumsum([0, *map(len, self.points)])
         self.all_points = np.concatenate(self.points)
-        self._noise = (noise.quadratic_per_m, noise.constant_m, noise.offset_m, _MIN_SIGMA_M)
+        self._noise = (noise.quadratic_per_m, noise.constant_m, noise.offset_m, MIN_SIGMA_M)
         #: Matching extends an edge by up to this; within a window, errors are the same.
         self._edge_px = noise.edge_px(camera.focal_px) / math.sqrt(3)
         self._window_px = noise.window_px(camera.focal_px)
@@ -201,7 +200,7 @@ class RegisteredViews:
             stride = 1 if reach_m == phases[-1][0] else 4
             squares, pulls = self.equations(pairs, poses, reach_m, stride, (planes, steps))
             matrix = squares.sum(axis=0)
-            poses[index] = moved(poses[index], -_RELAXED * _solved(matrix, sign @ pulls))
+            poses[index] = moved(poses[index], -RELAXED * _solved(matrix, sign @ pulls))
         return poses[index], matrix
 
 

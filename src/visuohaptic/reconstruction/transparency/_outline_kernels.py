@@ -57,15 +57,13 @@ def _row_sum(sums, left, right):
 
 
 @kernel
-def outline_sums(body, corners, sums, limits, motions, matrices, reach, weights, found):
-    """Sum of the evidence inside the outlines of a truncated cone for both eyes of the camera, of each view.
+def outline_sums(corners, sums, limits, motions, matrices, reach, weights, found):
+    """Sum of the evidence inside the outlines of a convex body for both eyes of the camera, of each view.
 
     Parameters
     ----------
-    body
-        x, y of the axis, lower and upper radius, lower and upper height, lean along x and y (8) [m].
     corners
-        Number of points on each of the two bounding circles.
+        Points whose convex hull is the body (p, 3) [m].
     sums
         Cumulative evidence along each row (n, h, w + 1) [nat].
     limits
@@ -82,7 +80,7 @@ def outline_sums(body, corners, sums, limits, motions, matrices, reach, weights,
         Evidence (n), filled; 0 where the body is not in front of the camera [nat].
     """
     views, rows, columns = limits.shape
-    points = 2 * corners
+    points = len(corners)
     u, v, z, moved = np.empty(points), np.empty(points), np.empty(points), np.empty(points)
     order, chain = np.empty(points, np.int64), np.empty(points, np.int64)
     left, right, left2, right2 = np.empty(rows), np.empty(rows), np.empty(rows), np.empty(rows)
@@ -91,11 +89,7 @@ def outline_sums(body, corners, sums, limits, motions, matrices, reach, weights,
         m, matrix = motions[view], matrices[view]
         nearest, middle_z, middle_u, middle_v = np.inf, 0.0, 0.0, 0.0
         for p in range(points):
-            upper = p // corners
-            turn = 2 * np.pi * (p % corners) / corners
-            x = body[0] + (upper - 0.5) * body[6] + body[2 + upper] * np.cos(turn)
-            y = body[1] + (upper - 0.5) * body[7] + body[2 + upper] * np.sin(turn)
-            w = body[4 + upper]
+            x, y, w = corners[p, 0], corners[p, 1], corners[p, 2]
             z[p] = m[2, 0] * x + m[2, 1] * y + m[2, 2] * w + m[2, 3]
             nearest = min(nearest, z[p])
             u[p] = matrix[0] * (m[0, 0] * x + m[0, 1] * y + m[0, 2] * w + m[0, 3]) / z[p] + matrix[2]
@@ -142,28 +136,3 @@ def outline_sums(body, corners, sums, limits, motions, matrices, reach, weights,
             else:
                 total += part * (_row_sum(row, left[i], right[i]) + _row_sum(row, left2[i], right2[i]))
         found[view] = weights[view] * total
-
-
-@kernel
-def outline_ratios(body, opening, corners, sums, limits, motions, matrices, reach, weights, found):
-    """Log-likelihood ratio of a body against no body, of each view [nat].
-
-    Parameters
-    ----------
-    body
-        x, y of the axis, lower and upper radius, lower and upper height, lean along x and y (8) [m].
-    opening
-        Fraction of the radius inside which there is no evidence.
-    corners, sums, limits, motions, matrices, reach, weights, found
-        See :func:`outline_sums`.
-    """
-    outline_sums(body, corners, sums, limits, motions, matrices, reach, weights, found)
-    if opening > 0:
-        inner, within = np.empty(len(body)), np.empty(len(found))
-        for c in range(len(body)):
-            inner[c] = body[c] * (opening if c == 2 or c == 3 else 1.0)
-        outline_sums(inner, corners, sums, limits, motions, matrices, reach, weights, within)
-        for n in range(len(found)):
-            # A body that reaches the camera has no evidence, nor has its opening.
-            if found[n] != 0.0:
-                found[n] -= within[n]

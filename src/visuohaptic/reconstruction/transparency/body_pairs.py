@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from ..vessel_shapes import UprightBody
+from ..vessel_shapes import UprightBody, end_circles
 from .outline_fit import OutlineView, body_bounds_m, body_evidence, fit_beside, fit_bodies
 
 #: Number of points on each bounding circle of a hidden body; how often each body of a pair is fitted.
@@ -40,32 +40,7 @@ def fit_part(
     """
     bodies = [*fit_bodies(views, points_m, evidence), *fit_pair(views, points_m, evidence)]
     thick = [body for body in bodies if sum(body.radius_m) >= 2 * radius_m]
-    chosen = disjoint_bodies(views, thick, threshold)
-    if len(chosen) != 1:
-        return chosen
-    thick += [
-        body for body in _in_a_row(views, chosen[0], thick, radius_m) if sum(body.radius_m) >= 2 * radius_m
-    ]
     return disjoint_bodies(views, thick, threshold)
-
-
-def _in_a_row(
-    views: Sequence[OutlineView], wide: UprightBody, bodies: Sequence[UprightBody], radius_m: float
-) -> list[UprightBody]:
-    """Bodies in the room of a wide one that another of the bodies leaves, by the rays that miss that one.
-
-    One body around two in a row may be likelier than each of them, and the part that of one only. A body at another place with
-    more than half of the evidence is taken for the first of them.
-    """
-    apart_m = [float(np.hypot(*(body.axis_m - wide.axis_m))) for body in bodies]
-    for body, off_m in zip(bodies, apart_m, strict=True):
-        if 2 * body.evidence > wide.evidence and off_m > 0.5 * sum(body.radius_m):
-            room_m = wide.points_m(radius_m / 3)
-            room_m = room_m[~body.contains(room_m, radius_m)]
-            rest = without_body(views, body.shape_m)
-            found = fit_bodies(rest, room_m, np.ones(len(room_m))) if len(room_m) else []
-            return [replace(one, evidence=float(body_evidence(views, one).sum())) for one in found]
-    return []
 
 
 def fit_pair(
@@ -147,14 +122,7 @@ def without_body(views: Sequence[OutlineView], shape_m: Float[np.ndarray, "n"]) 
     """
     import cv2
 
-    angle = 2 * np.pi * np.arange(_CORNERS) / _CORNERS
-    ring = np.column_stack([np.cos(angle), np.sin(angle)])
-    half_m = 0.5 * np.append(shape_m[6:], [0.0, 0.0])[:2]
-    circles = [
-        np.column_stack([shape_m[:2] + off_m + shape_m[k] * ring, np.full(_CORNERS, shape_m[k + 2])])
-        for k, off_m in ((2, -half_m), (3, half_m))
-    ]
-    points_m, found = np.concatenate(circles).T, []
+    points_m, found = end_circles(shape_m, _CORNERS).T, []
     for view in views:
         x, y, z = view.T_camera_world[:, :3] @ points_m + view.T_camera_world[:, 3:]
         through = np.zeros(view.limit_m.shape, np.uint8)

@@ -384,15 +384,7 @@ class EvidenceDetector:
     def report(self) -> SearchReport:
         """Summary of the search, with the reason if nothing was found."""
         told = max(float(self.evidence.max(initial=0.0)), self._strongest)
-        counts = (
-            self.views,
-            len(self._images),
-            self.skipped,
-            self.look_alike,
-            self.threshold,
-            len(self._found),
-        )
-        found = SearchReport.of_search(told, self.seen, *counts)
+        found = SearchReport.of_search(self, len(self._images), told)
         if found.found or not self._images:
             return found
         eye = next_eye(self._rays.frames, self.grid, self.seen, self.look_alike, self.threshold)

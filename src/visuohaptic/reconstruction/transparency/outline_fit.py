@@ -28,6 +28,7 @@ from jaxtyping import Float, Float32, Int8, UInt8
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import DepthNoise
 from ..vessel_shapes import UprightBody as UprightBody
+from ..vessel_shapes import end_circles
 from .view_geometry import intrinsics
 
 #: Number of points on each of the two bounding circles of a body.
@@ -47,6 +48,8 @@ _RADII = (2, 3, 5)
 _TURNS, _SEARCHES = 8, 4
 #: Radii of the rims of which a part may be the half, a quarter, a sixth or a tenth, in widths of the part: 1 / (2 sin(arc / 2)).
 _CHORDS = (0.5, 0.71, 1.0, 1.62)
+#: Tangents of the leans, in each of these directions, from which a leaning body is sought.
+_LEANS = (0.3, 0.6)
 #: Minimum radius and height of a body [m].
 _MIN_RADIUS_M, _MIN_HEIGHT_M = 0.01, 0.02
 
@@ -123,7 +126,7 @@ class _Outlines:
         away_m = self._motions[:, 2] @ np.append(middle_m, 1.0)
         told = np.where(self._limits > away_m[:, None, None], np.stack([view.evidence for view in views]), 0)
         sums = np.pad(np.cumsum(told, axis=2, dtype=np.float64), ((0, 0), (0, 0), (1, 0)))
-        self._told = (_CORNERS, sums, self._limits, self._motions, self.matrices, reach, self.weights)
+        self._told = (sums, self._limits, self._motions, self.matrices, reach, self.weights)
 
     def cost(self, body: Float[np.ndarray, "n"], opening: float, bounds_m: Float[np.ndarray, "3"]) -> float:
         """Negative log-likelihood ratio of a body against no body [nat]; 1000 outside the bounds.
@@ -166,11 +169,14 @@ class _Outlines:
 
         ``opening`` is the fraction of the radius inside which there is no evidence.
         """
-        from ._outline_kernels import outline_ratios
+        from ._outline_kernels import outline_sums
 
-        found, whole = np.empty(len(self.weights)), np.zeros(8)
-        whole[: len(body)] = body
-        outline_ratios(whole, opening, *self._told, found)
+        found, within = np.empty((2, len(self.weights)))
+        outline_sums(end_circles(body, _CORNERS), *self._told, found)
+        if opening > 0:
+            outline_sums(end_circles(body, _CORNERS, opening), *self._told, within)
+            # A body that reaches the camera has no evidence, nor has its opening.
+            found -= np.where(found != 0, within, 0.0)
         return found
 
     def window_m(self, window_px: float, middle_m: Float[np.ndarray, "3"]) -> float:
@@ -277,8 +283,6 @@ def body_evidence(views: Sequence[OutlineView], body: UprightBody) -> Float[np.n
 def leaning(views: Sequence[OutlineView], body: UprightBody, rate: float) -> UprightBody:
     """The body with a lean, if its outlines contradict an upright one; the same body otherwise.
 
-    The ends of a leaning body remain level circles: a sheared cone.
-
     Parameters
     ----------
     views
@@ -293,12 +297,25 @@ def leaning(views: Sequence[OutlineView], body: UprightBody, rate: float) -> Upr
     outlines = _Outlines(views, np.array([*body.axis_m, np.mean(body.height_m)]))
     bounds_m = np.array([_MIN_RADIUS_M, _MIN_HEIGHT_M, 2 * max(body.radius_m)])
     opening = min(_OPEN, key=lambda one: outlines.cost(body.shape_m, one, bounds_m))
-    best = outlines.search(body.shape_m, opening, bounds_m, side=1)
+    # An upright cone is wide where a leaning one reaches to: from there alone, a search ends at half of the lean.
+    rise_m, turns = body.height_m[1] - body.height_m[0], 2 * np.pi * np.arange(_TURNS) / _TURNS
+    x, y, low_r, high_r, low_z, high_z, *_ = body.shape_m
+    straight = np.array([x, y, *[0.5 * (low_r + high_r)] * 2, low_z, high_z])
+    leans = rise_m * np.outer(_LEANS, [np.cos(turns), np.sin(turns)]).reshape(-1, 2, _TURNS)
+
+    def cost(shape_m: np.ndarray) -> float:
+        return outlines.cost(shape_m, opening, bounds_m)
+
+    starts = sorted((np.append(straight, lean) for ring in leans for lean in ring.T), key=cost)[:_SEARCHES]
+    best = min((outlines.search(one, opening, bounds_m, side=1) for one in (body.shape_m, *starts)), key=cost)
     covariance, lean = _covariance(outlines, best, opening, views[0].window_px), best[6:]
     if covariance is None or lean @ np.linalg.solve(covariance[3:, 3:], lean) < chi2.isf(rate, len(lean)):
         return body
     (found,) = _bodies(outlines, best, opening, bounds_m, views[0].window_px) or (body,)
-    return replace(found, lean_m=(float(lean[0]), float(lean[1])))
+    # An end is the middle with half of the lean: of the joint covariance, by the delta method.
+    halves = [np.hstack([np.eye(2), np.zeros((2, 1)), sign * 0.5 * np.eye(2)]) for sign in (-1, 1)]
+    ends_m = np.sqrt([np.diag(half @ covariance @ half.T) for half in halves])
+    return replace(found, lean_m=(float(lean[0]), float(lean[1])), ends_sigma_m=ends_m)
 
 
 def _apart(starts: Sequence[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray, float]]:

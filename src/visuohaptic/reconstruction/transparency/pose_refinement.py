@@ -31,7 +31,7 @@ _ALL_POINTS, _POINTS = 24_000, 500
 #: Number of residuals of neighbouring points that count as one: they are correlated.
 _CORRELATED = 2.0
 #: Minimum standard deviation of a depth [m].
-_MIN_SIGMA_M = 5e-4
+MIN_SIGMA_M = 5e-4
 #: Number of iterations; each matches the points again.
 _STEPS = 8
 #: Over-relaxation of a step, and weight of the previous step (heavy ball, Polyak 1964): reweighting minimises
@@ -81,7 +81,7 @@ def refine_poses(
     points = [_points(depth_m, camera, max(_POINTS, _ALL_POINTS // count)) for depth_m in depths]
     firsts = np.cumsum([0, *(len(chosen) for chosen in points)])
     places = pairs, np.concatenate(points), firsts
-    numbers = noise.quadratic_per_m, noise.constant_m, noise.offset_m, _MIN_SIGMA_M
+    numbers = noise.quadratic_per_m, noise.constant_m, noise.offset_m, MIN_SIGMA_M
     squares, pulls = np.empty((len(pairs), 6, 6)), np.empty((len(pairs), 6))
     measured = np.array([frame.T_world_camera.matrix[:3] for frame in frames])
     present = measured.copy()

@@ -202,7 +202,7 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
     far, seen = [distance > limit for limit in _DISTANCES], [votes > limit for limit in _VOTES]
     share = empty / np.maximum(votes + empty, 1)
     dark, deep = [share >= limit for limit in _EMPTY], [predicted_m >= np.float32(z) for z in _DEPTHS_M]
-    context = np.sum(far, axis=0, dtype=np.uint16)
+    context = np.asarray(np.sum(far, axis=0, dtype=np.uint16))
     if (baseline_m := noise.device.baseline_m) != 0:
         # Less than half of a matching window is in the image of the second eye.
         half_px, known = 0.5 * noise.device.window_px(focal_px), predicted_m > 0

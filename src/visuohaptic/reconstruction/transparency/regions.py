@@ -323,6 +323,7 @@ def _body_entries(body: UprightBody) -> dict[str, Any]:
         "radius_sigma": round(body.radius_sigma_m, 5),
         "height": np.round(body.height_m, 5).tolist(),
         "lean": np.round(body.lean_m, 5).tolist(),
+        "ends_sigma": None if body.ends_sigma_m is None else np.round(body.ends_sigma_m, 5).tolist(),
         "evidence": round(body.evidence, 2),
         "rings": np.round(np.column_stack([rings.z_m, rings.radius_m, rings.sigma_m]), 5).tolist(),
         "rings_sigma": round(rings.common_m, 5),

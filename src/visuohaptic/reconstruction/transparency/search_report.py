@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Float
 
 from ...core.camera.model import Camera
 from ...io.depth.depth_sequence import DepthFrame
@@ -51,39 +50,24 @@ class SearchReport:
     )
 
     @classmethod
-    def of_search(
-        cls,
-        evidence: float,
-        seen: Shaped[np.ndarray, "a b c"],
-        views: int,
-        compared: int,
-        skipped: Counter[str],
-        rate: float,
-        threshold: float,
-        regions: int,
-    ) -> SearchReport:
+    def of_search(cls, search: Any, compared: int, evidence: float) -> SearchReport:
         """Summarise a search.
 
         Parameters
         ----------
+        search
+            The :class:`.EvidenceDetector`, after it has run.
+        compared
+            Number of views compared with others.
         evidence
             Largest evidence of a voxel, or of an outline [nat].
-        seen
-            Number of independent views with evidence for a voxel, or for a block of voxels (a, b, c).
-        views, compared, skipped
-            Numbers of views.
-        rate
-            Fraction of windows that look like glass.
-        threshold
-            Minimum evidence of a part.
-        regions
-            Number of detected parts.
         """
+        seen, rate, threshold = search.seen, search.look_alike, search.threshold
         passed = seen[seen > 0]
         typical = round(float(np.median(passed)), 1) if len(passed) else 0.0
         reachable = typical * -math.log(rate)
         cause: Cause
-        if regions:
+        if search.regions():
             cause = "found"
         elif not compared:
             cause = "no views"
@@ -99,7 +83,7 @@ class SearchReport:
         chance = float(chance_of_finding(np.array([best]), rate, threshold)[0])
         known = rate if len(passed) else math.nan
         numbers = known, evidence, reachable, threshold, chance
-        return cls(cause, views, compared, typical, seen_by, *numbers, dict(skipped))
+        return cls(cause, search.views, compared, typical, seen_by, *numbers, dict(search.skipped))
 
     @property
     def found(self) -> bool:
@@ -124,7 +108,7 @@ class SearchReport:
             "below threshold": f"the strongest voxel has {self.evidence:.1f}, threshold {self.threshold:.1f}",
         }[self.cause]
         if not self.found:
-            told += f"; glass would be found here with a probability of {self.chance:.1f} at best"
+            told += f"; a vessel would be found here with a probability of {self.chance:.1f} at best, a flat pane is not sought"
             if self.next_eye_m is not None:
                 told += "; add a view from ({:.2f}, {:.2f}, {:.2f}) m".format(*self.next_eye_m)
         return f"{seen}: {told}"

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core import POSITIVE, Closing, InputError, Pose, ProbeArm, check_numbers
+from ...core.errors import StaleFrameError
 from ...io.ros import ros_messages as ros
 from ...tasks.robots.repeater import Repeater
 from ..frames import message_pose
@@ -86,10 +87,11 @@ class RosArm(Closing, ProbeArm):
             self._line = _Line(now, T_base_tip, speed_m_s)
 
     def stop(self) -> None:
-        """Stop and hold the current pose."""
-        _, now = self.pose()
+        """Stop and hold the current pose; where it is not known, the last target."""
         with self._lock:
             self._line = None
+        _, now = self.pose()
+        with self._lock:
             self._publish(now)
 
     def _step(self) -> None:
@@ -110,10 +112,13 @@ class RosArm(Closing, ProbeArm):
         Raises
         ------
         StaleFrameError
-            There is none, or it is too old.
+            There is none, it is too old, or its numbers are no pose.
         """
         received = self._pose.get()
-        return received.t_s, message_pose(received.message.pose)
+        try:
+            return received.t_s, message_pose(received.message.pose)
+        except InputError as error:
+            raise StaleFrameError(f"the pose on {self._pose.topic} is not valid: {error.problem}") from error
 
     def reach_m(self) -> Float[np.ndarray, "2"]:
         """Minimum and maximum distance of the tip from the base."""

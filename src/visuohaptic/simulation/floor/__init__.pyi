@@ -1,3 +1,4 @@
+from .floor_laser import FloorLaser as FloorLaser
 from .floor_model import FloorObject as FloorObject
 from .floor_model import FloorRobot as FloorRobot
 from .floor_model import floor_mjcf as floor_mjcf

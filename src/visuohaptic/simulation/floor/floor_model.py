@@ -14,11 +14,12 @@ from ...core.errors import InputError
 from ...core.geometry import polygon_centroid
 from ...core.measurement import GRAVITY_M_S2
 from ...io.maps.occupancy_map import OccupancyMap
+from ..mobile.obstacles import FOOT_M
 
 #: Height of the rim's equator and of the objects' outlines: they meet there (m).
 PUSH_HEIGHT_M = 0.04
-#: Outlines are rounded by this, feet are spheres of that radius (m).
-EDGE_M, FOOT_M = 0.006, 0.004
+#: Outlines are rounded by this (m).
+EDGE_M = 0.006
 #: Time constant of the contact with the rim (s): 10 N press it in by 3 mm with an object of 3 kg.
 FOAM_S = 0.03
 #: Time constant of the feet (s): they sink in by 4 mm, so that sliding, which lifts an object in MuJoCo's

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 
 from ...core import InputError, LaserScan, Ranged, above, at_least, rotation_2d, within
-from ...io.maps.occupancy_map import OccupancyMap
+from ...io.maps.occupancy_map import OCCUPIED, OccupancyMap
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,3 +85,26 @@ class SimulatedLaser:
         return LaserScan(
             t_s, ranges, first, step, config.range_min_m, config.range_max_m, max(config.sigma_m, 1e-4)
         )
+
+
+def with_outlines(grid: OccupancyMap, outlines_m: Iterable[Float[np.ndarray, "k 2"]]) -> OccupancyMap:
+    """The map with objects on its floor.
+
+    Parameters
+    ----------
+    grid
+        The floor without them.
+    outlines_m
+        Outline of each, inside the map [m].
+    """
+    import shapely
+
+    cells = grid.cells.copy()
+    for outline in outlines_m:
+        # Cells whose centre is inside: with every cell that the outline touches, a side would be half a cell further out.
+        corners = grid.cell_from_world(outline).astype(int)
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        window = np.ix_(*(np.arange(first, last + 1) for first, last in zip(low, high, strict=True)))
+        x, y = grid.world_from_cell(np.stack(np.broadcast_arrays(*window), axis=-1)).transpose(2, 0, 1)
+        cells[window] = np.where(shapely.contains_xy(shapely.Polygon(outline), x, y), OCCUPIED, cells[window])
+    return OccupancyMap(cells, grid.resolution_m, grid.origin)

@@ -17,12 +17,13 @@ from jaxtyping import Float
 
 from ...core import POSITIVE, Camera, Closing, Frame, Gripper, GripperState, Pose, check_numbers, within
 from ..foam import FoamStrip, FoamStripGeometry, StripLaw
+from ..foam.press_rig import STEP_M
 from ..rendering import FoamScene, SceneObject, SceneRenderer
 from ..rendering._finger_tag import paint_tag
 from .gripper_setup import ROD, RUBBER_FOAM, FingerView, GraspObject, GripperDrive, GripperTruth
 
-#: Maximum motion of the finger per step [m], and maximum step [s].
-STEP_M, STEP_S = 1e-4, 0.005
+#: Maximum step [s].
+STEP_S = 0.005
 
 
 class VirtualGripper(Closing, Gripper):

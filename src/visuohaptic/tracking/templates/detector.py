@@ -29,7 +29,7 @@ class DetectorSettings:
     threshold_px: float = 4.0  #: maximum error of an inlier of a homography
     min_matches: int = 8  #: minimum number of inliers
     max_features: int = 4000  #: maximum number in a whole image
-    max_side_px: int = 1280  #: larger images are downscaled for feature detection
+    max_side_px: int = 1280  #: larger images are downscaled for features, and not doubled for small tags
     max_region_features: int = 600  #: maximum number in a region, where the template fills a large part
     max_region_side_px: int = 240  #: maximum side of a region; the tracker uses all its pixels anyway
     ncc_nearby: float = 0.75  #: minimum correlation of a purely translated image
@@ -91,7 +91,7 @@ def detect_templates(
     tags = tuple(template for template in left if template.tag_id is not None)
     images = tuple(template for template in left if len(template.descriptors) >= 2)
     if tags:
-        found |= _tags(tags, image)
+        found |= _tags(tags, image, settings.max_side_px)
     if images:
         side, features = settings.max_side_px, settings.max_features
         if region is not None:
@@ -103,8 +103,23 @@ def detect_templates(
     }
 
 
-def _tags(templates: tuple[Template, ...], image: np.ndarray) -> dict[str, Detection]:
-    """Detect tags by their code; the corners are only an initial estimate."""
+def _tags(templates: tuple[Template, ...], image: np.ndarray, max_side_px: int) -> dict[str, Detection]:
+    """Detect tags by their code, those not found in the image of twice the size: small and blurred ones."""
+    import cv2
+
+    found = _coded(templates, image)
+    left = tuple(template for template in templates if template.name not in found)
+    if left and max(image.shape) <= max_side_px:
+        # The contours of the search are whole pixels, which is a large part of a cell of two or three.
+        twice = cv2.resize(image, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
+        half = np.array([[0.5, 0, -0.25], [0, 0.5, -0.25], [0, 0, 1.0]])
+        for name, detection in _coded(left, twice).items():
+            found[name] = Detection(name, half @ detection.homography, detection.support)
+    return found
+
+
+def _coded(templates: tuple[Template, ...], image: np.ndarray) -> dict[str, Detection]:
+    """Tags whose code is read; the corners are only an initial estimate."""
     import cv2
 
     parameters = cv2.aruco.DetectorParameters()
@@ -114,6 +129,12 @@ def _tags(templates: tuple[Template, ...], image: np.ndarray) -> dict[str, Detec
     parameters.adaptiveThreshWinSizeStep = 20
     parameters.minMarkerPerimeterRate = 0.02
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    # All of the five bits that the code can correct: by chance, 3e-5 of other quadrilaterals are taken for one given tag, and
+    # its pixels are compared afterwards.
+    parameters.errorCorrectionRate = 1.0
+    # Blur mixes neighbouring cells: their middles are read.
+    parameters.perspectiveRemoveIgnoredMarginPerCell = 0.3
+    parameters.perspectiveRemovePixelPerCell = 8
     family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     corners, ids, _ = cv2.aruco.ArucoDetector(family, parameters).detectMarkers(image)
     result: dict[str, Detection] = {}

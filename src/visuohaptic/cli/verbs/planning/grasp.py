@@ -2,7 +2,7 @@
 
 reads   a YAML description, the name of a built-in class (bottle, cup, cup-rim, elliptic, smoothie,
         cien, isana, cleaner, palmo), a mesh (STL, PLY, OBJ, GLB, DAE; mid-surface of the wall or both of its sides, z is
-        its height axis unless --up is given), or a map that `stiffness` wrote (.npz)
+        its height axis unless --up is given), or a map that `stiffness` wrote (.npz); with --scene, what is around it
 writes  a plot of the scores and the grasps: PNG, PDF or SVG
 
 A grasp is two fingers that press towards each other. Without --force, each grasp gets the force that lifting the
@@ -38,6 +38,14 @@ def add_arguments(add: Any) -> None:
         "check grasps by nonlinear simulation, which takes seconds each (default: those that deform the wall by more than its thickness)",
         action=argparse.BooleanOptionalAction,
     )
+    add("--scene", Path, "mesh, or points of a PLY file, of its surroundings [m]: obstacles of the gripper")
+    add(
+        "--place",
+        float,
+        "place of the middle of its foot in the scene [m], and rotation about z [degrees] (0 0 0 0)",
+        nargs=4,
+        metavar=("X", "Y", "Z", "YAW"),
+    )
     add("--several", int, "also distribute the force over the M best grasps, acting at once", metavar="M")
     hand = add.group("hand")
     for flag, default, text in (
@@ -68,6 +76,8 @@ def run(args: Any) -> dict[str, Any]:
     if args.mass is not None and not 0 <= args.mass_sigma <= max(args.mass, 0):
         found = f"found {args.mass_sigma:g} kg, expected 0 to the --mass of {args.mass:g} kg"
         raise core.InputError("--mass-sigma", found)
+    if args.place is not None and args.scene is None:
+        raise core.InputError("--place", "found without --scene", remedy="give the --scene it refers to")
     begin = time.perf_counter()
     container = None
     if Path(args.object).suffix.lower() == ".npz":
@@ -77,7 +87,9 @@ def run(args: Any) -> dict[str, Any]:
         _refuse_options_of_objects(args)
         surface = deformation.load_map(args.object)
         name = Path(args.object).stem
-        plan = grasping.plan_map(surface, _task(args, surface.vertices_m.mean(axis=0)), count=args.count)
+        task = _task(args, surface.vertices_m.mean(axis=0))
+        scene_m = _scene(args, surface.vertices_m)
+        plan = grasping.plan_map(surface, task, count=args.count, scene_m=scene_m)
     else:
         container = read_container(args)
         name = container.name
@@ -85,7 +97,8 @@ def run(args: Any) -> dict[str, Any]:
         task = _task(args, None)
         if args.mass is not None:
             task = _with_mass(args, task, container)
-        plan = grasping.plan_grasps(container, task, count=args.count, confirm=args.confirm)
+        scene_m = _scene(args, container.mesh.vertices_m)
+        plan = grasping.plan_grasps(container, task, count=args.count, confirm=args.confirm, scene_m=scene_m)
     if args.plot:
         force = "the force needed" if args.force is None else f"{args.force:g} N"
         grasping.plot_plan(args.plot, [(f"{name}, {force}", plan)])
@@ -109,6 +122,29 @@ def run(args: Any) -> dict[str, Any]:
     result["seconds"] = time.perf_counter() - begin
     _report(args, result)
     return result
+
+
+def _scene(args: Any, vertices_m: Any) -> Any:
+    """Points of the surroundings in the frame of the object; None without a scene."""
+    import numpy as np
+
+    from ....io.meshes.mesh import load_mesh
+    from ....io.meshes.ply import read_ply
+
+    if args.scene is None:
+        return None
+    if args.scene.suffix.lower() == ".ply":
+        found = read_ply(args.scene)
+        points, faces = found.vertices_m, found.faces
+    else:
+        mesh = load_mesh(args.scene)
+        points, faces = mesh.vertices * (mesh.unit_m or 1.0), mesh.faces
+    *place, yaw = args.place or (0.0, 0.0, 0.0, 0.0)
+    cos, sin = np.cos(np.radians(yaw)), np.sin(np.radians(yaw))
+    pose = np.eye(4)
+    pose[:2, :2], pose[:3, 3] = ((cos, -sin), (sin, cos)), place
+    extent = np.stack([vertices_m.min(axis=0), vertices_m.max(axis=0)])
+    return grasping.scene_points(points, faces, pose, extent, str(args.scene))
 
 
 def _refuse_options_of_objects(args: Any) -> None:

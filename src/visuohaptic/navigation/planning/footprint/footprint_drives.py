@@ -16,10 +16,11 @@ from jaxtyping import Bool, Float, Int32
 from ..arrays import Path, Point, Shifts
 from ..object_cells import fill_cells, window_around
 from ..search._travel_kernels import UNITS, clearances_at, travel_field
+from ..search.bodies import sampled
 from ..search.cell_paths import resampled
 from ..search.drives import pull_string
 from ..search.push_states import Deadline, PushStep
-from ..search.search_domain import SearchDomain, sampled
+from ..search.search_domain import SearchDomain
 from . import _footprint_kernels as kernels
 
 #: Maximum size of the cells on which objects are drawn, and spacing of the lattice [m].

@@ -218,3 +218,21 @@ def world_from_grid(
     """
     x, y, yaw = map.origin
     return np.asarray(points) * map.resolution_m @ rotation_2d(yaw).T + (x, y)
+
+
+def sampled(path: Path, step: float) -> tuple[Path, Float[np.ndarray, "k"]]:
+    """Middles of equal parts of a path's segments, and the lengths of the parts.
+
+    Parameters
+    ----------
+    path
+        Corners.
+    step
+        Maximum length of a part.
+    """
+    steps = np.diff(path, axis=0)
+    lengths = np.hypot(*steps.T)
+    parts = np.maximum(np.ceil(lengths / step), 1).astype(int)
+    number = np.repeat(np.arange(len(parts)), parts)
+    share = (np.arange(len(number)) - np.repeat(np.cumsum(parts) - parts, parts) + 0.5) / parts[number]
+    return path[number] + share[:, None] * steps[number], (lengths / parts)[number]

@@ -12,8 +12,8 @@ from ..object_cells import clear_cells
 from ..place_costs import place_costs
 from ._push_search_kernels import largest_in_blocks
 from .bodies import OUTLINE_INSET_M, Body, grid_from_world, lower_clearance
-from .push_states import needed_clearance
-from .search_domain import SearchDomain, full_speed_clearance
+from .push_states import full_speed_clearance, needed_clearance
+from .search_domain import SearchDomain
 
 #: Approximate number of lattice nodes (blocks of cells) per robot radius.
 NODES_PER_RADIUS = 2.0

@@ -94,7 +94,7 @@ def drives_cost(
     most
         Costs from this one on count as infinite [cells at full speed].
     field
-        Lattice field of the last drive: its start nodes and costs [units].
+        Field of the last drive on the relaxed lattice: its start nodes and costs [units].
     """
     ends, goal = _ends(domain, steps, start), domain.goal
     if not domain.clear_straight(ends[-1].shifts, goal, goal[None])[0]:
@@ -109,6 +109,22 @@ def drives_cost(
         total += _drive(domain, end, complete=not (steps and np.isfinite(most)))[2]
         if total >= most:
             return float("inf")
+    return total
+
+
+def lattice_cost(domain: SearchDomain, steps: tuple[PushStep, ...], start: Point) -> float:
+    """Cost of a plan's drives on the lattice [cells at full speed]; infinite if one is known not to exist on the map along it.
+
+    Parameters
+    ----------
+    domain, steps, start
+        See :func:`drives_cost`.
+    """
+    total = 0.0
+    for end in _ends(domain, steps, start):
+        block, _, cost, _ = domain.drives.get(_key(*end), (domain.block, None, 0.0, None))
+        along = block == domain.block and np.isfinite(cost)
+        total += _over_lattice(domain, end)[1] if along else float("inf")
     return total
 
 
@@ -202,14 +218,23 @@ def _key(*arrays: Float[np.ndarray, "..."]) -> tuple[bytes, ...]:
 def _over_lattice(
     domain: SearchDomain, drive: _Drive, field: tuple[Nodes, Field] | None = None
 ) -> tuple[Path, float]:
-    """Blocks (x, y) of a drive over the lattice, and its cost [cells at full speed]."""
+    """Blocks (x, y) of a drive over the lattice, and its cost [cells at full speed].
+
+    A path of the relaxed lattice, whose field may be known, is that of the lattice unless it leads through nodes that differ.
+    """
     key = _key(*drive)
     if key not in domain.paths:
         shifts, start, goal = drive
-        nodes, cost = cheapest_cells(
-            domain, domain.lattice_with(shifts), start, goal, domain.block, field, domain.labels(domain.block)
-        )
-        domain.paths[key] = nodes, cost * domain.block
+        layer, block, labels = domain.lattice_with(shifts), domain.block, domain.labels(domain.block)
+        nodes, cost = np.zeros((0, 2)), 0.0
+        if field is not None:
+            loose = domain.relaxed.lattice_with(shifts)
+            nodes, cost = cheapest_cells(domain, loose, start, goal, block, field, labels)
+            at = tuple(nodes.astype(int).T[::-1])
+            nodes = nodes[: len(nodes) * bool((layer[at] == loose[at]).all())]
+        if not len(nodes):
+            nodes, cost = cheapest_cells(domain, layer, start, goal, block, None, labels)
+        domain.paths[key] = nodes, cost * block
     return domain.paths[key]
 
 

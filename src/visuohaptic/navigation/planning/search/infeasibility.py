@@ -41,7 +41,7 @@ class Infeasibility:
     """
 
     def __init__(self, heuristic: PushHeuristic, limits: SearchLimits, deadline: Deadline) -> None:
-        self.heuristic, self.domain, self.deadline = heuristic, heuristic.domain.relaxed, deadline
+        self.heuristic, self.domain, self.deadline = heuristic, heuristic.lattice, deadline
         # Pushes are checked in steps of half a cell.
         self.step = max(STEP_M / self.domain.map.resolution_m, 0.5)
         self.max_states = limits.memory_bytes // 1000

@@ -48,6 +48,8 @@ class PushHeuristic:
         Whether pushes may be oblique to a face.
     free
         Another heuristic of the same domain and goal; parts that do not depend on the bodies are shared with it.
+    relaxed
+        Whether the bound holds for drives beside the centres of cells, too. Otherwise it is only a guide to a first plan.
     """
 
     def __init__(
@@ -59,9 +61,11 @@ class PushHeuristic:
         left_out: Collection[int] = (),
         oblique: bool = False,
         free: PushHeuristic | None = None,
+        relaxed: bool = True,
     ) -> None:
 
         self.domain, self.costs = domain, costs
+        self.lattice = domain.relaxed if relaxed else domain  #: on which cost-to-go is computed
         self.active, self.oblique = sorted(active), oblique
         self.far, self.units = int(FAR), int(UNITS)
         self.units_per_s = UNITS * domain.robot.v_max_m_s / (domain.map.resolution_m * domain.block)
@@ -69,7 +73,9 @@ class PushHeuristic:
         zeros = np.zeros((len(domain.bodies), 2))
         #: without the pushable bodies
         self.base: Clearance = (
-            free.base if free else domain.lowered(domain.lattice, zeros, still, domain.block)
+            free.base
+            if free and free.lattice is self.lattice
+            else self.lattice.lowered(self.lattice.lattice, zeros, still, domain.block)
         )
         self.stand_off = domain.robot.stand_off_m / domain.map.resolution_m
         self.centres: Shifts = np.array([body.centre for body in domain.bodies]).reshape(-1, 2)
@@ -197,7 +203,7 @@ class PushHeuristic:
             Indices of the bodies to test.
         """
 
-        domain = self.domain
+        domain = self.lattice
         found = []
         for index in bodies:
             alone = domain.lowered(self.base, np.zeros((len(domain.bodies), 2)), [index], domain.block)
@@ -246,7 +252,7 @@ class PushHeuristic:
         rest: Field | None = None,
     ) -> Field:
 
-        domain = self.domain
+        domain = self.lattice
         moved = [index for index in bodies if shifts[index].any()]
         clearance = self.base
         if moved:
@@ -364,7 +370,7 @@ class PushHeuristic:
         region = np.zeros(self.base.shape, np.int16)
         for index in sorted(bodies, key=lambda k: self.crossing(k, shifts[k])):
             outline = domain.bodies[index].kept_clear + shifts[index]
-            mark_region(region, outline, domain.radius, index + 1, domain.block)
+            mark_region(region, outline, self.lattice.closed_below, index + 1, domain.block)
         if known:
             self._marked[bodies] = region
         return region

@@ -220,7 +220,7 @@ def opening_at(
     corner = low * float(block)
     without = domain.part(domain.lattice, low, high, shifts, block, among)
     found: Float[np.ndarray, "k"] = opening_lengths(
-        without, domain.bodies[index].kept_clear + shift - corner, *direction, domain.radius, block, limit,
+        without, domain.bodies[index].kept_clear + shift - corner, *direction, domain.closed_below, block, limit,
         *(robot - corner), *(domain.goal - corner),
     )  # fmt: skip
     return found

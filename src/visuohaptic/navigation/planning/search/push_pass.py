@@ -19,7 +19,7 @@ from ..arrays import Field, Nodes, Path
 from ..place_costs import places_s
 from . import _travel_kernels
 from ._travel_kernels import clearances_at, reach_costs
-from .drives import drive_cost, drives_cost
+from .drives import drive_cost, drives_cost, lattice_cost
 from .push_heuristic import PushHeuristic
 from .push_lengths import free_length, opening_at, push_step, stand_is_free
 from .push_states import Deadline, SearchLimits, SearchResult, SearchState, SeenFields, push_sequence
@@ -29,6 +29,8 @@ from .search_domain import CLEAR_SLACK_M
 LENGTH_STEP_M = 0.05
 #: Lengths tried for every push, and beyond one that connects components of free space [steps].
 LADDER, EXTRA = (2, 4, 6, 9, 13, 19, 28, 40), (0, 1, 2, 4, 8, 16)
+#: Costs up to this ratio are those of the same path: rounding errors of integer costs stay below it.
+SAME = 1.002
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +88,8 @@ class PushPass:
         Indices of the bodies that are pushed; by default all bodies of the heuristic.
     on_map
         Whether every drive has to exist on the map. On the lattice alone the bound is lower and found faster.
+    relaxed
+        Whether pushes are found on the relaxed lattice, so that the bound holds for drives beside the centres of cells, too.
     """
 
     def __init__(
@@ -97,12 +101,17 @@ class PushPass:
         bodies: Collection[int] | None = None,
         *,
         on_map: bool = True,
+        relaxed: bool = False,
     ) -> None:
         self.on_map = on_map
         chosen = heuristic.active if bodies is None else list(bodies)
         self.pairs, self.stands = heuristic.stands(chosen)
         self.heuristic, self.weight, self.limits = heuristic, weight, limits
         self.deadline, self.domain = deadline, heuristic.domain
+        #: with whose lattice pushes are found
+        self.lattice = self.domain.relaxed if relaxed else self.domain
+        #: least cost on the relaxed lattice of the plans that were looked for on the map, and of what was not found there [units]
+        self.least = self.doubtful = float("inf")
         self.step = LENGTH_STEP_M / self.domain.map.resolution_m
         self.radius = (self.domain.robot.radius_m - CLEAR_SLACK_M) / self.domain.map.resolution_m
         self.seen = SeenFields(limits.memory_bytes // 4)
@@ -137,6 +146,9 @@ class PushPass:
             bound = max(bound, min(estimate, queue.best))
             if estimate * (1.0 + gap) >= queue.best:
                 break
+            if self.doubtful <= estimate and not self.domain.patient:
+                exhausted = False
+                break
             if isinstance(entry, _Contact):
                 self._lengths(entry)
             elif isinstance(entry, _Push) and not entry.refined:
@@ -148,13 +160,17 @@ class PushPass:
                 expanded += 1
                 if self._exists(state):
                     self._expand(state)
+                elif self.lattice.slack > 0.0:
+                    self.doubtful = min(self.doubtful, estimate)
                 exhausted = exhausted and state.depth < self.limits.pushes
         else:
             bound = queue.best
+        narrow = self.doubtful < bound
+        bound = min(bound, self.doubtful, self.least)
         if queue.goal is not None:
             steps = push_sequence(queue.goal)
-            return SearchResult(True, steps, queue.best / units, bound / units, expanded)
-        return SearchResult(False, bound=bound / units, expanded=expanded, exhausted=exhausted)
+            return SearchResult(True, steps, queue.best / units, bound / units, expanded, narrow)
+        return SearchResult(False, (), float("inf"), bound / units, expanded, narrow, exhausted)
 
     def _exists(self, state: SearchState) -> bool:
         """Whether the drive to the last push also exists on the map."""
@@ -169,22 +185,23 @@ class PushPass:
     def _expand(self, state: SearchState) -> None:
         """Generate the drive to the goal and the contacts that the robot can reach."""
 
-        domain, heuristic, queue = self.domain, self.heuristic, self.queue
+        domain, heuristic, queue = self.lattice, self.heuristic, self.queue
         clearance = domain.lattice_with(state.shifts)
         cells, costs = domain.seeds(clearance, state.robot, reach=1 if state.depth or domain.block > 1 else 2)
         if not cells.size or self.seen.dominated(state, cells):
             return
         most = int(min(queue.best - state.spent, heuristic.far))
-        if state.travel is None or state.travel[0] < most:
+        known = state.travel.get(domain.slack > 0.0)
+        if known is None or known[0] < most:
             none = np.zeros(0, np.int32)
             cost = _travel_kernels.travel_field(
                 clearance, domain.radius, domain.slow, cells, costs, heuristic.labels, heuristic.passing,
                 heuristic.free_field if most < heuristic.far else none, most, none,
             )  # fmt: skip
             if not state.depth:
-                state.travel = most, cost  # every pass starts here
+                state.travel[domain.slack > 0.0] = most, cost  # every pass starts here
         else:
-            cost = state.travel[1]
+            cost = known[1]
         self.seen.add(state, cost)
         goal_cells, goal_costs = domain.seeds(clearance, domain.goal)
         reached = False
@@ -225,7 +242,12 @@ class PushPass:
         units, pushes = heuristic.units / self.domain.block, heuristic.pushes_units(steps)
         if self.on_map:
             most = (best - pushes) / units
-            cost = pushes + units * drives_cost(self.domain, steps, self.start, most, field)
+            known = field if self.lattice.slack > 0.0 else None
+            optimistic, cost = cost, pushes + units * drives_cost(self.domain, steps, self.start, most, known)
+            if known is not None:
+                self.least = min(self.least, optimistic)
+                if pushes + units * lattice_cost(self.domain, steps, self.start) > SAME * optimistic:
+                    self.doubtful = min(self.doubtful, optimistic)
         if cost < best:
             self.queue.best, self.queue.goal = cost, state
         return cost < best or np.isfinite(best)
@@ -254,7 +276,7 @@ class PushPass:
         if free < 0.5:
             return
         others = np.arange(len(domain.bodies)) != contact.body
-        opening = opening_at(domain, state.shifts, contact.body, push.direction, free, stand, others)
+        opening = opening_at(self.lattice, state.shifts, contact.body, push.direction, free, stand, others)
         opens_at = float(opening.min()) if len(opening) else float("inf")
         lengths = np.array([n for n in self._tried(free, opening) if not contact.reached or n >= opens_at])
         if not len(lengths):
@@ -264,7 +286,10 @@ class PushPass:
         free_left = heuristic.to_go(heuristic.free_field, ends)
         for length, to_go, driven in zip(lengths.tolist(), left.tolist(), free_left.tolist(), strict=True):
             opens = length >= opens_at
-            spent = contact.spent + heuristic.push_units(contact.body, length)
+            paid = length
+            if self.lattice.slack > 0.0:  # lengths between these steps are possible, too
+                paid = min((o for o in opening if length - self.step < o <= length), default=length)
+            spent = contact.spent + heuristic.push_units(contact.body, paid)
             if not opens and self.weight > 1.0:  # most likely, another push is needed
                 to_go = max(to_go, driven + heuristic.min_any_push)
                 to_go += heuristic.crossing(contact.body, shift)

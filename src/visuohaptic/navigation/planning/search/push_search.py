@@ -41,6 +41,8 @@ WEIGHTS, LAST_WEIGHT = (1.2, 3.0), 10.0
 STRAIGHT = 0.5
 #: Maximum number of expanded configurations with the first weight, and for the bound of a single body.
 FIRST_EXPANSIONS, ALONE_EXPANSIONS = 150, 60
+#: Maximum number of expanded configurations in which a passage that is about as wide as the robot is looked for.
+NARROW_EXPANSIONS = 40
 #: Allowed gap between the bound of one body alone and its cheapest plan, as a fraction.
 ALONE_GAP = 0.02
 #: Fractions of the budget at which these phases end: bounds of single bodies; a first plan with the bodies on the cheapest
@@ -119,7 +121,7 @@ class _Search:
         self.deadline = Deadline.after(self.limits.budget_s)
         domain = self.domain
         self.first = SearchState(0.0, self.start, np.zeros((len(domain.bodies), 2)))
-        layer = domain.lattice_with(self.first.shifts)
+        layer = domain.relaxed.lattice_with(self.first.shifts)
         self.cells, _ = domain.seeds(layer, self.start, reach=1 if domain.block > 1 else 2)
 
     def run(self) -> SearchResult:
@@ -139,9 +141,9 @@ class _Search:
         # A path that is hardly longer than without the objects crosses a small part of a large map; the limit leaves a
         # tolerance above an acceptable cost for any-angle paths.
         for most in ((1.0 + self.limits.gap) * enough, float("inf")):
-            plan = PushPass(free, 1.0, self.limits, self._until(1.0)).run(self.first, 1, most)
+            plan = PushPass(free, 1.0, self.limits, self._until(1.0), relaxed=True).run(self.first, 1, most)
             if plan.found and (not self.active or plan.cost <= enough * seconds):
-                return replace(plan, bound=min(plan.cost, pushing * seconds))
+                return replace(plan, bound=min(plan.bound, pushing * seconds))
             if plan.found or self._until(1.0).passed:
                 break
         return self._with_pushes(free, plan)
@@ -161,12 +163,19 @@ class _Search:
                 return plan
         elif reason := self._bound_crossings(heuristic):
             return SearchResult(False, exhausted=True, reason=reason)
-        alone, crossed = heuristic.alone, heuristic.crossed(self.cells)
-        plan = self._joined(plan, heuristic) if self.lone else plan
-        if not (self.lone and plan.found):
-            plan = self._first_plan(plan, heuristic, ((WEIGHTS[0], CROSSED),), crossed)
+        elif self.lone:
+            plan = self._joined(plan, heuristic)
+        guide, joined = heuristic, plan.found and bool(self.lone)
         if not plan.found:
-            plan = self._first_plan(plan, heuristic, zip(WEIGHTS, SOON, strict=True))
+            plan = plan if self.domain.patient else self._looked(heuristic)
+            if plan.reason:
+                return plan
+            guide = heuristic if plan.found else self._guide(heuristic)
+        if not joined:
+            plan = self._first_plan(plan, guide, ((WEIGHTS[0], CROSSED),), guide.crossed(self.cells))
+        if not plan.found:
+            plan = self._first_plan(plan, guide, zip(WEIGHTS, SOON, strict=True))
+        alone = heuristic.alone
         through: dict[int, float] = {}
         worth = self.active
         if plan.found:
@@ -186,7 +195,7 @@ class _Search:
         if not plan.found:
             reason = self._proof(heuristic) if worth != needed else ""
             passes = zip((*WEIGHTS, LAST_WEIGHT), LATE, strict=True)
-            plan = plan if reason else self._first_plan(plan, heuristic, passes)
+            plan = plan if reason else self._first_plan(plan, self._guide(heuristic), passes)
             if not plan.found:
                 late = self._late()
                 return replace(late, exhausted=bool(reason), reason=reason or late.reason)
@@ -199,11 +208,35 @@ class _Search:
         left_out = tuple(sorted(self.active - needed - worth))
         return replace(plan, bound=bound, expanded=self.expanded, left_out=left_out)
 
-    def _heuristic(self, bodies: Collection[int], free: PushHeuristic | None = None) -> PushHeuristic:
+    def _heuristic(
+        self, bodies: Collection[int], free: PushHeuristic | None = None, *, relaxed: bool = True
+    ) -> PushHeuristic:
         left_out = self.active - frozenset(bodies)
         return PushHeuristic(
-            self.domain, self.costs, bodies, left_out=left_out, oblique=self.oblique, free=free
+            self.domain,
+            self.costs,
+            bodies,
+            left_out=left_out,
+            oblique=self.oblique,
+            free=free,
+            relaxed=relaxed,
         )
+
+    def _looked(self, heuristic: PushHeuristic) -> SearchResult:
+        """A plan that is found soon; a reason where one soon seems to exist that leads beside the centres of cells."""
+        until = self._until_found(CROSSED)
+        look = PushPass(heuristic, WEIGHTS[0], self.limits, until, relaxed=True)
+        plan = look.run(self.first, NARROW_EXPANSIONS)
+        self.expanded += plan.expanded
+        narrow = bool(np.isfinite(look.doubtful)) and not plan.found
+        reason = self._late().reason + NARROW if narrow else ""
+        return replace(plan, narrow=narrow, exhausted=False, reason=reason)
+
+    def _guide(self, heuristic: PushHeuristic) -> PushHeuristic:
+        """The heuristic for a first plan, which has to exist on the centres of cells."""
+        guide = self._heuristic(heuristic.active, relaxed=False)
+        guide.alone = heuristic.alone
+        return guide
 
     def _late(self) -> SearchResult:
         reason = f"no plan among {self.expanded} configurations, not proved"
@@ -275,7 +308,7 @@ class _Search:
         for weight in (1.0,) if self.expanded <= FIRST_EXPANSIONS else (WEIGHTS[0], 1.0):
             if plan.cost <= (1.0 + self.limits.gap) * plan.bound:
                 break
-            better = PushPass(heuristic, weight, self.limits, self._until(1.0), bodies).run(
+            better = PushPass(heuristic, weight, self.limits, self._until(1.0), bodies, relaxed=True).run(
                 self.first,
                 max(self.limits.expansions - self.expanded, 1),
                 plan.cost * units,
@@ -283,7 +316,7 @@ class _Search:
             )
             self.expanded += better.expanded
             bound = max(plan.bound, better.bound / weight)
-            plan = replace(better if better.found else plan, bound=bound)
+            plan = replace(better if better.found else plan, bound=bound, narrow=better.narrow)
         return replace(plan, bound=min(plan.bound, plan.cost))
 
     def _bound_crossings(self, heuristic: PushHeuristic) -> str:
@@ -298,7 +331,9 @@ class _Search:
             cells, _ = domain.seeds(heuristic.base, self.start)
             part = PushHeuristic(alone, self.costs, (0,), oblique=self.oblique, free=heuristic)
             most = min(ALONE_EXPANSIONS, limits.expansions)
-            found = PushPass(part, 1.0, limits, deadline, on_map=False).run(first, most, gap=ALONE_GAP)
+            found = PushPass(part, 1.0, limits, deadline, on_map=False, relaxed=True).run(
+                first, most, gap=ALONE_GAP
+            )
             if not found.found:
                 reason = Infeasibility(part, limits, deadline).prove(first, cells)
                 if reason:
@@ -319,13 +354,14 @@ class _Search:
             return "the goal is too near to what cannot be moved", True
         if not self.cells.size:
             return "the robot does not fit at its start", True
+        what = "walls and what is not pushed" if domain.immovable or still.any() else "walls"
+        what += " separate start and goal"
         if heuristic.free_field[self.cells].min() >= heuristic.far:
-            what = "walls and what is not pushed" if domain.immovable or still.any() else "walls"
-            loose = domain.relaxed
-            near, ends = (loose.seeds(heuristic.base, point)[0] for point in (self.start, goal))
-            joined = flood(heuristic.base, loose.radius, near, ends)[ends].any()
-            pushed = ", with or without pushes" if self.active else ""
-            return f"{what} separate start and goal" + (NARROW if joined else pushed), not joined
+            return what + (", with or without pushes" if self.active else ""), True
+        base = domain.lowered(domain.lattice, self.first.shifts, np.flatnonzero(still).tolist(), domain.block)
+        near, ends = (domain.seeds(base, point)[0] for point in (self.start, goal))
+        if not flood(base, domain.radius, near, ends)[ends].any():
+            return what + NARROW, False
         return "", False
 
 

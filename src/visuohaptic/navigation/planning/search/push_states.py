@@ -108,6 +108,7 @@ class SearchResult:
     cost: float = float("inf")  #: lattice estimate [cells at full speed]
     bound: float = 0.0  #: lower bound of all plans of the model [cells at full speed]
     expanded: int = 0
+    narrow: bool = False  #: whether the bound is that of what may exist beside the centres of cells
     exhausted: bool = False  #: whether it is proved that there is no plan
     reason: str = ""
     left_out: tuple[int, ...] = ()  #: bodies that touch no bottleneck between start and goal
@@ -123,8 +124,9 @@ class SearchState:
     parent: SearchState | None = None
     step: PushStep | None = None
     depth: int = 0
-    #: costs of driving from its robot position to each node, and the cost of a plan up to which they are known [units]
-    travel: tuple[int, Field] | None = None
+    #: by whether the lattice is relaxed: cost of a plan up to which these are known, costs of driving from its robot
+    #: position to each node [units]
+    travel: dict[bool, tuple[int, Field]] = field(default_factory=dict)
 
 
 @dataclass(slots=True, eq=False)
@@ -198,3 +200,14 @@ def needed_clearance(radius: float, spacing: float | None = None) -> float:
     """
     spacing = max(0.5, radius / 7.0) if spacing is None else spacing
     return radius + (1.0 + spacing**2) / (8.0 * radius) * (1.0 + 1.0 / (8.0 * radius))
+
+
+def full_speed_clearance(radius: float) -> float:
+    """Clearance above which the robot drives at full speed, with a margin of one cell [cells].
+
+    Parameters
+    ----------
+    radius
+        Radius of the robot [cells].
+    """
+    return 3.0 * radius + 1.0

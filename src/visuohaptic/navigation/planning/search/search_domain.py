@@ -23,9 +23,10 @@ from ...pushing.push_model import PushModel
 from ..arrays import Among, Clearance, Labels, Nodes, Outline, Path, Point, Shifts
 from ._push_search_kernels import block_patch
 from ._travel_kernels import UNITS, nodes_around
-from .bodies import Body, joined_outlines, lower_window
+from .bodies import Body, joined_outlines, lower_window, sampled
 from .bodies import grid_from_world as grid_from_world
 from .bodies import world_from_grid as world_from_grid
+from .push_states import full_speed_clearance
 
 #: Tolerance of a clearance for rounding errors of coordinates [m].
 CLEAR_SLACK_M = 1e-6
@@ -70,6 +71,10 @@ class SearchDomain:
     immovable_outlines: tuple[Outline, ...]
     passages: tuple[tuple[Passage, Outline, float], ...] = ()  #: outline, seconds
     places: Clearance | None = None  #: cost of an object that ends in a cell [s]
+    patient: bool = True  #: whether a search continues where a plan may exist beside the centres of cells
+    #: how much less than the radius the clearance of a node may be; then it counts as :attr:`widest` [cells]
+    slack: float = 0.0
+    widest: float = 0.0
     #: distances around bodies, cached because most bodies do not move
     patches: dict[tuple[int, int, float, float], Patch] = field(default_factory=dict, init=False)
     #: cached lattices with the unmoved bodies, by the set of moved ones
@@ -100,12 +105,33 @@ class SearchDomain:
 
     @cached_property
     def relaxed(self) -> SearchDomain:
-        """The domain of proofs: whatever a robot's centre can reach is reached over cells of at least this clearance.
+        """The domain of bounds and proofs: its lattice is open wherever a robot's centre fits.
 
         The centre of the cell that a point lies in is at most half a diagonal from the point.
         """
-        radius = self.robot.radius_m / self.map.resolution_m - 0.5 * math.sqrt(2.0)
-        return replace(self, radius=max(radius, 1e-6))
+        radius, half = self.robot.radius_m / self.map.resolution_m, 0.5 * math.sqrt(2.0)
+        loose = replace(
+            self, slack=self.radius - max(radius - half, 1e-6), widest=max(radius + half, self.radius)
+        )
+        return replace(loose, lattice=loose.loosened(self.lattice))
+
+    def loosened(self, layer: Clearance) -> Clearance:
+        """A layer of clearances [cells] with the greatest that a robot may have where it may fit beside the centre of a cell.
+
+        Parameters
+        ----------
+        layer
+            Clearance at the centres of cells [cells].
+        """
+        if not self.slack:
+            return layer
+        near = (layer >= self.closed_below) & (layer < self.widest)
+        return np.where(near, np.float32(self.widest), layer)
+
+    @property
+    def closed_below(self) -> float:
+        """Clearance of a cell's centre below which the robot fits nowhere in the cell [cells]."""
+        return self.radius - self.slack
 
     @property
     def reach(self) -> float:
@@ -248,8 +274,10 @@ class SearchDomain:
             outline = self.bodies[index].kept_clear + shift
             self.patches[key] = (
                 distance_patch(outline, self.reach) if block == 1
-                else block_patch(self.clearance, outline, self.radius, self.reach, block)
+                else block_patch(self.clearance, outline, self.closed_below, self.reach, block)
             )  # fmt: skip
+            patch, row, column = self.patches[key]
+            self.patches[key] = self.loosened(patch), row, column
         return self.patches[key]
 
     def obstacle_outlines(
@@ -361,32 +389,3 @@ class SearchDomain:
             Cost in the unit of the grid search [cells].
         """
         return cells_at_full_speed * self.map.resolution_m / self.robot.v_max_m_s
-
-
-def sampled(path: Path, step: float) -> tuple[Path, Float[np.ndarray, "k"]]:
-    """Middles of equal parts of a path's segments, and the lengths of the parts.
-
-    Parameters
-    ----------
-    path
-        Corners.
-    step
-        Maximum length of a part.
-    """
-    steps = np.diff(path, axis=0)
-    lengths = np.hypot(*steps.T)
-    parts = np.maximum(np.ceil(lengths / step), 1).astype(int)
-    number = np.repeat(np.arange(len(parts)), parts)
-    share = (np.arange(len(number)) - np.repeat(np.cumsum(parts) - parts, parts) + 0.5) / parts[number]
-    return path[number] + share[:, None] * steps[number], (lengths / parts)[number]
-
-
-def full_speed_clearance(radius: float) -> float:
-    """Clearance above which the robot drives at full speed, with a margin of one cell [cells].
-
-    Parameters
-    ----------
-    radius
-        Radius of the robot [cells].
-    """
-    return 3.0 * radius + 1.0

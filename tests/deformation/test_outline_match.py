@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from visuohaptic.deformation.shapes import draw_variants, load_container
-from visuohaptic.recognition.touch import container_outline, nearest_variant
+from visuohaptic.deformation.shapes import container_outline, draw_variants, load_container, nearest_variant
 
 
 def test_a_variant_is_found_by_its_own_outline() -> None:
