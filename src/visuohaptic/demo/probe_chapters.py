@@ -146,8 +146,9 @@ def find_the_glass(mission: Mission) -> ChapterResult:
         return _find_the_opaque(mission, found, picture)
     region = found.regions[0]
     centre = region.centroid_m
+    largest = ", the largest" if len(found.regions) > 1 else ","
     mission.log(
-        f"  {counted(len(found.regions), 'transparent part')}, the largest {1e3 * region.size_m[2]:.0f} mm high around "
+        f"  {counted(len(found.regions), 'transparent part')}{largest} {1e3 * region.size_m[2]:.0f} mm high around "
         f"({1e3 * centre[0]:.0f}, {1e3 * centre[1]:.0f}, {1e3 * centre[2]:.0f}) mm"
     )
     mission.scan = found
