@@ -82,7 +82,8 @@ def measure_edges(
     scale = width_m / rest
     raw = scale * (rest - strip.width_m + part * strip.encoded_m)
     excess = blur_excess_px2(strip, zero, np.abs(raw - last_m) / strip.pixel_m)
-    lit, part_lit, uneven = shift_by_light_px(strip, zero, excess)
+    unexplained = excess.copy()
+    lit, part_lit, uneven = shift_by_light_px(strip, zero, unexplained)
     gap, gap_sigma = gap_shift_px(strip, zero, excess)
     # The edge before a gap is that between foam and floor, as at rest.
     to_floor = np.where(gap == 0.0, 0.0, encoded - strip.encoded_m)
@@ -100,7 +101,7 @@ def measure_edges(
     sigma = with_cancelled_texture(raw, scale * strip.width_sigma_m, noise, clean, strip.pixel_m)
     part_lit = np.where(gap == 0.0, part_lit, 0.0)
     light = strip.pixel_m * light_shift_px(
-        strip, zero, np.where(gap == 0.0, excess, np.nan), part_lit, uneven
+        strip, zero, np.where(gap == 0.0, unexplained, np.nan), part_lit, uneven
     )
     # The error of the zero reference is the same in every frame; it is not noise of this image.
     systematic = np.hypot(kink, scale * zero.width_sigma_m)
@@ -163,9 +164,8 @@ def shift_by_light_px(
     remainder = found[1] - quick_median((found[1] - excess_px2)[even])
     shift = np.where(near, strip.rest_px - front - found[0], 0.0)
     # Light is no matter of a single point, nor of the place beside which it is seen: what differs is error.
-    # The smaller one of two squared differences is 0.36 of its mean on average, which is twice the variance of an error.
     apart = np.diff(shift, prepend=np.inf, append=np.inf) ** 2
-    error = (1.4826 * quick_median(np.abs(shift[even]))) ** 2 + 1.4 * np.minimum(apart[:-1], apart[1:])
+    error = (1.4826 * quick_median(np.abs(shift[even]))) ** 2 + 0.5 * np.minimum(apart[:-1], apart[1:])
     error += np.where(near, found[3], 0.0) ** 2
     part = np.where(near, 1.0 - np.minimum(error / np.maximum(shift**2, 1e-12), 1.0), 0.0)
     excess_px2[measured] += (part * (remainder - excess_px2))[measured]
