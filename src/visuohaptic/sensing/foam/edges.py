@@ -14,7 +14,7 @@ edges in even light, what distinguishes neighbours, and what changes if the ligh
 displaced one. What the light beside the edge explains of its blur is no excess.
 
 All of this supposes that the floor as at rest lies beyond the edge. If a body does, behind a narrow gap, its edge is shifted by that gap.
-The texture beyond tells them apart: both shifts are weighed by the probability of the floor, and their scatter is error.
+The texture beyond distinguishes them: both shifts are weighed by the probability of the floor, and their scatter is error.
 """
 
 from __future__ import annotations
