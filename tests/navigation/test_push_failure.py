@@ -185,7 +185,7 @@ def test_what_was_learned_of_the_centre_is_in_the_declared_end():
     assert near < aside < far
 
 
-@pytest.mark.parametrize("seed", [2, 6, 14])
+@pytest.mark.parametrize("seed", [2, 9, 14])
 def test_a_push_goes_farther_where_its_end_might_close_the_way(seed):
     """What another push costs at least, times how often ends drawn from the declared covariance close the passage.
 
