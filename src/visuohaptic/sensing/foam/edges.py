@@ -172,7 +172,7 @@ def shift_by_light_px(
     error = (1.4826 * quick_median(np.abs(shift[even]))) ** 2 + 0.5 * np.minimum(apart[:-1], apart[1:])
     error += np.where(near, found[3], 0.0) ** 2
     part = np.where(near, 1.0 - np.minimum(error / np.maximum(shift**2, 1e-12), 1.0), 0.0)
-    floor = _floor_probability(*found[4:], even, strip.front.contrast)
+    floor = _floor_probability(found[4], found[5], found[6], even, strip.front.contrast)
     # Light that shifts an edge changes its blur, and without this light its blur is that at rest. The half with the less excess
     # has a median of 0.32 standard deviations.
     scatter = max(quick_median(np.abs(excess_px2[even])) / 0.32, 1e-3)
