@@ -14,7 +14,8 @@ edges in even light, what distinguishes neighbours, and what changes if the ligh
 displaced one. What the light beside the edge explains of its blur is no excess.
 
 All of this supposes that the floor as at rest lies beyond the edge. If a body does, behind a narrow gap, its edge is shifted by that gap.
-The texture beyond distinguishes them: both shifts are weighed by the probability of the floor, and their scatter is error.
+The texture beyond distinguishes them: both shifts are weighed by the probability of the floor, and their scatter
+is error. Light that leaves less of the blur unexplained than the edge has without it is the more probable.
 """
 
 from __future__ import annotations
@@ -148,7 +149,7 @@ def shift_by_light_px(
     -------
     ndarray
         Deflection that the light pretends [px], part of the difference that is ascribed to light, from 0 to 1, variance of
-        the deflection where it is [px^2], and probability that the floor as at rest lies beyond the edge, (4, K).
+        the deflection where it is [px^2], and probability that light on the floor as at rest has shifted the edge, (4, K).
     """
     found = np.full((7, len(excess_px2)), np.nan)
     if strip.stripe:
@@ -171,7 +172,12 @@ def shift_by_light_px(
     error = (1.4826 * quick_median(np.abs(shift[even]))) ** 2 + 0.5 * np.minimum(apart[:-1], apart[1:])
     error += np.where(near, found[3], 0.0) ** 2
     part = np.where(near, 1.0 - np.minimum(error / np.maximum(shift**2, 1e-12), 1.0), 0.0)
-    floor = _floor_probability(*found[4:], even, strip.front.contrast)
+    floor = _floor_probability(found[4], found[5], found[6], even, strip.front.contrast)
+    # Light that shifts an edge changes its blur, and without this light its blur is that at rest. The half with the less excess
+    # has a median of 0.32 standard deviations.
+    scatter = max(quick_median(np.abs(excess_px2[even])) / 0.32, 1e-3)
+    gain = np.where(measured, excess_px2**2 - remainder**2, 0.0) / scatter**2
+    floor /= 1.0 + np.exp(-np.clip(0.5 * gain, -40.0, 40.0))
     excess_px2[measured] += (floor * part * (remainder - excess_px2))[measured]
     # Noise alone scatters about a straight line, too.
     uneven, chance = local_statistics(found[2])
