@@ -467,6 +467,25 @@ def ball_on_a_stem(kind: str) -> trimesh.Trimesh:
     return trimesh.Trimesh(points, np.concatenate([faces, *fans]), process=False)
 
 
+@pytest.mark.parametrize("fine", [False, True])
+def test_a_gable_is_a_lid(fine: bool, tmp_path: Path) -> None:
+    """Of a carton of 70 mm with a roof over its upper 30 mm nothing is level; it holds 70 x 70 x (170 + 30 / 2) mm."""
+    half, eaves, ridge = 0.035, 0.17, 0.2
+    foot = [(-half, -half), (half, -half), (half, half), (-half, half)]
+    points = [(*p, 0.0) for p in foot] + [(*p, eaves) for p in foot] + [(-half, 0, ridge), (half, 0, ridge)]
+    faces = [(0, 2, 1), (0, 3, 2), (4, 5, 9), (4, 9, 8), (6, 7, 8), (6, 8, 9), (5, 6, 9), (7, 4, 8)]
+    for i, j in zip(range(4), (1, 2, 3, 0), strict=True):
+        faces += [(i, j, 4 + j), (i, 4 + j, 4 + i)]
+    mesh = trimesh.Trimesh(np.array(points), np.array(faces), process=False)
+    for _ in range(5 if fine else 0):
+        mesh = mesh.subdivide()
+    mesh.export(tmp_path / "milk.stl")
+    container = import_container(tmp_path / "milk.stl")
+    assert container.height_m == pytest.approx(ridge, rel=1e-3)
+    volume = 4 * half**2 * 0.5 * (eaves + ridge)
+    assert container.volume_m3 == pytest.approx(volume, rel=0.005)
+
+
 @pytest.mark.parametrize(
     ("kind", "said"),
     [

@@ -13,7 +13,7 @@ from visuohaptic.core import InputError
 from visuohaptic.deformation import load_object
 from visuohaptic.deformation.maps.curve_features import _judged
 from visuohaptic.deformation.maps.thickness_map import with_thickness_map
-from visuohaptic.deformation.shapes.coverage import _level_area, check_container
+from visuohaptic.deformation.shapes.coverage import _lid_area, check_container
 from visuohaptic.deformation.shapes.import_mesh import _thick
 from visuohaptic.deformation.shapes.mesh_repair import _holes, _noise, clamped_foot
 from visuohaptic.deformation.shapes.posture import _check_upright, _metres_per_unit
@@ -221,10 +221,10 @@ def test_a_top_is_level_within_ten_degrees_in_the_uppermost_tenth() -> None:
 
     ball = trimesh.creation.icosphere(5, 0.03)
     state: Any = SimpleNamespace(vertices=np.asarray(ball.vertices), faces=np.asarray(ball.faces))
-    assert _level_area(state, 0.06) == pytest.approx(
+    assert _lid_area(state, 0.06) == pytest.approx(
         2.0 * np.pi * 0.03**2 * (1.0 - np.cos(np.radians(10.0))), rel=0.06
     )
     for depth, counts in ((0.0095, True), (0.0105, False)):
         level = [(0.0, 0.0, 0.1 - depth), (0.02, 0.0, 0.1 - depth), (0.0, 0.02, 0.1 - depth)]
         state = _state(*level, (0.0, 0.0, 0.1), (0.0, 0.0, 0.0), (0.0, 0.001, 0.0))
-        assert _level_area(state, 0.1) == pytest.approx(2e-4 if counts else 0.0)
+        assert _lid_area(state, 0.1) == pytest.approx(2e-4 if counts else 0.0)

@@ -19,8 +19,10 @@ LEVELS, ANGLES = 200, 96
 LEGS, LONGEST_REACH = 0.1, 2.6
 #: A ledge is a change of radius by this fraction within a two-hundredth of the height, in that fraction of the directions.
 LEDGE = 0.25
-#: A lid is level within 10 degrees in the uppermost tenth; a ball has ``pi (r sin 10)^2`` of that.
+#: A lid is level, or a roof plane, within 10 degrees in the uppermost tenth; a ball has ``pi (r sin 10)^2`` of that.
 LEVEL_rad, TOP = np.radians(10.0), 0.1
+#: Slope up to which a plane is one of a roof (cartons: 40 to 55 degrees), not of a wall, and directions tried.
+STEEPEST_rad, DIRECTIONS = np.radians(60.0), 200
 
 
 def represented_fraction(
@@ -141,7 +143,7 @@ def check_container(state: MeshState, wall: Wall, *, closed: bool) -> None:
     InputError
         It stands on legs or extends far beyond its wall. For one surface without a mouth: its top is as round as a
         ball, or it overhangs like a tool. A single surface contains no information about the interior, so it must look like a
-        container: a lid, and a wall without ledges.
+        container: a lid or a folded roof, and a wall without ledges.
     """
     points = state.vertices[np.unique(state.faces)]
     height = float(np.ptp(points[:, 2]))
@@ -160,10 +162,8 @@ def check_container(state: MeshState, wall: Wall, *, closed: bool) -> None:
             reason = f"it stands on legs: the lowest {100 * cut:.0f} % of its height are not closed around the axis"
         elif closed and overhang > LEDGE:
             reason = f"it is closed and overhangs, like a tool, in {100 * overhang:.0f} % of the directions"
-        elif closed and (level := _level_area(state, height)) < 2 * _ball_area(
-            wall, points[:, 2].max(), height
-        ):
-            reason = f"it has neither a mouth nor a lid: of its top {1e6 * level:.0f} mm2 are level, like those of a ball"
+        elif closed and (flat := _lid_area(state, height)) < 2 * _ball_area(wall, points[:, 2].max(), height):
+            reason = f"it has neither a mouth nor a lid: of its top {1e6 * flat:.0f} mm2 are in one plane, as of a ball"
     if reason:
         raise InputError(
             wall.where,
@@ -188,14 +188,32 @@ def _ball_area(wall: Wall, top_m: float, height: float) -> float:
     return float(np.pi * (np.sin(LEVEL_rad) * ball) ** 2)
 
 
-def _level_area(state: MeshState, height: float) -> float:
-    """Area of the level part of the top [m^2]."""
-    faces = state.faces
-    area = area_vectors(state.vertices, faces)
-    size = np.linalg.norm(area, axis=1)
-    top = state.vertices[faces, 2].min(axis=1) > state.vertices[faces, 2].max() - TOP * height
-    level = np.abs(area[:, 2]) > np.cos(LEVEL_rad) * size
-    return float(size[top & level].sum())
+def _lid_area(state: MeshState, height: float) -> float:
+    """Area of the top that is level, or of the largest plane of its roof [m^2].
+
+    A ball has the same area within ``LEVEL_rad`` of every direction. Planes are sought along the normals at places that are
+    uniform over the area of the rising top: the triangles of a plane with several times 1 / ``DIRECTIONS`` of it have some.
+    """
+    corners = state.vertices[state.faces]
+    area = area_vectors(state.vertices, state.faces)
+    cut = state.vertices[state.faces, 2].max() - TOP * height
+    low, middle, high = np.sort(corners[:, :, 2], axis=1).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        below = (cut - low) ** 2 / ((middle - low) * (high - low))
+        above = (high - cut) ** 2 / ((high - middle) * (high - low))
+    share = np.select([cut < low, cut < middle, cut < high], [1.0, 1 - below, above], 0.0)
+    whole = np.linalg.norm(area, axis=1)
+    size = share * whole
+    outward = area / np.maximum(whole, 1e-300)[:, None]
+    outward[outward[:, 2] < 0] *= -1
+    rising = (outward[:, 2] > np.cos(STEEPEST_rad)) & (size > 0)
+    outward, size = outward[rising], size[rising]
+    if not len(size):
+        return 0.0
+    place = (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
+    chosen = np.searchsorted(np.cumsum(size) / size.sum(), place).clip(max=len(size) - 1)
+    towards = np.vstack([[0.0, 0.0, 1.0], outward[np.unique(chosen)]])
+    return float(((outward @ towards.T > np.cos(LEVEL_rad)).T @ size).max())
 
 
 def represented_parts(state: MeshState, wall: Wall, *, closed: bool) -> tuple[MeshState, list[str]]:
