@@ -95,6 +95,29 @@ def test_joints_along_the_drive_are_no_obstacle():
     assert found.proximity_m == np.inf
 
 
+def test_ends_of_planks_of_other_brightness_are_no_obstacle():
+    """A step across the drive: the floor enlarges its surroundings between the frames, the squares of the local means stay."""
+    angle, eye, rng = np.deg2rad(30.0), np.array([-0.12, 0.0, 0.3]), np.random.default_rng(0)
+    ahead = np.array([np.cos(angle), 0.0, -np.sin(angle)])
+    right = np.array([0.0, -1.0, 0.0])
+    rotation = np.stack([right, np.cross(ahead, right), ahead])
+    view = PlaneView(Camera.simple(320, 240, 260.0), Pose(rotation, -rotation @ eye))
+    # Each pixel is the mean of 3 x 3 rays on planks of 7 x 60 cm, whose brightness differs by a seventh (rms).
+    v, u = np.meshgrid((np.arange(3 * 240) - 1) / 3, (np.arange(3 * 320) - 1) / 3, indexing="ij")
+    rays = np.stack([u, v, np.ones_like(u)], -1) @ np.linalg.inv(view.camera.matrix).T @ rotation
+    along = np.minimum(eye[2] / np.maximum(-rays[..., 2], 1e-6), 20.0)
+    x, y = along * rays[..., 0] + eye[0], along * rays[..., 1]
+    plank = np.floor(y / 0.07).astype(int) % 64
+    start, grey = rng.uniform(0.0, 0.6, 64)[plank], rng.normal(150.0, 21.0, (64, 64))
+    detector = ObstacleDetector(view)
+    for i in range(40):
+        image = grey[plank, np.floor((x + start + 0.02 * i) / 0.6).astype(int) % 64]
+        image = image.reshape(240, 3, 320, 3).mean(axis=(1, 3)) + rng.normal(0.0, 1.6, (240, 320))
+        found = detector.update(np.clip(image, 0, 255).astype(np.uint8), moved(i, (0.02, 0.0, 0.0)))
+        assert not found.valid or found.proximity_m == np.inf
+    assert found.valid
+
+
 def test_a_turned_face_is_placed_in_its_middle():
     """Columns of a face whose ranges lie on a line have their likeliest sum at the range in their middle."""
     away = np.linspace(-20.0, 20.0, 100)  # in half cells of 4 mm

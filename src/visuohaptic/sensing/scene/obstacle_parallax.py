@@ -7,9 +7,10 @@ patterns follow the floor's homography, whatever their appearance; a face that r
 except for its foot. The logarithm of the intensity, minus its local mean, is compared: a shadow
 scales the intensity of floor and face equally.
 
-Residuals e of a pixel follow Student's t, scaled by the noise of both images and by the effect of a subpixel
-registration error at an edge. The log-likelihood ratio of both planes, ``l = log p(e_face) - log p(e_floor)``, is summed over
-the pixels that see one cell of (range, lateral position) at the height of the lowest relevant obstacle.
+Residuals e of a pixel follow Student's t, scaled by the noise of both images and by the effects of a subpixel registration error at
+an edge and of the local means: a square of the earlier frame covers more floor, so that the flanks of a step of brightness do
+not grow with the floor, like those of a face. The log-likelihood ratio of both planes, ``l = log p(e_face) - log p(e_floor)``, is
+summed over the pixels that see one cell of (range, lateral position) at the height of the lowest relevant obstacle.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ _MIN_NOISE = 0.4
 #: looks like an outlier.
 _TAILS = (64.0, 16.0, 4.0, 1.0)
 #: Steps of the derivatives by (x, y, theta) [m, rad]: a small fraction of a bin; no motion is known more accurately.
-_STEPS = (2e-4, 2e-4, 5e-4)
+_STEPS = np.array([2e-4, 2e-4, 5e-4], dtype=np.float32)
 #: Error of a face's motion for a range error of one step of the cells [bins].
 _STEP_BINS = 0.7
 #: Half cells by which a face may be farther than the first estimate, or closer than the nearest cell.
@@ -86,6 +87,7 @@ class StripImage:
 
     detail: Float32[np.ndarray, "rows columns"]  #: logarithm of the grey level minus its local mean
     finer: Float32[np.ndarray, "rows2 columns2"]  #: the same in half bins, for interpolation
+    whole: Float32[np.ndarray, "rows2 columns2"]  #: the logarithm in half bins, with its mean
     level: Float32[np.ndarray, "rows columns"]  #: local mean grey level
 
 
@@ -207,15 +209,13 @@ class FaceCells:
         if self._source is not None:
             binned = cv2.remap(binned, self._source, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         around = (_MEAN_BINS, _MEAN_BINS)
-        detail = cv2.log(binned + np.float32(_BLACK))
-        detail -= cv2.blur(detail, around)
-        detail = cv2.copyMakeBorder(
-            detail[_BORDER:-_BORDER, _BORDER:-_BORDER], *4 * (_BORDER,), cv2.BORDER_CONSTANT, value=math.nan
-        )
+        whole = cv2.log(binned + np.float32(_BLACK))
+        detail = whole - cv2.blur(whole, around)
+        detail = np.pad(detail[_BORDER:-_BORDER, _BORDER:-_BORDER], _BORDER, constant_values=math.nan)
         # Linear interpolation between bins flattens a thin line by up to a quarter. On a line along the drive it would do
         # so alike in all frames, and differently for floor and face, which would count as evidence again and again.
-        finer = cv2.resize(detail, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
-        return StripImage(detail, finer, cv2.blur(binned, around) + np.float32(_BLACK))
+        finer, twice = (cv2.resize(x, None, None, 2, 2, cv2.INTER_CUBIC) for x in (detail, whole))
+        return StripImage(detail, finer, twice, cv2.blur(binned, around) + np.float32(_BLACK))
 
     def pair(
         self, now: StripImage, before: StripImage, motion: Float[np.ndarray, "3"], sigma: Float[np.ndarray, "3"],
@@ -240,11 +240,14 @@ class FaceCells:
 
         variance = np.zeros(self.shape, np.float32)
         for axis in ((1, 0), (0, 1)):
-            # Sobel's weights sum to 8 for a slope of one.
-            slope = cv2.Sobel(now.detail, cv2.CV_32F, *axis, scale=0.125)
+            slope = cv2.Sobel(now.detail, cv2.CV_32F, *axis, scale=0.125)  # the weights sum to 8
             variance += _REGISTRATION_BINS**2 * slope * slope
         refined, spread = self._refine(now, before, motion, sigma, np.where(hidden, np.nan, variance))
-        floor = now.detail - self._floor_before(before, refined)
+        moved = self._floor_before(before.finer, refined)
+        whole = self._floor_before(before.whole, refined)
+        cv2.patchNaNs(whole, 1e9)  # A mean of pixels out of view says nothing.
+        variance += (whole - cv2.blur(whole, (_MEAN_BINS, _MEAN_BINS)) - moved) ** 2
+        floor = now.detail - moved
         scale = _scale(floor, variance, now.level)
         by_floor = cv2.log(1.0 + floor * floor * scale)
         return FramePair(now, before, self._view(refined), spread, scale, np.asarray(by_floor))
@@ -258,12 +261,10 @@ class FaceCells:
         # Every other bin in both directions, which represent all: neighbours are not independent.
         sparse, fraction = (slice(None, None, 2), slice(None, None, 2)), 4.0 / self.settings.correlated_bins
         for tail in _TAILS:
-            moved = self._floor_before(before, refined)
+            moved = self._floor_before(before.finer, refined)
             if slopes is None:
-                stepped = [self._floor_before(before, refined + step) for step in np.diag(_STEPS)]
-                slopes = np.stack(
-                    [(m - moved)[sparse].ravel() / h for m, h in zip(stepped, _STEPS, strict=True)]
-                )
+                stepped = [self._floor_before(before.finer, refined + step) for step in np.diag(_STEPS)]
+                slopes = np.stack([(m - moved)[sparse].ravel() for m in stepped]) / _STEPS[:, None]
                 slopes[~np.isfinite(slopes)] = 0.0
             floor = (now.detail - moved)[sparse]
             scale = _scale(floor, variance[sparse], now.level[sparse])
@@ -282,8 +283,8 @@ class FaceCells:
         shift = self._rotation @ np.array([motion[0], motion[1], 0.0]) + self._origin - turn @ self._origin
         return turn, shift
 
-    def _floor_before(self, before: StripImage, motion: Float[np.ndarray, "3"]) -> np.ndarray:
-        """The earlier frame warped to the current one by the floor's homography; NaN: not visible."""
+    def _floor_before(self, before: np.ndarray, motion: Float[np.ndarray, "3"]) -> np.ndarray:
+        """Half bins of the earlier frame warped to the current one by the floor's homography; NaN: not visible."""
         rows, columns = self.shape
         return self._moved(before, self._view(motion), 2, 0.0, (slice(0, rows), slice(0, columns)))
 
@@ -350,17 +351,17 @@ class FaceCells:
         """Log-likelihood ratio of every pixel of a part; 0 where a plane was out of view in the earlier frame."""
         import cv2
 
-        face = pair.now.detail[part] - self._moved(pair.before, pair.view, 0, x_m, part)
+        face = pair.now.detail[part] - self._moved(pair.before.finer, pair.view, 0, x_m, part)
         better = pair.by_floor[part] - cv2.log(1.0 + face * face * pair.scale[part])
         better *= 0.5 * (_FREEDOM + 1.0)
         cv2.patchNaNs(better, 0.0)
         return np.asarray(better)
 
     def _moved(
-        self, before: StripImage, view: tuple[np.ndarray, np.ndarray], axis: int, x_m: float,
+        self, before: np.ndarray, view: tuple[np.ndarray, np.ndarray], axis: int, x_m: float,
         part: tuple[slice, slice],
     ) -> Float32[np.ndarray, "rows columns"]:  # fmt: skip
-        """The earlier frame warped by the plane at ``x_m`` along an axis; NaN: not visible."""
+        """Half bins of the earlier frame warped by the plane at ``x_m`` along an axis; NaN: not visible."""
         import cv2
 
         normal, (turn, shift), (rows, columns) = self._rotation[:, axis], view, part
@@ -369,7 +370,7 @@ class FaceCells:
         plane[:, 2] += plane[:, 1] * rows.start + plane[:, 0] * columns.start
         size = columns.stop - columns.start, rows.stop - rows.start
         flags, border = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, cv2.BORDER_CONSTANT
-        moved = cv2.warpPerspective(before.finer, plane, size, None, flags, border, math.nan)
+        moved = cv2.warpPerspective(before, plane, size, None, flags, border, math.nan)
         return np.asarray(moved)
 
 
