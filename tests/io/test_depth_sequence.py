@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 import struct
 import zlib
 
@@ -255,6 +256,31 @@ def test_a_scale_off_by_a_thousand_is_refused(tmp_path, scale, said):
     make_sequence(tmp_path / "s", depth_scale_m=scale)
     with pytest.raises(InputError, match=said):
         list(DepthSequence(tmp_path / "s"))
+
+
+def test_frames_beyond_the_memory_are_refused_before_any_is_read(tmp_path, monkeypatch, capsys):
+    """36 bytes for each of 40 x 30 pixels: 43.2 kB an image; a machine of 90 kB holds two of four, one of 190 kB all."""
+    make_sequence(tmp_path / "s")
+    sequence = DepthSequence(tmp_path / "s")
+    assert [frame.index for frame in sequence.load(3)] == [0, 3]
+    sizes = {"SC_PHYS_PAGES": 90, "SC_PAGE_SIZE": 1000}
+    monkeypatch.setattr("os.sysconf", sizes.get)
+    monkeypatch.setattr(DepthSequence, "_read", lambda *_: pytest.fail("an image was read"))
+    with pytest.raises(InputError, match=r"4 images of 40 x 30 need .* \(--every\)"):
+        sequence.load()
+    monkeypatch.undo()
+    monkeypatch.setattr("os.sysconf", sizes.get)
+    assert main(["reconstruct", str(tmp_path / "s"), "--out", str(tmp_path / "m")]) == 2
+    remedy = re.search(r"one of (\d+) images", capsys.readouterr().err)
+    assert remedy
+    assert len(sequence.load(int(remedy[1]))) == 2  # what is advised fits, and no more is left out
+    sizes["SC_PHYS_PAGES"] = 150
+    with pytest.raises(InputError, match="of memory"):
+        sequence.load()
+    sizes["SC_PHYS_PAGES"] = 190
+    assert len(sequence.load()) == 4
+    with pytest.raises(InputError, match="every"):
+        sequence.load(0)
 
 
 def test_poses_in_millimetres_are_refused(tmp_path):

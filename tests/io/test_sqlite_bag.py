@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 import sys
 from pathlib import Path
@@ -148,6 +149,41 @@ def test_a_damaged_bag_gives_what_is_whole(tmp_path: Path) -> None:
     strange = SqliteBag(tmp_path / "other.db3")
     assert list(strange.messages()) == []
     assert "no such table" in str(strange.damage)
+
+
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
+def test_messages_that_are_packed_one_by_one_are_unpacked(tmp_path: Path, storage: str) -> None:
+    """Compression mode "message" of rosbag2, written by rosbags; one message that is spoilt is left out and told."""
+    plain = write(tmp_path / "plain", rosbag2.StoragePlugin[storage], 9)
+    packed = tmp_path / "packed"
+    out = rosbag2.Writer(packed, version=9, storage_plugin=rosbag2.StoragePlugin[storage])
+    out.set_compression(rosbag2.CompressionMode.MESSAGE, rosbag2.CompressionFormat.ZSTD)
+    with out, rosbag2.Reader(plain) as reader:
+        links = {
+            link.id: out.add_connection(link.topic, link.msgtype, typestore=STORE)
+            for link in reader.connections
+        }
+        for link, t_ns, data in reader.messages():
+            out.write(links[link.id], t_ns, data)
+    want = [(message.topic, message.log_time_ns, message.data) for message in open_bag(plain).messages()]
+    file = open_bag(packed)
+    assert [(message.topic, message.log_time_ns, message.data) for message in file.messages()] == want
+    assert not file.damage
+    (path,) = packed.glob("*.db3" if storage == "SQLITE3" else "*.mcap")
+    data = path.read_bytes()
+    place = data.index(b"\x28\xb5\x2f\xfd")
+    path.write_bytes(data[: place + 4] + b"\xff\xff" + data[place + 6 :])
+    file = open_bag(packed)
+    assert len(list(file.messages())) == len(want) - 1
+    assert re.search(r"message \d+ of /\S+: cannot be unpacked", str(file.damage))
+
+
+def test_bags_that_are_packed_as_a_whole_name_the_remedy(tmp_path: Path) -> None:
+    folder = write(tmp_path / "bag", rosbag2.StoragePlugin.SQLITE3, 9)
+    (path,) = folder.glob("*.db3")
+    path.rename(path.with_suffix(".db3.zstd"))
+    with pytest.raises(InputError, match=r"compressed as a whole.* zstd -d .*db3\.zstd"):
+        open_bag(folder)
 
 
 def messages_of(folder: Path) -> list[tuple[str, str, int, bytes]]:

@@ -12,7 +12,14 @@ from hypothesis import strategies as st
 from benchmarks import doors_evidence, doors_training, nav_doors
 from visuohaptic.core import InputError
 from visuohaptic.io.maps import OccupancyMap
-from visuohaptic.navigation.mapping import DoorSettings, find_doors, free_space, measure, plan_measures
+from visuohaptic.navigation.mapping import (
+    DoorSettings,
+    door_probability,
+    find_doors,
+    free_space,
+    measure,
+    plan_measures,
+)
 
 
 def two_rooms(width_m: float, place_m: float, resolution_m: float = 0.05, yaw: float = 0.0) -> OccupancyMap:
@@ -28,6 +35,17 @@ def two_rooms(width_m: float, place_m: float, resolution_m: float = 0.05, yaw: f
     fill(4.65, 0.5, 8.65, 5.5, 0)
     fill(4.5, place_m - width_m / 2, 4.65, place_m + width_m / 2, 0)
     return OccupancyMap(cells, resolution_m, (1.0, -2.0, yaw))
+
+
+def test_the_odds_of_a_door_are_the_exponential_of_its_weighted_measures() -> None:
+    """Even odds without evidence; 4 to 1 for one measure of ln 2, weighed twice; 1 to 10 by the constant alone."""
+    weights = np.array([2.0, 0.0])
+    found = door_probability(np.array([[0.0], [np.log(2.0)], [-np.log(2.0)]]), weights)
+    np.testing.assert_allclose(found, [0.5, 0.8, 0.2], rtol=1e-12)
+    alone = door_probability(np.zeros((1, 1)), np.array([2.0, -np.log(10.0)]))
+    np.testing.assert_allclose(alone, 1.0 / 11.0, rtol=1e-12)
+    with pytest.raises(InputError, match="found 3 weights, expected 2"):
+        door_probability(np.zeros((1, 1)), np.zeros(3))
 
 
 @settings(max_examples=25, deadline=None)

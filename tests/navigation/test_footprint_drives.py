@@ -15,6 +15,7 @@ from tests.worlds.maps import World, bar, raster, walled
 from visuohaptic.core import Estimate, HapticTag, InputError, to_dict
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.planning import alternatives, exploration_tour, make_plan
+from visuohaptic.navigation.planning.footprint import FootprintDrives
 from visuohaptic.navigation.planning.footprint import _footprint_kernels as kernels
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem, RobotModel, robot_from_data
 from visuohaptic.tasks.mobile.travel import FloorExploration
@@ -54,6 +55,19 @@ def test_a_drive_through_an_empty_room_is_a_straight_line() -> None:
     world = World("room", (6.0, 4.0), walled(6.0, 4.0), (), (1.0, 1.0), (5.0, 2.3))
     (drive,) = make_plan(_problem(world)).tasks
     np.testing.assert_allclose(drive.path_m, [world.start_m, world.goal_m], atol=1e-9)
+
+
+def test_the_first_corner_of_a_drive_is_kept_where_the_way_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two halls of 1.2 m at a right angle, searched with one corner: without it, the drive crosses metres of wall."""
+    walls = (*walled(5.0, 5.0), bar(1.3, 0.0, 5.0, 3.7))
+    world = World("halls", (5.0, 5.0), walls, (), (0.7, 0.7), (4.3, 4.3))
+    corner = np.array([[14.0, 14.0], [14.0, 86.0], [86.0, 86.0]])
+    monkeypatch.setattr(FootprintDrives, "_searched", lambda *_: corner)
+    plan = make_plan(_problem(world))
+    (drive,) = plan.tasks
+    assert collisions(world, 0.05, plan.to_json()["tasks"], OUTLINE_M) == []
+    length_m = float(np.hypot(*np.diff(drive.path_m, axis=0).T).sum())
+    assert np.hypot(3.6, 3.6) < length_m <= 7.2 + 1e-9
 
 
 def test_a_heading_at_the_start_counts() -> None:

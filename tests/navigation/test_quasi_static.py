@@ -211,6 +211,14 @@ def test_an_arc_ends_where_it_should_with_the_turn_it_should(turn, length, along
     )
 
 
+@pytest.mark.parametrize("turn", [2.0 * math.pi, -2.0 * math.pi, 7.0])
+def test_a_full_circle_has_no_two_ends(turn):
+    with pytest.raises(InputError, match="expected two points"):
+        arc_path(np.zeros(2), np.array([1.0, 0.0]), turn, 0.1)
+    almost = arc_path(np.zeros(2), np.array([1.0, 0.0]), math.copysign(6.2, turn), 0.1)
+    assert abs(almost[-1, 2] - almost[0, 2]) == pytest.approx(6.2)
+
+
 def test_mujoco_moves_things_to_the_same_place():
     pytest.importorskip("mujoco")
     rng = np.random.default_rng(5)

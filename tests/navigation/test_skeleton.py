@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.ndimage import label
 
 from visuohaptic.navigation.graph.tracing import skeleton
+from visuohaptic.navigation.graph.tracing._lines import Lines, measures
 from visuohaptic.navigation.graph.tracing._skeleton_kernels import ADJACENT
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
 
@@ -66,3 +69,31 @@ def test_links_make_the_euler_number_of_any_set():
             components, holes = topology(cells)
             assert ends % 2 == 0  # every link is seen from both sides
             assert cells.sum() - ends // 2 == components - holes
+
+
+def test_lines_are_measured_like_a_walk_from_cell_to_cell():
+    """Three walks over random steps, one after the other in the same array; each is added up on its own."""
+    rng = np.random.default_rng(4)
+    layers = grid_layers(random_map(rng, 24), SpeedLimits(0.2))
+    rows, columns = layers.shape
+    walks = []
+    for count in (2, 5, 9):
+        walk = [(rows // 2, columns // 2)]
+        for _ in range(count - 1):
+            step = [(0, 1), (1, 0), (1, 1), (-1, 1), (0, -1)][rng.integers(5)]
+            walk.append((walk[-1][0] + step[0], walk[-1][1] + step[1]))
+        walks.append(walk)
+    path = np.array([row * columns + column for walk in walks for row, column in walk])
+    start = np.array([0, 2, 7, 16])
+    found = measures(layers, Lines(path[[0]], np.zeros((3, 2), np.int64), start, path))
+    for walk, (length_m, time_s, clearance_m) in zip(walks, found, strict=True):
+        away = [float(layers.distance_m[cell]) for cell in walk]
+        slow = [float(layers.limits.cost_s_per_m(np.maximum(each, layers.radius_m))) for each in away]
+        steps = [
+            layers.map.resolution_m * ((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2) ** 0.5
+            for a, b in pairwise(walk)
+        ]
+        np.testing.assert_allclose(length_m, sum(steps), rtol=1e-5)
+        taken = sum(0.5 * (slow[k] + slow[k + 1]) * step for k, step in enumerate(steps))
+        np.testing.assert_allclose(time_s, taken, rtol=1e-5)
+        np.testing.assert_allclose(clearance_m, min(away), rtol=1e-6)

@@ -193,6 +193,35 @@ def test_a_gripper_moves_in_the_time_that_its_speed_needs(machine: Robot, ours: 
         other.state()
 
 
+def test_a_gripper_without_joint_states_stops_where_its_command_has_led(
+    machine: Robot, ours: RosNode
+) -> None:
+    """The driver reports NaN in the middle of a slow closing: the setpoint of this moment is held, by the clock."""
+    position = [0.03]
+    machine.obey("gripper_controller/joint_trajectory", "trajectory_msgs/msg/JointTrajectory")
+    machine.tell("joint_states", "sensor_msgs/msg/JointState", lambda: joints(position[0]))
+    with RosGripper(ours, "finger", opening_per_joint=2.0, max_age_s=60.0) as gripper:
+        assert until(lambda: not _raises(StaleFrameError, gripper.state))
+        before_s = time.monotonic()
+        gripper.move(0.01, 0.0005)  # 100 s
+        after_s = time.monotonic()
+        position[0] = math.nan
+        assert until(lambda: _raises(StaleFrameError, gripper.state))
+        assert until(lambda: machine.got)
+        machine.got.clear()
+        low_s = time.monotonic() - after_s
+        gripper.stop()
+        high_s = time.monotonic() - before_s
+        assert until(lambda: machine.got)
+        (held,) = machine.got[0].points[0].positions.tolist()
+        assert 0.06 - 0.0005 * high_s <= 2.0 * held <= 0.06 - 0.0005 * low_s
+        # A second stop holds the same opening: the first one was a command to stay.
+        machine.got.clear()
+        gripper.stop()
+        assert until(lambda: machine.got)
+        assert machine.got[0].points[0].positions.tolist() == [held]
+
+
 def test_an_arm_follows_a_straight_line(machine: Robot, ours: RosNode) -> None:
     start = Pose.from_rotation_vector([0.0, 0.0, 0.4], [0.4, 0.0, 0.2])
     end = Pose.from_rotation_vector([0.0, 0.0, 0.8], [0.4, 0.1, 0.25])

@@ -158,7 +158,7 @@ def reconstruct(
     Raises
     ------
     InputError
-        There are no usable frames, or nothing is visible in the space of interest.
+        There are no usable frames, they do not fit into the memory, or nothing is visible in the space of interest.
 
     Examples
     --------
@@ -180,7 +180,7 @@ def reconstruct(
         sequence = DepthSequence(sequence)
     if noise is None:
         noise = sequence_noise(sequence)
-    frames: Sequence[DepthFrame] = list(sequence)
+    frames: Sequence[DepthFrame] = sequence.load() if isinstance(sequence, DepthSequence) else list(sequence)
     grid = grid or space_of_interest(frames)
     reported = frames
     if refine:

@@ -23,6 +23,8 @@ _log = logging.getLogger(__name__)
 
 #: First bytes of a file.
 MCAP_MAGIC = b"\x89MCAP0\r\n"
+#: First bytes of data packed by zstandard; CDR begins with zero.
+_ZSTD = b"\x28\xb5\x2f\xfd"
 #: Frames that are out of order in a file are sorted within this number of messages.
 REORDER = 64
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _FOOTER = 0x03, 0x04, 0x05, 0x06, 0x02
@@ -186,7 +188,8 @@ class McapFile:
                 elif topics is None or known.topic in topics:
                     schema_of = self.schemas.get(known.schema)
                     name = schema_of.name if schema_of else ""
-                    yield McapMessage(known.topic, name, log_time, sequence, body[22:], number, known.schema)
+                    if (data := self.unpacked(body[22:], known, sequence)) is not None:
+                        yield McapMessage(known.topic, name, log_time, sequence, data, number, known.schema)
         except (struct.error, UnicodeDecodeError) as error:
             self.spoilt(f"a record of kind {opcode} is too short or no text ({error})")
 
@@ -223,6 +226,35 @@ class McapFile:
         if whole and checksum and zlib.crc32(data) != checksum:
             raise ValueError("its checksum is wrong")
         return data
+
+    def unpacked(self, data: bytes, channel: RecordedChannel, sequence: int) -> bytes | None:
+        """Bytes of a message, which rosbag2 packs one by one in its compression mode "message".
+
+        Parameters
+        ----------
+        data
+            As recorded.
+        channel
+            Channel of the message; only CDR is distinguished from packed data, by its first byte.
+        sequence
+            Number of the message, for the report.
+
+        Returns
+        -------
+        :
+            ``None`` if they cannot be unpacked; ``damage`` has the reason.
+        """
+        if channel.encoding != "cdr" or data[:4] != _ZSTD:
+            return data
+        try:
+            whole = _decompress("zstd", data, MAX_DATA_BYTES, self.path, whole=True)
+        except ValueError as error:
+            self.spoilt(f"message {sequence} of {channel.topic}: {error}")
+            return None
+        if len(whole) > MAX_DATA_BYTES:
+            self.spoilt(f"message {sequence} of {channel.topic} unpacks to more than {MAX_DATA_BYTES} bytes")
+            return None
+        return whole
 
     def spoilt(self, problem: str) -> None:
         """Record a damaged section.

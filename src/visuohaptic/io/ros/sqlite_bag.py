@@ -61,6 +61,12 @@ def open_bag(path: Path | str) -> McapFile:
     path = Path(path)
     if path.is_dir() and not any(path.glob("*.db3")):
         files = sorted(path.glob("*.mcap"))
+        if not files and (packed := sorted(path.glob("*.zstd"))):
+            raise InputError(
+                path,
+                "found files compressed as a whole, expected .db3 or .mcap",
+                remedy=f"zstd -d {packed[0]}",
+            )
         if len(files) != 1:
             raise InputError(path, f"found {len(files)} MCAP files, expected one; name the one to read")
         return McapFile(files[0])
@@ -109,9 +115,10 @@ class SqliteBag(McapFile):
                         if not (topic in known and isinstance(time_ns, int) and isinstance(data, bytes)):
                             self.spoilt(f"{part.name}: message {sequence!r} has no topic, time or bytes")
                         elif topics is None or known[topic][0] in topics:
-                            yield McapMessage(
-                                known[topic][0], known[topic][1], time_ns, sequence, data, *known[topic][2:]
-                            )
+                            channel = self.channels[known[topic][2]]
+                            if (whole := self.unpacked(data, channel, sequence)) is not None:
+                                name, datatype, *numbers = known[topic]
+                                yield McapMessage(name, datatype, time_ns, sequence, whole, *numbers)
             except (sqlite3.Error, TypeError, ValueError) as error:
                 self.damage.chunks.append(f"{part.name}: {error}")
         if self.damage:

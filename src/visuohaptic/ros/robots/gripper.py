@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import Any
 
 from ...core import POSITIVE, Closing, DeviceError, Gripper, GripperState, InputError, check_numbers, within
@@ -54,6 +55,8 @@ class RosGripper(Closing, Gripper):
         self._slope, self._zero_m, self._largest_m = opening_per_joint, opening_at_zero_m, max_opening_m
         self._publisher = node.advertise(command, "trajectory_msgs/msg/JointTrajectory")
         self._states = LatestMessage(node, states, "sensor_msgs/msg/JointState", max_age_s)
+        #: Openings [m] at the begin and at the end of the last command, when it was sent, and its duration [s].
+        self._command = (math.nan, math.nan, 0.0, 0.0)
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
         """Start to move to an opening width.
@@ -69,24 +72,43 @@ class RosGripper(Closing, Gripper):
         """
         check_numbers("RosGripper.move", within(0.0, self._largest_m), opening_m=opening_m)
         check_numbers("RosGripper.move", POSITIVE, speed_m_s=speed_m_s)
-        self._send(opening_m, abs(opening_m - self.state().opening_m) / speed_m_s)
+        start_m = self.state().opening_m
+        self._send(opening_m, start_m, abs(opening_m - start_m) / speed_m_s)
 
     def stop(self) -> None:
-        """Stop and hold the current opening."""
-        self._send(self.state().opening_m, 0.0)
+        """Stop and hold the current opening; where it is unknown, the one to which the last command has led by now.
 
-    def _send(self, opening_m: float, after_s: float) -> None:
+        Raises
+        ------
+        StaleFrameError
+            The opening is unknown, and there was no command.
+        DeviceError
+            There is no subscriber; or joint states lack the joint, and there was no command.
+        """
+        try:
+            opening_m = self.state().opening_m
+        except (StaleFrameError, DeviceError):
+            begin_m, end_m, sent_s, lasts_s = self._command
+            if math.isnan(end_m):
+                raise
+            part = min(1.0, (time.monotonic() - sent_s) / lasts_s)
+            opening_m = begin_m + part * (end_m - begin_m)
+        self._send(opening_m, opening_m, 0.0)
+
+    def _send(self, opening_m: float, start_m: float, after_s: float) -> None:
         self._publisher.wait_until_heard()
         # Controllers reject points in the past; 50 ms is soon enough.
+        after_s = max(after_s, 0.05)
         point: dict[str, Any] = {
             "positions": [(opening_m - self._zero_m) / self._slope],
             "velocities": [],
             "accelerations": [],
             "effort": [],
-            "time_from_start": stamp(max(after_s, 0.05)),
+            "time_from_start": stamp(after_s),
         }
         head = header(0.0, "")  # a timestamp of zero: start immediately, regardless of clocks
         self._publisher.publish({"header": head, "joint_names": [self.joint], "points": [point]})
+        self._command = (start_m, opening_m, time.monotonic(), after_s)
 
     def state(self) -> GripperState:
         """Latest reading.

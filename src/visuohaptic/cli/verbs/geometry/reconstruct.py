@@ -27,6 +27,7 @@ def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("sequence", Path, "sequence folder")
     add("--out", Path, "folder to write", required=True)
+    add("--every", 1, "use one of N images (default: all)", metavar="N", low=1)
     add("--sensor", str, "noise model: kinect, kinect_axial, realsense_d435 (default: by sequence.yaml)")
     add(
         "--space",
@@ -70,7 +71,7 @@ def run(args: Arguments) -> dict[str, Any]:
         )
     sequence = io.DepthSequence(args.sequence)
     noise = fusion.sensor_noise(args.sensor) if args.sensor else reconstruction.sequence_noise(sequence)
-    frames = list(sequence)
+    frames = sequence.load(args.every)
     if args.space:
         grid = fusion.SpaceGrid.around(args.space[:3], args.space[3:], args.voxel_m)
     else:
