@@ -45,6 +45,7 @@ from ..vessel_shapes import UprightBody
 from .body_pairs import fit_part, without_body
 from .outline_fit import OutlineView, body_evidence
 from .outline_rings import with_rings
+from .panes.pane_fit import Pane, find_panes
 from .ray_evidence import HIDDEN, LOOK_ALIKE, RayEvidence, ScoreEvidence, look_alike_fraction
 from .ray_readings import (
     FAR,
@@ -88,6 +89,7 @@ class EvidenceDetector:
     threshold: float = field(init=False)  #: minimum evidence of a part [nat]
     look_alike: float = field(init=False, default=LOOK_ALIKE)  #: fraction of windows that look like glass
     measured: TrackedNoise = field(init=False, default=TrackedNoise())  #: noise of the sequence
+    panes: tuple[Pane, ...] = field(init=False, default=())  #: detected flat panes, likeliest first
     views: int = field(init=False, default=0)  #: number of input views
     skipped: Counter[str] = field(
         init=False, default_factory=Counter
@@ -135,12 +137,14 @@ class EvidenceDetector:
             self._sum(limit_m > 0)
             if (strong := self.evidence >= self.threshold).any():
                 self._sum((limit_m > 0) & ~self._through(strong))
+        told = self._rays, self._images, self._tables, self.grid, self.threshold, self.look_alike
+        self.panes = find_panes(self._outline_views, *told, 2 * RADIUS_M)
         self.evidence = whole
         if not self._found:
             return
         limit_m[:] = [image.limit_m for image in self._images]
-        told = self._outline_views(), self.grid.low_m[2], self.threshold, self.false_alarm_rate
-        self._found = with_rings(self._found, *told)
+        fitted = self._outline_views(), self.grid.low_m[2], self.threshold, self.false_alarm_rate
+        self._found = with_rings(self._found, *fitted)
 
     def _sum(self, counted: Bool[np.ndarray, "n h w"], *, first: bool = False) -> None:
         """Sum the unexplained evidence; the rates without glass are estimated from the ``counted`` rays."""
