@@ -212,7 +212,7 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
             one, other = fit_outlines(points_m, views_m, ahead_rad)
             known.obstacles += ((one, other),)
             (x, y), turned = one.centre_m, math.degrees(one.pose[2] - ahead_rad)
-            shape = "round" if one.round else f"a box turned by {turned:.0f} degrees"
+            shape = "round" if one.round else f"a box turned by {round(turned)}°"
             mission.log(f"  new object at ({x:.2f}, {y:.2f}) m, {100 * one.size_m[0]:.0f} cm wide, {shape}")
     claims = [_place_claim(mission, one) for one, _ in known.obstacles]
     return done(

@@ -119,7 +119,8 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     ):
         return failed(f"{found.ending.outcome}: {found.ending.why} ({ranked})")
     article = "an" if found.best[:1] in "aeiou" else "a"
-    called = f"it is {'like none of the classes that are known' if found.best == UNKNOWN else f'{article} {found.best}'}"
+    seems = "it is" if found.ending.success else "undecided, most probably it is"
+    called = f"{seems} {'like none of the classes that are known' if found.best == UNKNOWN else f'{article} {found.best}'}"
     # After another squeeze it continues with the most probable class, without claiming it: the measurements correct the map.
     model_wall_m = _take_class(known, found.best)
     if known.squash < 1.0:
@@ -315,12 +316,10 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
         Measure("probability that it holds", best.success, held.ending.success),
         Measure("force of each finger, measured [N]", held.force_N, truth["force_N"]),
         Measure(
-            "deformation of one side at the grasp, expected at this force [mm]",
-            scale_mm * best.deformation_m,
-            truly_mm,
+            "deformation of one side, expected at this force [mm]", scale_mm * best.deformation_m, truly_mm
         ),
         Measure("its standard deviation [mm]", scale_mm * best.deformation_sigma_m),
-        Measure("deformation of one side at the grasp, measured [mm]", deformed_mm, truly_mm),
+        Measure("deformation of one side, measured [mm]", deformed_mm, truly_mm),
         Measure("lifted [m]", lift.lift_m if held.ending.success else 0.0, truth["lifted_m"]),
         Illustration(
             grasp_figure(plan, lift, _between_fingers(mission.known, lift), held.ending.success),

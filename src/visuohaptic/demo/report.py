@@ -36,7 +36,7 @@ _CLAIMS = {
     "fixed": ("is fixed", "", 1.0, 0),
     "withstood": ("withstood the lower bound of its tag", "", 1.0, 0),
     "shape": ("rms error of its outline", "mm", 1e3, 1),
-    "height": ("height", "mm", 1e3, 0),
+    "height": ("height", "mm", 1e3, 1),
     "fill": ("fill", "%", 1e2, 0),
     "mass": ("mass", "g", 1e3, 1),
     "force": ("rms error of a force", "mN", 1e3, 0),

@@ -37,7 +37,7 @@ from .push_demo import (
     force_of_push,
     run_demo,
 )
-from .results import ChapterResult, Illustration, Measure, done, failed
+from .results import ChapterResult, Illustration, Measure, counted, done, failed
 from .story import Mission, Story
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
         known.objects = tuple(objects)
         return done(f"all {len(objects)} objects are known from an earlier visit", *claims)
     order, tour = choose_objects(mission, unknown, objects)
-    mission.log(f"  tour of exploration: {tour.summary}")
+    mission.log(f"  tour of exploration: {tour.summary}{_after(order, tour)}")
     found = run_demo(
         mission.folder / "touch",
         (grid, [_approach(mission, unknown[k]) for k in order]),
@@ -150,6 +150,12 @@ def choose_objects(
     return sorted(range(len(unknown)), key=late_and_far)[: mission.obstacles], tour
 
 
+def _after(order: Sequence[int], tour: Tour) -> str:
+    """What is touched without being in the tour."""
+    others = len(order) - len(tour.steps)
+    return f"; then {counted(others, 'other object')}" if tour.steps and others > 0 else ""
+
+
 def _tour_picture(
     mission: Mission, unknown: Sequence[FloorOutline], order: Sequence[int], tour: Tour
 ) -> Illustration:
@@ -164,7 +170,7 @@ def _tour_picture(
         mission.known.map_now,
         np.concatenate(paths_m) if paths_m else np.array([mission.known.pose[:2]]),
         objects,
-        f"Which objects to touch, and in which order: {tour.summary}; in brackets the probability",
+        f"Which objects to touch, and in which order: {tour.summary}{_after(order, tour)}; in brackets the probability",
     )
 
 
@@ -309,11 +315,9 @@ def _against_truth(one: DemoObject) -> list[Measure]:
     if bound is not None:
         rows.append(Measure(f"{one.name}: static friction, lower bound [N]", bound, true.static_friction_N))
     if true.movable:
-        for what, felt, value in (
-            ("static", tag.static_friction_N, true.static_friction_N),
-            ("dynamic", tag.dynamic_friction_N, true.dynamic_friction_N),
-        ):
-            rows.append(Measure(f"{one.name}: {what} friction [N]", felt.value if felt else None, value))
+        felt = tag.dynamic_friction_N
+        value = felt.value if felt else None
+        rows.append(Measure(f"{one.name}: dynamic friction [N]", value, true.dynamic_friction_N))
     errors = [felt.force_N - true_N for felt, true_N in one.samples if felt.valid and true_N > 0.1]
     if errors:
         rms_N = float(np.sqrt(np.mean(np.square(errors))))

@@ -74,7 +74,7 @@ def make_plan(
 def _with_finer_cells(
     domain: SearchDomain, limits: SearchLimits, plan_on: Callable[[SearchDomain, SearchLimits], Plan]
 ) -> tuple[Plan, SearchDomain]:
-    """A plan, and the domain it was last searched in: one with cells of half the size, as often as the budget allows.
+    """A plan, and the domain it was last searched in: one with divided cells, as often as the budget allows.
 
     The obstacles are the same, but a robot may drive where it does not fit on the centres of larger cells. Cells are
     divided while there is neither a plan within the allowed gap nor a proof.
@@ -85,11 +85,13 @@ def _with_finer_cells(
     while fine.occupied.size <= MAX_HALVED and not (plan.proved or soon.passed):
         if plan.reachable and not (plan.narrow and limits.gap < plan.gap):
             break
-        cells = fine.occupied.repeat(2, axis=0).repeat(2, axis=1)
-        finer = OccupancyMap(cells, 0.5 * fine.map.resolution_m, fine.map.origin)
+        # Smaller cells than the nodes of the lattice add little to the time: two divisions at once down to there.
+        parts = 4 if fine.block == 1 and 16 * fine.occupied.size <= MAX_HALVED else 2
+        cells = fine.occupied.repeat(parts, axis=0).repeat(parts, axis=1)
+        finer = OccupancyMap(cells, fine.map.resolution_m / parts, fine.map.origin)
         fine = build_search_domain(replace(domain.problem, map=finer), domain.costs)
         told = limits.found if not plan.reachable else None
-        again = plan_on(_impatient(fine), replace(_until(soon, limits), found=told))
+        again = plan_on(replace(_impatient(fine), divided=True), replace(_until(soon, limits), found=told))
         plan = _better(plan, again, stated=domain.places is None)
     if not (plan.reachable or plan.proved or deadline.passed) and domain.occupied.size <= MAX_HALVED:
         plan = _better(plan, plan_on(domain, _until(deadline, limits)), stated=True)

@@ -208,18 +208,21 @@ def pixel_dependence(residual, texture, first, last):
 def _line(now, rest, begin, end, spacing, origin, out):
     """Fill the light ``now / rest`` between two positions: a straight line over the distance from ``origin``, and its variance.
 
-    ``out`` (4): value and slope of the line, mean of ``rest``, variance about the line. Returns whether there are samples enough.
+    ``now`` and ``rest`` are (lines, samples). ``out`` (5): value and slope of the line, mean of ``rest``, variance about the line, number
+    of samples. Returns whether there are enough of them.
     """
     n, sx, sxx, sy, sxy, syy, level = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for j in range(max(int(math.ceil(begin / spacing)), 0), min(int(end / spacing) + 1, len(now))):
-        if rest[j] > 0.0 and now[j] > 0.0:
-            x, y = j * spacing - origin, now[j] / rest[j]
-            n, sx, sxx, level = n + 1.0, sx + x, sxx + x * x, level + rest[j]
-            sy, sxy, syy = sy + y, sxy + x * y, syy + y * y
-    if n < 4.0:
+    for j in range(max(int(math.ceil(begin / spacing)), 0), min(int(end / spacing) + 1, now.shape[1])):
+        x = j * spacing - origin
+        for lane in range(now.shape[0]):
+            if rest[lane, j] > 0.0 and now[lane, j] > 0.0:
+                y = now[lane, j] / rest[lane, j]
+                n, sx, sxx, level = n + 1.0, sx + x, sxx + x * x, level + rest[lane, j]
+                sy, sxy, syy = sy + y, sxy + x * y, syy + y * y
+    if n < 4.0 * now.shape[0]:
         return False
     out[1] = (n * sxy - sx * sy) / (n * sxx - sx * sx)
-    out[0], out[2] = (sy - out[1] * sx) / n, level / n
+    out[0], out[2], out[4] = (sy - out[1] * sx) / n, level / n, n
     out[3] = max(syy - out[0] * sy - out[1] * sxy, 0.0) / (n - 2.0)
     return True
 
@@ -245,21 +248,23 @@ def front_in_light(image, zero, spacing, rest, front, blur, margin, plateau, fou
     plateau
         Length of the plateaus [px].
     found
-        (4, K): displacement towards the base [px], excess of the squared blur over the zero image [px^2], standard deviation of
+        (7, K): displacement towards the base [px], excess of the squared blur over the zero image [px^2], standard deviation of
         the displacement due to light that is not straight, and its difference between light that is seen beside the front at
-        rest and beside the displaced one [px]. Left as it is where the front is not within ``margin``
+        rest and beside the displaced one [px]; of the samples beyond, their variance about the zero image in this light, that about
+        a straight line, and their number. Left as it is where the front is not within ``margin``
         of ``rest``, or its surroundings are not seen.
     """
     samples = image.shape[2]
-    now, then, foam, floor = np.empty(samples), np.empty(samples), np.empty(4), np.empty(4)
+    now, then, even = np.empty((1, samples)), np.empty((1, samples)), np.ones(image.shape[1:])
+    foam, floor, other = np.empty(5), np.empty(5), np.empty(5)
     for k in range(image.shape[0]):
         if not abs(front[k] - rest[k]) < margin[k]:
             continue
         for j in range(samples):
-            now[j], then[j] = 0.0, 0.0
+            now[0, j], then[0, j] = 0.0, 0.0
             for lane in range(image.shape[1]):
-                now[j] += image[k, lane, j] / image.shape[1]
-                then[j] += zero[k, lane, j] / image.shape[1]
+                now[0, j] += image[k, lane, j] / image.shape[1]
+                then[0, j] += zero[k, lane, j] / image.shape[1]
         at, moved, squares, wider, bends, step = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         density, scale = math.sqrt(2.0 * math.pi) * blur[k], 1.0 / (math.sqrt(2.0) * blur[k])
         beside = 0.0
@@ -280,7 +285,9 @@ def front_in_light(image, zero, spacing, rest, front, blur, margin, plateau, fou
                 over, still = 0.5 * _beyond((at - x) * scale), 0.5 * _beyond(-x * scale)
                 part = floor[2] * still / (foam[2] * (1.0 - still) + floor[2] * still)
                 step = floor[2] * beyond - foam[2] * inside
-                left = now[j] - then[j] * (inside * (1.0 - part) + beyond * part) - step * (over - still)
+                left = (
+                    now[0, j] - then[0, j] * (inside * (1.0 - part) + beyond * part) - step * (over - still)
+                )
                 slope = step * math.exp(-(((x - at) * scale) ** 2))
                 bend = slope * (x - at)
                 moved, squares = moved + left * slope, squares + slope * slope
@@ -296,3 +303,7 @@ def front_in_light(image, zero, spacing, rest, front, blur, margin, plateau, fou
             uneven *= 1.0 + 12.0 * (0.5 + margin[k] / plateau) ** 2
             found[3, k] = abs(at - beside)
             found[2, k] = 0.5 * density * math.sqrt(uneven) / max(abs(step), 1.0)
+            # Whether the surface beyond is still the floor: all lines in this light, or without its texture.
+            if _line(image[k], zero[k], last, last + plateau, spacing[k], rest[k], floor):
+                _line(image[k], even, last, last + plateau, spacing[k], rest[k], other)
+                found[4, k], found[5, k], found[6, k] = floor[3] * floor[2] ** 2, other[3], other[4]

@@ -12,6 +12,9 @@ Near its place at rest, the front is compared with the zero image in the light t
 edge is subtracted, less that which its error e explains: ``(1 - e^2 / s^2) s`` (James and Stein). e is the scatter of the differences of
 edges in even light, what distinguishes neighbours, and what changes if the light is seen beside the front at rest or beside the
 displaced one. What the light beside the edge explains of its blur is no excess.
+
+All of this supposes that the floor as at rest lies beyond the edge. If a body does, behind a narrow gap, its edge is shifted by that gap.
+The texture beyond distinguishes them: both shifts are weighed by the probability of the floor, and their scatter is error.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ from jaxtyping import Bool, Float, Num
 from ...core.kernels import kernel
 from ...tracking._solve_kernels import median
 from ...tracking.contours.contour import PIXEL_PX, quick_median
+from ._chain_kernels import ALIKE
 from ._light_kernels import front_in_light
 from .strip import ObservedStrip, ZeroReference
 
@@ -83,14 +87,14 @@ def measure_edges(
     raw = scale * (rest - strip.width_m + part * strip.encoded_m)
     excess = blur_excess_px2(strip, zero, np.abs(raw - last_m) / strip.pixel_m)
     unexplained = excess.copy()
-    lit, part_lit, uneven = shift_by_light_px(strip, zero, unexplained)
+    lit, part_lit, uneven, floor = shift_by_light_px(strip, zero, unexplained)
     gap, gap_sigma = gap_shift_px(strip, zero, excess)
     # The edge before a gap is that between foam and floor, as at rest.
     to_floor = np.where(gap == 0.0, 0.0, encoded - strip.encoded_m)
-    lit = np.where(gap == 0.0, lit, 0.0)
-    raw = raw + scale * (strip.pixel_m * (gap - lit) + part * to_floor)
+    either = strip.pixel_m * gap + part * to_floor + strip.pixel_m * lit
+    raw = raw + scale * ((1.0 - floor) * either - strip.pixel_m * lit)
     noise = scale * strip.width_noise_m
-    kink = scale * np.hypot(edge_uncertainty_m(strip), strip.pixel_m * gap_sigma)
+    kink = scale * np.hypot(edge_uncertainty_m(strip), strip.pixel_m * gap_sigma * np.sqrt(1.0 - floor))
     # Derivative of the deflection by the fraction of the encoding's shift that is present. A penumbra may look like a gap: its
     # edge is shifted as without one.
     shift = scale * (strip.encoded_m - encoded * (1.0 - raw / width_m))
@@ -99,12 +103,11 @@ def measure_edges(
     )
     clean = strip.usable & (kink == 0.0)
     sigma = with_cancelled_texture(raw, scale * strip.width_sigma_m, noise, clean, strip.pixel_m)
-    part_lit = np.where(gap == 0.0, part_lit, 0.0)
     light = strip.pixel_m * light_shift_px(
-        strip, zero, np.where(gap == 0.0, unexplained, np.nan), part_lit, uneven
+        strip, zero, np.where((gap == 0.0) | (floor > 0.5), unexplained, np.nan), floor * part_lit, uneven
     )
     # The error of the zero reference is the same in every frame; it is not noise of this image.
-    systematic = np.hypot(kink, scale * zero.width_sigma_m)
+    systematic = np.hypot(kink, scale * np.hypot(zero.width_sigma_m, np.sqrt(floor * (1.0 - floor)) * either))
     # Neighbours share the error of widths that were inferred at rest, and not that of kinks: over 640 pairs its correlation is -0.1.
     unclean = np.where(zero.inferred & zero.known, systematic, 0.0)
     return MeasuredEdges(raw, sigma, noise, systematic, encoding, light, unclean)
@@ -131,7 +134,7 @@ def blur_excess_px2(
 
 def shift_by_light_px(
     strip: ObservedStrip, zero: ZeroReference, excess_px2: Float[np.ndarray, "K"]
-) -> Float[np.ndarray, "3 K"]:
+) -> Float[np.ndarray, "4 K"]:
     """What the light beside each edge near the front at rest explains of its place.
 
     Parameters
@@ -144,12 +147,12 @@ def shift_by_light_px(
     Returns
     -------
     ndarray
-        Deflection that the light pretends [px], part of the difference that is ascribed to light, from 0 to 1, and variance of
-        the deflection where it is [px^2], (3, K).
+        Deflection that the light pretends [px], part of the difference that is ascribed to light, from 0 to 1, variance of
+        the deflection where it is [px^2], and probability that the floor as at rest lies beyond the edge, (4, K).
     """
-    found = np.full((4, len(excess_px2)), np.nan)
+    found = np.full((7, len(excess_px2)), np.nan)
     if strip.stripe:
-        return np.zeros((3, len(excess_px2)))
+        return np.zeros((4, len(excess_px2)))
     blur = np.hypot(zero.blur_ratio * strip.lens_px, PIXEL_PX)
     seen = (strip.usable | strip.low_confidence) & ~zero.inferred  # also at rest
     front = np.where(seen, strip.front.position_px, np.nan)
@@ -158,7 +161,7 @@ def shift_by_light_px(
     )  # fmt: skip
     near, measured = np.isfinite(found[0]), np.isfinite(found[0] + excess_px2)
     if not measured.any():
-        return np.zeros((3, len(near)))
+        return np.zeros((4, len(near)))
     # The zero image has the blur of its own lens: the half of the edges with the less excess shows by how much that has changed.
     even = measured & (np.abs(excess_px2) <= quick_median(np.abs(excess_px2[measured])))
     remainder = found[1] - quick_median((found[1] - excess_px2)[even])
@@ -168,12 +171,35 @@ def shift_by_light_px(
     error = (1.4826 * quick_median(np.abs(shift[even]))) ** 2 + 0.5 * np.minimum(apart[:-1], apart[1:])
     error += np.where(near, found[3], 0.0) ** 2
     part = np.where(near, 1.0 - np.minimum(error / np.maximum(shift**2, 1e-12), 1.0), 0.0)
-    excess_px2[measured] += (part * (remainder - excess_px2))[measured]
+    floor = _floor_probability(*found[4:], even, strip.front.contrast)
+    excess_px2[measured] += (floor * part * (remainder - excess_px2))[measured]
     # Noise alone scatters about a straight line, too.
     uneven, chance = local_statistics(found[2])
     noise = quick_median(found[2, even])
     uneven = np.where(uneven - noise > _CHANCE_SIGMAS * chance, uneven**2 - noise**2, 0.0)
-    return np.stack([part * shift, part, uneven])
+    return np.stack([part * shift, part, uneven, floor])
+
+
+def _floor_probability(
+    lit: Float[np.ndarray, "K"],
+    plain: Float[np.ndarray, "K"],
+    count: Float[np.ndarray, "K"],
+    even: Bool[np.ndarray, "K"],
+    contrast: Float[np.ndarray, "K"],
+) -> Float[np.ndarray, "K"]:
+    """Probability that the floor as at rest lies beyond each edge, and no other surface; 0 where it is not seen.
+
+    Variances of the samples about the zero image in other light and about a straight line, and their number. Beside floor, the
+    former is that of ``even`` edges, with their scatter (log-normal); another surface has its own, of any size up to the
+    squared contrast (log-uniform). Both are as probable a priori, and five neighbours share their surface.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        away = np.log(lit) - (usual := np.nanmedian(np.log(lit[even])))
+        scatter = max(1.4826 * float(np.nanmedian(np.abs(away[even]))), 1e-3)
+        odds = 0.5 * (count - 2.0) * np.log(plain / lit) - 0.5 * (away / scatter) ** 2
+        odds += np.log(np.maximum(np.log(contrast**2) - usual, 1.0) / (math.sqrt(2.0 * math.pi) * scatter))
+    shared = ALIKE * np.convolve(np.nan_to_num(odds), np.ones(round(1.0 / ALIKE)), "same")
+    return np.where(np.isfinite(odds), 1.0 / (1.0 + np.exp(-np.clip(shared, -40.0, 40.0))), 0.0)
 
 
 def gap_shift_px(

@@ -21,7 +21,6 @@ def cheapest_cells(
     goal: Point,
     block: int,
     field: tuple[Nodes, Field] | None = None,
-    labels: Labels | None = None,
     beside: tuple[Shifts, Point] | None = None,
 ) -> tuple[Path, float]:
     """Columns and rows of the cheapest path over a layer and its cost [nodes at full speed]; empty without one.
@@ -38,8 +37,6 @@ def cheapest_cells(
         Edge length of a node [cells].
     field
         Start nodes of the path and the costs from there [units], where known.
-    labels
-        Passage labels of the layer.
     beside
         Displacements of the bodies, and the layer's corner on the map: the path must then also be exactly collision-free
         from the start to its first cell and from its last cell to the goal.
@@ -63,11 +60,10 @@ def cheapest_cells(
     if not cells.size or not ends.size:
         return nowhere
     if field is None:
-        region, charge = (
-            (np.zeros((0, 0), np.int16), none) if labels is None else (labels, domain.charges(block))
-        )
+        # Around a known path, passages are not counted.
+        labels = domain.labels(block) if beside is None else np.zeros((0, 0), np.int16)
         cost = _travel_kernels.travel_field(
-            clearance, radius, slow, cells, costs, region, charge, none, 0, ends
+            clearance, radius, slow, cells, costs, labels, domain.charges(block), none, 0, ends
         )
     else:
         cells, cost = field

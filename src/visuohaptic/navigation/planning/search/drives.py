@@ -225,15 +225,15 @@ def _over_lattice(
     key = _key(*drive)
     if key not in domain.paths:
         shifts, start, goal = drive
-        layer, block, labels = domain.lattice_with(shifts), domain.block, domain.labels(domain.block)
+        layer, block = domain.lattice_with(shifts), domain.block
         nodes, cost = np.zeros((0, 2)), 0.0
         if field is not None:
             loose = domain.relaxed.lattice_with(shifts)
-            nodes, cost = cheapest_cells(domain, loose, start, goal, block, field, labels)
+            nodes, cost = cheapest_cells(domain, loose, start, goal, block, field)
             at = tuple(nodes.astype(int).T[::-1])
             nodes = nodes[: len(nodes) * bool((layer[at] == loose[at]).all())]
         if not len(nodes):
-            nodes, cost = cheapest_cells(domain, layer, start, goal, block, None, labels)
+            nodes, cost = cheapest_cells(domain, layer, start, goal, block)
         domain.paths[key] = nodes, cost * block
     return domain.paths[key]
 
@@ -258,7 +258,7 @@ def _drive(domain: SearchDomain, drive: _Drive, *, complete: bool = True) -> tup
             block //= 2
             layer = domain.clearance_with(shifts)
             layer = layer if block == 1 else largest_in_blocks(layer, block)
-            nodes, _ = cheapest_cells(domain, layer, start, goal, block, None, domain.labels(block))
+            nodes, _ = cheapest_cells(domain, layer, start, goal, block)
         domain.drives[key] = block, nodes if np.isfinite(cost) else nodes[:0], cost, cells
     return domain.drives[key]
 

@@ -41,8 +41,9 @@ WEIGHTS, LAST_WEIGHT = (1.2, 3.0), 10.0
 STRAIGHT = 0.5
 #: Maximum number of expanded configurations with the first weight, and for the bound of a single body.
 FIRST_EXPANSIONS, ALONE_EXPANSIONS = 150, 60
-#: Maximum number of expanded configurations in which a passage that is about as wide as the robot is looked for.
-NARROW_EXPANSIONS = 40
+#: Maximum number of expanded configurations in which a passage that is about as wide as the robot is looked for, and of a
+#: first plan on divided cells before it: enough for a plan near its bound, and a part of the time of that look.
+NARROW_EXPANSIONS, SOON_EXPANSIONS = 40, 20
 #: Allowed gap between the bound of one body alone and its cheapest plan, as a fraction.
 ALONE_GAP = 0.02
 #: Fractions of the budget at which these phases end: bounds of single bodies; a first plan with the bodies on the cheapest
@@ -167,10 +168,10 @@ class _Search:
             plan = self._joined(plan, heuristic)
         guide, joined = heuristic, plan.found and bool(self.lone)
         if not plan.found:
-            plan = plan if self.domain.patient else self._looked(heuristic)
+            plan, guide = self._soon(plan, heuristic)
             if plan.reason:
                 return plan
-            guide = heuristic if plan.found else self._guide(heuristic)
+            joined = plan.found and guide is not heuristic
         if not joined:
             plan = self._first_plan(plan, guide, ((WEIGHTS[0], CROSSED),), guide.crossed(self.cells))
         if not plan.found:
@@ -211,16 +212,21 @@ class _Search:
     def _heuristic(
         self, bodies: Collection[int], free: PushHeuristic | None = None, *, relaxed: bool = True
     ) -> PushHeuristic:
-        left_out = self.active - frozenset(bodies)
+        left, oblique = self.active - frozenset(bodies), self.oblique
         return PushHeuristic(
-            self.domain,
-            self.costs,
-            bodies,
-            left_out=left_out,
-            oblique=self.oblique,
-            free=free,
-            relaxed=relaxed,
+            self.domain, self.costs, bodies, left_out=left, oblique=oblique, free=free, relaxed=relaxed
         )
+
+    def _soon(self, plan: SearchResult, heuristic: PushHeuristic) -> tuple[SearchResult, PushHeuristic]:
+        """A plan that is found soon, or a reason to search on smaller cells; and the guide to a better plan."""
+        if self.domain.divided and not self.domain.patient:
+            guide, quick = self._guide(heuristic), (WEIGHTS[0], CROSSED)
+            plan = self._first_plan(plan, guide, (quick,), guide.crossed(self.cells), SOON_EXPANSIONS)
+            if plan.found:
+                return plan, guide
+        if not self.domain.patient:
+            plan = self._looked(heuristic)
+        return plan, heuristic if plan.found or plan.reason else self._guide(heuristic)
 
     def _looked(self, heuristic: PushHeuristic) -> SearchResult:
         """A plan that is found soon; a reason where one soon seems to exist that leads beside the centres of cells."""
@@ -257,6 +263,7 @@ class _Search:
         heuristic: PushHeuristic,
         passes: Iterable[tuple[float, float]],
         bodies: Collection[int] | None = None,
+        first: int = FIRST_EXPANSIONS,
     ) -> SearchResult:
         """A plan by weighted A*, by weight and fraction of the budget, with pushes of some bodies only.
 
@@ -265,7 +272,7 @@ class _Search:
         units = heuristic.units / self.domain.block
         for weight, fraction in passes:
             # The smallest weight serves only for plans that are found immediately.
-            most = FIRST_EXPANSIONS if weight == WEIGHTS[0] else self.limits.expansions
+            most = first if weight == WEIGHTS[0] else self.limits.expansions
             most = max(min(most, self.limits.expansions - self.expanded), 1)
             plan = PushPass(heuristic, weight, self.limits, self._until_found(fraction), bodies).run(
                 self.first, most, known.cost * units, self.limits.gap

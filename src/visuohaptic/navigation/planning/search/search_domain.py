@@ -72,6 +72,7 @@ class SearchDomain:
     passages: tuple[tuple[Passage, Outline, float], ...] = ()  #: outline, seconds
     places: Clearance | None = None  #: cost of an object that ends in a cell [s]
     patient: bool = True  #: whether a search continues where a plan may exist beside the centres of cells
+    divided: bool = False  #: whether the cells are parts of those of the map, on which no plan was found
     #: how much less than the radius the clearance of a node may be; then it counts as :attr:`widest` [cells]
     slack: float = 0.0
     widest: float = 0.0
