@@ -19,12 +19,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float
 
 from ...fusion.volume import SpaceGrid
 from ..outline_fit import OutlineView, hull_evidence
 from ..ray_evidence import HIDDEN, RayEvidence
-from ..ray_readings import RayImage, surface_ratios
 
 #: Angles of incidence from which on a pane may show: it reflects least, and almost alike, up to 45 degrees.
 _ANGLES = np.radians(np.arange(45.0, 90.0, 5.0))
@@ -50,13 +49,10 @@ class Pane:
         spacing_m
             Maximum spacing of the points along each edge [m].
         """
-        return _points_m(self.corners_m, spacing_m)
-
-
-def _points_m(corners_m: Float[np.ndarray, "4 3"], spacing_m: float) -> Float[np.ndarray, "n 3"]:
-    edges = corners_m[[1, 3]] - corners_m[0]
-    a, b = (np.linspace(0, 1, math.ceil(float(np.linalg.norm(edge)) / spacing_m) + 1) for edge in edges)
-    return np.asarray(corners_m[0] + (a[:, None, None] * edges[0] + b[:, None] * edges[1]).reshape(-1, 3))
+        edges = self.corners_m[[1, 3]] - self.corners_m[0]
+        a, b = (np.linspace(0, 1, math.ceil(float(np.linalg.norm(edge)) / spacing_m) + 1) for edge in edges)
+        sheet_m = (a[:, None, None] * edges[0] + b[:, None] * edges[1]).reshape(-1, 3)
+        return np.asarray(self.corners_m[0] + sheet_m)
 
 
 def _axes(direction: float, level: bool) -> Float[np.ndarray, "2 3"]:
@@ -161,10 +157,9 @@ def _starts(
 
 
 def find_panes(
-    outlines: Callable[..., Sequence[OutlineView]],
+    views: Sequence[OutlineView],
+    views_beside: Callable[[np.ndarray], Sequence[OutlineView]],
     rays: RayEvidence,
-    images: Sequence[RayImage],
-    tables: Float32[np.ndarray, "kinds n"],
     grid: SpaceGrid,
     threshold: float,
     look_alike: float,
@@ -174,10 +169,10 @@ def find_panes(
 
     Parameters
     ----------
-    outlines
-        Outlines of all views; its argument is added to the log-likelihood ratios of the readings.
-    rays, images, tables
-        Rays of all views, whose ``limit_m`` becomes 0 where a pane explains them, their readings, and the log-likelihood ratios of these.
+    views, views_beside
+        Outlines of all views, and a function of points (n, 3) [m]: the same with the rates of the surface behind these.
+    rays
+        Rays of all views, whose ``limit_m`` becomes 0 where a pane explains them.
     grid
         Space of interest.
     threshold
@@ -192,22 +187,17 @@ def find_panes(
     eyes_m = np.array([frame.T_world_camera.translation_m for frame in rays.frames])
     threshold += math.log(_DIRECTIONS + 1)
     found: list[Pane] = []
-    views = outlines()
     while (best := _find(views, rays, places, eyes_m, threshold, look_alike)) is not None:
         fit, shape = best
-        points_m = _points_m(fit.corners_m(shape), grid.voxel_m)
-        through = rays.through(points_m, grid.voxel_m)
-        # As for bodies, with the rates of the surface behind it.
-        added = surface_ratios(rays.frames, images, through, rays.limit_m > 0, tables, object_m)
-        beside = replace(fit, hull=hull_evidence(outlines(added), shape[:3]))
-        evidence = min(one.evidence(shape, look_alike) for one in (fit, beside))
-        window_m = float(
-            np.median([v.window_px / v.matrix[0] * (v.T_camera_world[2] @ [*shape[:3], 1.0]) for v in views])
-        )
-        sigma_m = fit.sigma_m(shape, 0.5 * window_m)
-        if evidence >= threshold and math.isfinite(sigma_m):
-            found.append(Pane(fit.corners_m(shape), sigma_m, evidence))
-        rays.limit_m[through] = 0.0
+        windows_m = [v.window_px / v.matrix[0] * (v.T_camera_world[2] @ [*shape[:3], 1.0]) for v in views]
+        sigma_m = fit.sigma_m(shape, 0.5 * float(np.median(windows_m)))
+        pane = Pane(fit.corners_m(shape), sigma_m, fit.evidence(shape, look_alike))
+        points_m = pane.points_m(grid.voxel_m)
+        # As for bodies, also with the rates of the surface behind it.
+        beside = replace(fit, hull=hull_evidence(views_beside(points_m), shape[:3]))
+        if beside.evidence(shape, look_alike) >= threshold and math.isfinite(sigma_m):
+            found.append(pane)
+        rays.limit_m[rays.through(points_m, grid.voxel_m)] = 0.0
     return tuple(found)
 
 
