@@ -215,6 +215,9 @@ def _find(
         fits.append((_Fit(hull_evidence(views, start[:3]), rays.weights, eyes_m, level), start))
     for fit, start in sorted(fits, key=lambda one: one[0].cost(one[1]))[:_SEARCHES]:
         shape = fit.best(start)
+        # Likeliest at the minimum size: what is left of the rays beside another part.
+        if shape[4:].min() < _MIN_HALF_M + _STEPS[4]:
+            continue
         fit = replace(fit, hull=hull_evidence(views, shape[:3]))
         alike = -float(fit.each(shape).sum())
         if fit.evidence(shape, look_alike) >= threshold and (cost := fit.cost(shape)) < min(least, alike):
