@@ -140,7 +140,7 @@ def detect(scene: GlassSequence, **options: Any) -> dict[str, Any]:
         "vessels": [vessel.kind for vessel in scene.vessels],
         "error_m": errors,
         "deviates": deviates,
-        "false": int((~own).sum()),
+        "false": int((~own).sum()) + len(found.panes),
         "split": split,
         "regions": [np.round(c, 4).tolist() for c in centroids],
         "reason": found.search.text,

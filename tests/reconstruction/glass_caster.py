@@ -2,7 +2,8 @@
 
 Opaque things are a floor, the walls of a room, boxes and upright cylinders. Glass is an upright cylinder that no ray
 ends at: within a patch of about five pixels of it a camera reads nothing with a given probability; elsewhere it reads
-what is behind, and of that a part farther away (refraction). Active stereo adds what every such camera has: no depth
+what is behind, and of that a part farther away (refraction). A flat pane takes light by Fresnel's equations, and what is behind it
+is read where enough passes. Active stereo adds what every such camera has: no depth
 where the second eye does not see the point, depths mixed between both sides of an edge, single missing pixels, noise
 that grows with the square of the depth, and units of 1 mm.
 """
@@ -22,12 +23,16 @@ BASELINE_M, NOISE_M = 0.075, 0.0015
 
 @dataclass(frozen=True)
 class Table:
-    """Upright cylinders (x, y, radius, bottom, top), boxes (low, high) and the half edge of a room [m]."""
+    """Upright cylinders (x, y, radius, bottom, top), boxes (low, high), half edge of a room, and panes.
+
+    Panes are rectangles: a corner and both edges [m].
+    """
 
     glass: tuple[tuple[float, ...], ...] = ()
     cylinders: tuple[tuple[float, ...], ...] = ()
     boxes: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...] = ()
     room_m: float = 1.6
+    panes: tuple[tuple[tuple[float, ...], ...], ...] = ()
 
     def opaque_twin(self) -> Table:
         """The same shapes, all of them opaque."""
@@ -90,6 +95,22 @@ def _opaque(table: Table, eye: np.ndarray, rays: np.ndarray) -> np.ndarray:
     return depth
 
 
+def _pane_light(eye: np.ndarray, rays: np.ndarray, pane: tuple[tuple[float, ...], ...]) -> np.ndarray:
+    """Fraction of the light that passes a pane there and back; 1 beside it."""
+    corner, first, second = map(np.array, pane)
+    normal = np.cross(first, second) / (np.linalg.norm(first) * np.linalg.norm(second))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        on = eye + ((corner - eye) @ normal / (rays @ normal))[..., None] * rays - corner
+    shares = np.stack([on @ first / (first @ first), on @ second / (second @ second)])
+    through = ((shares >= 0) & (shares <= 1)).all(axis=0)
+    outer = np.arccos(np.clip(np.abs(rays @ normal) / np.linalg.norm(rays, axis=-1), 1e-6, 1 - 1e-9))
+    inner = np.arcsin(np.sin(outer) / 1.5)
+    across = (np.sin(outer - inner) / np.sin(outer + inner)) ** 2
+    along = (np.tan(outer - inner) / np.tan(outer + inner)) ** 2
+    passed = 0.5 * sum((1 - face) / (1 + face) for face in (across, along))
+    return np.where(through, passed**2, 1.0)
+
+
 def cast(
     table: Table,
     poses: list[Pose],
@@ -136,6 +157,9 @@ def cast(
                 steps |= np.abs(true - beside) > 0.06 * np.minimum(true, beside)
         mixed = steps & (rng.random(true.shape) < 0.5)
         depth[mixed] = (true + rng.uniform(0, 1, true.shape) * (np.roll(true, 1, axis=1) - true))[mixed]
+        for pane in table.panes:
+            # The contrast of a patch is .7 to 1.3 of the mean; half of it is needed.
+            depth[_pane_light(eye, rays, pane) * (0.7 + 0.6 * patch) < 0.5] = np.nan
         depth[(in_glass & (patch < dropout)) | (steps & (rng.random(true.shape) < 0.3))] = np.nan
         depth[rng.random(true.shape) < 0.003] = np.nan
         turn, shift = pose_sigma[1] * rng.standard_normal(3), pose_sigma[0] * rng.standard_normal(3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import islice
@@ -21,6 +22,7 @@ from .fusion import SENSOR_NOISE, DepthNoise, SpaceGrid, TsdfVolume, sensor_nois
 from .mesh import SurfaceMesh
 from .transparency import EvidenceDetector, SearchReport, TrackedNoise, view_graph
 from .transparency.evidence import MIN_ANGLE_RAD
+from .transparency.panes import Pane
 from .transparency.pose_refinement import common_sigma_m, refine_poses
 from .transparency.regions import TransparentRegion, mask_refracted_rays, outer_voxels, save_regions
 
@@ -39,10 +41,15 @@ class Reconstruction:
 
     surface: SurfaceMesh  #: visual surface, world [m]
     regions: tuple[TransparentRegion, ...]  #: transparent parts, largest first
-    points_m: Float[np.ndarray, "n 3"]  #: outer voxels of the transparent parts, world [m]
+    points_m: Float[
+        np.ndarray, "n 3"
+    ]  #: outer voxels of the transparent parts, and points of panes, world [m]
     scores: Float[np.ndarray, "n"]  #: score of each of these points
     grid: SpaceGrid  #: space of interest that was searched for transparent parts
     search: SearchReport  #: number of compared views, evidence, and the reason if nothing was found
+    panes: tuple[
+        Pane, ...
+    ] = ()  #: flat panes, likeliest first; not completed by touch, since their surface is known
 
     def completion(self, part: int = 0, settings: CompletionSettings | None = None) -> Completion:
         """Completion of the surface in a transparent part, ready for touches (Alt 2016, Sec. 5.3 and 5.4).
@@ -119,6 +126,14 @@ class Reconstruction:
             voxel_m=self.grid.voxel_m,
             views=self.search.compared,
             search=asdict(self.search),
+            panes=[
+                {
+                    "corners": np.round(pane.corners_m, 5).tolist(),
+                    "sigma": round(pane.sigma_m, 5),
+                    "evidence": round(pane.evidence, 2),
+                }
+                for pane in self.panes
+            ],
             reason=self.search.text,
         )
 
@@ -201,8 +216,18 @@ def reconstruct(
     kept = np.zeros(len(points_m), dtype=bool)
     for region in regions:
         kept |= region.contains(points_m)
+    from scipy.special import expit
+
+    points_m, scores = points_m[kept], scores[kept]
+    panes = tuple(_placed_pane(pane, reported, frames) for pane in detector.panes)
+    for pane in panes:
+        sheet_m = pane.points_m(grid.voxel_m)
+        # As of voxels: the prior expects one place with glass in the volume.
+        chance = expit(pane.evidence - detector.threshold - math.log(false_alarm_rate))
+        points_m = np.vstack([points_m, sheet_m])
+        scores = np.append(scores, np.full(len(sheet_m), chance))
     return Reconstruction(
-        surface.mesh(min_weight=0.0), regions, points_m[kept], scores[kept], grid, detector.report()
+        surface.mesh(min_weight=0.0), regions, points_m, scores, grid, detector.report(), panes
     )
 
 
@@ -233,6 +258,14 @@ def _placed(
     ends_m = None if body.ends_sigma_m is None else np.hypot(body.ends_sigma_m, common_m)
     axis_m = np.hypot(body.axis_sigma_m, common_m)
     return replace(region, body=replace(body, axis_sigma_m=axis_m, ends_sigma_m=ends_m))
+
+
+def _placed_pane(pane: Pane, reported: Sequence[DepthFrame], frames: Sequence[DepthFrame]) -> Pane:
+    """The pane with the common pose error of all views along its normal."""
+    first, *ends = pane.corners_m[[0, 1, 3]]
+    normal = np.cross(ends[0] - first, ends[1] - first)
+    common_m = normal / np.linalg.norm(normal) * common_sigma_m(reported, frames, pane.corners_m.mean(axis=0))
+    return replace(pane, sigma_m=float(np.hypot(pane.sigma_m, np.linalg.norm(common_m))))
 
 
 def sequence_noise(sequence: DepthSequence | Sequence[DepthFrame]) -> DepthNoise:

@@ -45,6 +45,7 @@ from ..vessel_shapes import UprightBody
 from .body_pairs import fit_part, without_body
 from .outline_fit import OutlineView, body_evidence
 from .outline_rings import with_rings
+from .panes.pane_fit import Pane, find_panes
 from .ray_evidence import HIDDEN, LOOK_ALIKE, RayEvidence, ScoreEvidence, look_alike_fraction
 from .ray_readings import (
     FAR,
@@ -88,6 +89,7 @@ class EvidenceDetector:
     threshold: float = field(init=False)  #: minimum evidence of a part [nat]
     look_alike: float = field(init=False, default=LOOK_ALIKE)  #: fraction of windows that look like glass
     measured: TrackedNoise = field(init=False, default=TrackedNoise())  #: noise of the sequence
+    panes: tuple[Pane, ...] = field(init=False, default=())  #: detected flat panes, likeliest first
     views: int = field(init=False, default=0)  #: number of input views
     skipped: Counter[str] = field(
         init=False, default_factory=Counter
@@ -135,12 +137,14 @@ class EvidenceDetector:
             self._sum(limit_m > 0)
             if (strong := self.evidence >= self.threshold).any():
                 self._sum((limit_m > 0) & ~self._through(strong))
+        told = self._rays, self.grid, self.threshold, self.look_alike, 2 * RADIUS_M
+        self.panes = find_panes(self._outline_views(), self._views_beside, *told)
         self.evidence = whole
         if not self._found:
             return
         limit_m[:] = [image.limit_m for image in self._images]
-        told = self._outline_views(), self.grid.low_m[2], self.threshold, self.false_alarm_rate
-        self._found = with_rings(self._found, *told)
+        fitted = self._outline_views(), self.grid.low_m[2], self.threshold, self.false_alarm_rate
+        self._found = with_rings(self._found, *fitted)
 
     def _sum(self, counted: Bool[np.ndarray, "n h w"], *, first: bool = False) -> None:
         """Sum the unexplained evidence; the rates without glass are estimated from the ``counted`` rays."""
@@ -304,13 +308,17 @@ class EvidenceDetector:
 
     def _beside(self, body: UprightBody, first: UprightBody | None = None) -> float:
         """Evidence for a body, given the readings at the surfaces behind it of rays that pass beside it; of rays that miss a first body [nat]."""
-        rays, body_m, size_m = self._rays, body.points_m(self.grid.voxel_m), 2 * RADIUS_M
-        through = rays.through(body_m, self.grid.voxel_m)
-        added = surface_ratios(rays.frames, self._images, through, rays.limit_m > 0, self._tables, size_m)
-        agreed = agreed_behind(body, rays, self._images, self._matching_px, self.grid.voxel_m)
-        views = self._outline_views(added)
+        agreed = agreed_behind(body, self._rays, self._images, self._matching_px, self.grid.voxel_m)
+        views = self._views_beside(body.points_m(self.grid.voxel_m))
         views = without_body(views, first.shape_m) if first else views
         return agreed + float(body_evidence(views, body).sum())
+
+    def _views_beside(self, points_m: Float[np.ndarray, "n 3"]) -> list[OutlineView]:
+        """Outlines of all views with the rates of the surfaces behind points, of rays that pass beside these."""
+        rays = self._rays
+        through = rays.through(points_m, self.grid.voxel_m)
+        told = through, rays.limit_m > 0, self._tables, 2 * RADIUS_M
+        return self._outline_views(surface_ratios(rays.frames, self._images, *told))
 
     def _fit(
         self, part: Bool[np.ndarray, "x y z"], evidence: Float32[np.ndarray, "x y z"], box: tuple[slice, ...]

@@ -1,23 +1,21 @@
 """Position of a transparent part: an upright body fitted to its outlines by maximum likelihood.
 
-Voxels that only rays through glass pass extend away from the cameras and into parts that the glass shades, so that their
-centroid is wrong by about a centimetre. The outline in each view is sharper: windows of readings inside it have the
-distribution of glass, or show no effect, because walls refract little in the middle and near to the background; windows
-outside have the distribution of the sequence. A truncated cone with a vertical axis is fitted to the outlines of all views.
-The second eye of the camera looks past the body, too: where its line of sight crosses the body, matching fails beside the
-outline, by the difference between the disparities of the body and of the background.
+Voxels that only rays through glass pass extend away from the cameras and into parts that the glass shades, so that their centroid is wrong by about a
+centimetre. The outline in each view is sharper: windows of readings inside it have the distribution of glass, or show no effect, because walls
+refract little in the middle and near to the background; windows outside have the distribution of the sequence. A truncated cone with a vertical axis
+is fitted to the outlines of all views. The second eye of the camera looks past the body, too: where its line of sight crosses the body, matching
+fails beside the outline, by the difference between the disparities of the body and of the background.
 
-The covariance of the axis is robust against a misspecified likelihood (Huber 1967; White 1982): H^-1 (sum of g g^T) H^-1
-with H the curvature of the total and g the gradient of each view, both by differences over half of the matching window of the
-camera; over shorter steps the noise of single readings dominates. Views from the same direction have correlated errors, so g g^T
-of a view is divided by its weight. The gradients at the fit are smaller than at the true parameters, corrected by the
-factor n / (n - k) (MacKinnon and White 1985). From one side only, a farther and higher body looks the same, so the height is
-estimated jointly with the axis if the likelihood has a maximum in it.
+The covariance of the axis is robust against a misspecified likelihood (Huber 1967; White 1982): H^-1 (sum of g g^T) H^-1 with H the curvature of the
+total and g the gradient of each view, both by differences over half of the matching window of the camera; over shorter steps the noise of single
+readings dominates. Views from the same direction have correlated errors, so g g^T of a view is divided by its weight. The gradients at the fit are
+smaller than at the true parameters, corrected by the factor n / (n - k) (MacKinnon and White 1985). From one side only, a farther and higher body
+looks the same, so the height is estimated jointly with the axis if the likelihood has a maximum in it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from typing import Any
@@ -169,14 +167,18 @@ class _Outlines:
 
         ``opening`` is the fraction of the radius inside which there is no evidence.
         """
+        found = self.inside(end_circles(body, _CORNERS))
+        if opening > 0:
+            # A body that reaches the camera has no evidence, nor has its opening.
+            found -= np.where(found != 0, self.inside(end_circles(body, _CORNERS, opening)), 0.0)
+        return found
+
+    def inside(self, corners_m: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "views"]:
+        """Sum of the evidence inside the outlines of the convex hull of points (p, 3) [m], of each view [nat]."""
         from ._outline_kernels import outline_sums
 
-        found, within = np.empty((2, len(self.weights)))
-        outline_sums(end_circles(body, _CORNERS), *self._told, found)
-        if opening > 0:
-            outline_sums(end_circles(body, _CORNERS, opening), *self._told, within)
-            # A body that reaches the camera has no evidence, nor has its opening.
-            found -= np.where(found != 0, within, 0.0)
+        found = np.empty(len(self.weights))
+        outline_sums(corners_m, *self._told, found)
         return found
 
     def window_m(self, window_px: float, middle_m: Float[np.ndarray, "3"]) -> float:
@@ -200,12 +202,11 @@ def fit_bodies(
     evidence
         Evidence of each voxel (n) [nat].
     """
-    low_m, high_m = points_m.min(axis=0), points_m.max(axis=0)
     bounds_m = body_bounds_m(points_m)
     outlines = _Outlines(views, points_m[evidence.argmax()])
     strong_m = points_m[evidence > 0.5 * evidence.max()]
     starts = [(start, opening) for opening in _OPEN for start in _starts(strong_m, opening)]
-    starts += [(start, _OPEN[1]) for start in _rims(low_m, high_m)]
+    starts += [(start, _OPEN[1]) for start in _rims(points_m.min(axis=0), points_m.max(axis=0))]
     bodies: list[UprightBody] = []
     ends: list[tuple[np.ndarray, float]] = []
     for start, opening in _apart(sorted(starts, key=lambda one: outlines.cost(one[0], one[1], bounds_m))):
@@ -266,15 +267,26 @@ def _bodies(
     return [UprightBody(*place, (low_r, high_r), float(sigma[2]), (low_z, high_z), -least)]
 
 
+def hull_evidence(
+    views: Sequence[OutlineView], middle_m: Float[np.ndarray, "3"]
+) -> Callable[[Float[np.ndarray, "p 3"]], Float[np.ndarray, "views"]]:
+    """Function of the corners (p, 3) of a convex body [m]: its log-likelihood ratio against no body, of each view [nat].
+
+    Parameters
+    ----------
+    views, middle_m
+        All views, and its middle (3): rays that end in front of it are no evidence [m].
+    """
+    return _Outlines(views, middle_m).inside
+
+
 def body_evidence(views: Sequence[OutlineView], body: UprightBody) -> Float[np.ndarray, "views"]:
     """Log-likelihood ratio of a body against no body, closed or open, whichever is likelier, of each view [nat].
 
     Parameters
     ----------
-    views
-        All views.
-    body
-        The body.
+    views, body
+        All views, and the body.
     """
     outlines = _Outlines(views, np.array([*body.axis_m, np.mean(body.height_m)]))
     return max((outlines.log_likelihood(body.shape_m, opening) for opening in _OPEN), key=np.sum)

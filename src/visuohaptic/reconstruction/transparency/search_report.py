@@ -108,7 +108,7 @@ class SearchReport:
             "below threshold": f"the strongest voxel has {self.evidence:.1f}, threshold {self.threshold:.1f}",
         }[self.cause]
         if not self.found:
-            told += f"; a vessel would be found here with a probability of {self.chance:.1f} at best, a flat pane is not sought"
+            told += f"; a vessel would be found here with a probability of {self.chance:.1f} at best, a flat pane only in views at more than 60 degrees from its normal"
             if self.next_eye_m is not None:
                 told += "; add a view from ({:.2f}, {:.2f}, {:.2f}) m".format(*self.next_eye_m)
         return f"{seen}: {told}"

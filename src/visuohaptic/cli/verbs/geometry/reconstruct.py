@@ -90,15 +90,12 @@ def run(args: Arguments) -> dict[str, Any]:
         model=model,
     )
     found.save(args.out)
-    for region in found.regions:
-        x, y, z = region.centroid_m
-        size = " x ".join(f"{edge:.3f}" for edge in region.size_m)
-        place = f"transparent part at ({x:.3f}, {y:.3f}, {z:.3f}) m, {size} m, score {region.score:.2f}"
-        lean_deg = math.degrees(region.body.lean_rad) if region.body else 0.0
-        args.report(place + (f", leans by {lean_deg:.0f} degrees" if lean_deg else ""))
+    for line in _part_lines(found):
+        args.report(line)
     parts = f"{len(found.regions)} transparent part{'s' * (len(found.regions) != 1)}"
     args.report(f"{parts}, {len(found.surface.faces)} triangles in {args.out}")
-    args.report(f"{'search' if found.search.found else 'nothing found'}: {found.search.text}")
+    what = "search" if found.search.found or found.panes else "nothing found"
+    args.report(f"{what}: {found.search.text}")
     if args.plot:
         reconstruction.plot_reconstruction(found, args.plot)
     if args.view:
@@ -110,12 +107,28 @@ def run(args: Arguments) -> dict[str, Any]:
             | ({"outline": asdict(region.body)} if region.body else {})
             for region in found.regions
         ],
+        "panes": [asdict(pane) for pane in found.panes],
         "triangles": len(found.surface.faces),
         "views": found.search.compared,
         "skipped": {**sequence.skipped, **found.search.skipped},
         "search": asdict(found.search),
         "reason": found.search.text,
     }
+
+
+def _part_lines(found: reconstruction.Reconstruction) -> list[str]:
+    """One line for each transparent part and each pane."""
+    lines = []
+    for region in found.regions:
+        x, y, z = region.centroid_m
+        size = " x ".join(f"{edge:.3f}" for edge in region.size_m)
+        place = f"transparent part at ({x:.3f}, {y:.3f}, {z:.3f}) m, {size} m, score {region.score:.2f}"
+        lean_deg = math.degrees(region.body.lean_rad) if region.body else 0.0
+        lines.append(place + (f", leans by {lean_deg:.0f} degrees" if lean_deg else ""))
+    for pane in found.panes:
+        corners = ", ".join("({:.3f}, {:.3f}, {:.3f})".format(*corner) for corner in pane.corners_m)
+        lines.append(f"flat pane with corners {corners} m, +- {1e3 * pane.sigma_m:.1f} mm along its normal")
+    return lines
 
 
 def _show(found: Any, args: Arguments) -> None:

@@ -1,0 +1,69 @@
+"""Flat panes of glass: rectangles that show from the side only; opaque boards that read nothing are none."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from visuohaptic.reconstruction import reconstruct
+from visuohaptic.reconstruction.fusion import SpaceGrid
+
+from .glass_caster import Table, _pane_light, cast, ring
+
+GRID = SpaceGrid.around((-0.35, -0.35, 0.0), (0.35, 0.35, 0.28), 0.01)
+CAN = ((0.1, 0.17, 0.03, 0.0, 0.12),)
+#: Length, height, direction and foot of the middle of the upright pane [m, rad].
+LENGTH_M, HEIGHT_M, TURN_RAD, FOOT_M = 0.3, 0.2, 0.5, np.array([0.02, -0.01, 0.01])
+ALONG = np.array([np.cos(TURN_RAD), np.sin(TURN_RAD), 0.0])
+UPRIGHT = (tuple(FOOT_M - 0.5 * LENGTH_M * ALONG), tuple(LENGTH_M * ALONG), (0.0, 0.0, HEIGHT_M))
+
+
+def seen(table: Table, count: int = 24) -> list:
+    rng = np.random.default_rng([21, count])
+    return cast(table, ring(count, turn_rad=0.1), rng, pose_sigma=(0.001, 0.002))
+
+
+def test_light_that_passes_twice_follows_fresnel():
+    # At right angles a face reflects ((1.5 - 1) / (1.5 + 1))^2 = 4 %, a pane 2 * 4 / 104.
+    eye, rays = np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, -1.0], [3.0, 0.0, -1.0]])
+    light = _pane_light(eye, rays, ((-1.0, -1.0, 0.0), (2.0, 0.0, 0.0), (0.0, 2.0, 0.0)))
+    assert light == pytest.approx([(1 - 0.08 / 1.04) ** 2, 1.0], abs=1e-6)
+
+
+def test_an_upright_pane_is_found_with_its_corners(tmp_path):
+    found = reconstruct(seen(Table(cylinders=CAN, panes=(UPRIGHT,))), grid=GRID)
+    (pane,) = found.panes
+    assert found.regions == ()
+    corner, along, up = map(np.array, UPRIGHT)
+    truth = corner + np.array([0 * up, along, along + up, up])
+    # Half of a matching window is 8 to 10 mm, and the foot is as near to the floor as a reading's tolerance.
+    away = np.linalg.norm(pane.corners_m[:, None] - truth, axis=-1)
+    assert away.min(axis=0).max() < 0.03
+    normal = np.array([-ALONG[1], ALONG[0], 0.0])
+    assert abs((pane.corners_m.mean(axis=0) - corner) @ normal) < 4 * pane.sigma_m < 0.02
+    sheet = pane.points_m(0.01)
+    assert len(found.points_m) == len(found.scores) == len(sheet)
+    assert found.scores.min() > 0.9
+    found.save(tmp_path)
+    (told,) = json.loads((tmp_path / "regions.json").read_text())["panes"]
+    assert np.array(told["corners"]) == pytest.approx(pane.corners_m, abs=1e-4)
+
+
+def test_an_opaque_board_that_reads_nothing_is_no_pane():
+    table = Table(cylinders=CAN, panes=(UPRIGHT,))
+    dark = []
+    for frame in seen(replace(table, panes=())):
+        rows, columns = np.mgrid[: frame.camera.height, : frame.camera.width].astype(float)
+        rays = frame.camera.rays(np.stack([columns, rows], axis=-1)) @ frame.T_world_camera.rotation.T
+        on = _pane_light(frame.T_world_camera.translation_m, rays, UPRIGHT) < 1
+        dark.append(replace(frame, depth_m=np.where(on, np.float32(np.nan), frame.depth_m)))
+    assert reconstruct(dark, grid=GRID).panes == ()
+
+
+def test_without_enough_views_from_the_side_a_pane_is_not_claimed():
+    found = reconstruct(seen(Table(cylinders=CAN, panes=(UPRIGHT,)), 8), grid=GRID)
+    assert found.panes == ()
+    assert "60 degrees from its normal" in found.search.text
