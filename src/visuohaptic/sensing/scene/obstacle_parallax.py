@@ -245,7 +245,7 @@ class FaceCells:
         refined, spread = self._refine(now, before, motion, sigma, np.where(hidden, np.nan, variance))
         moved = self._floor_before(before.finer, refined)
         whole = self._floor_before(before.whole, refined)
-        cv2.patchNaNs(whole, 1e9)  # A mean of pixels out of view says nothing.
+        cv2.patchNaNs(whole, 1e9)  # A mean of pixels out of view is unknown.
         variance += (whole - cv2.blur(whole, (_MEAN_BINS, _MEAN_BINS)) - moved) ** 2
         floor = now.detail - moved
         scale = _scale(floor, variance, now.level)
