@@ -154,8 +154,8 @@ class Project:
             run["seconds"] = (3.0 if explores else 1.0) * self.seconds
         answers = server.answers({"hidden": hidden, "modules": [*modules], "runs": runs})
         for answer in answers:
-            # A test is not found, too, where its file cannot be imported; an error inside of pytest (code 3) is one of its file.
-            if answer["code"] == 4 and "crashed" not in answer["marks"]:
+            # A test is not found, too, where its file cannot be imported, as for an error inside of pytest (code 3).
+            if answer["code"] == 4 and explores:
                 raise SystemExit(f"pytest cannot run in {self.root}:\n{answer['output'][-2000:]}")
         return answers
 
@@ -207,8 +207,8 @@ class Project:
             by = next(_failed(seen["output"]), "")
             if "crashed" in seen["marks"]:
                 result, why = "crashed", "import"
-            elif seen["code"] in (None, 3):
-                result, why = "undecided", f"longer than {self.seconds:g} s"
+            elif seen["code"] in (None, 3, 4):
+                result, why = "undecided", f"no tests, or longer than {self.seconds:g} s"
             elif "loaded" not in seen["marks"]:
                 result, why = "undecided", "the tests did not import the changed module"
             elif seen["code"] in (0, 5):
