@@ -27,9 +27,9 @@ def scene():
     )
 
 
-def _found(monkeypatch, centroids):
+def _found(monkeypatch, centroids, panes=()):
     regions = [SimpleNamespace(centroid_m=np.array(centroid), body=None) for centroid in centroids]
-    result = SimpleNamespace(regions=regions, search=SimpleNamespace(text=""))
+    result = SimpleNamespace(regions=regions, panes=panes, search=SimpleNamespace(text=""))
     monkeypatch.setattr(glass_evidence, "reconstruct", lambda *_, **__: result)
 
 
@@ -45,6 +45,8 @@ def test_a_vessel_is_found_by_a_centroid_in_its_grown_box_and_other_regions_are_
     row = glass_evidence.detect(scene)
     assert row["error_m"] == [None, pytest.approx(0.0)]
     assert row["false"] == 0
+    _found(monkeypatch, [beyond - [0, 0, 0.01]], panes=("between two vessels",))
+    assert glass_evidence.detect(scene)["false"] == 1
 
 
 def test_one_region_is_not_two_vessels(scene, monkeypatch):
