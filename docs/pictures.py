@@ -114,9 +114,10 @@ def glass() -> Path:
     touches: list[np.ndarray] = []
     original = probe_chapters._radial
 
-    def listen(contacts: list[np.ndarray], foot_m: np.ndarray) -> Any:
-        touches.extend(PLACE.inverse().apply(np.array(contacts)))
-        return original(contacts, foot_m)
+    def listen(told: tuple[Any, ...], foot_m: np.ndarray) -> Any:
+        contacts = [one.contact_m for one in told if one.contact_m is not None]
+        touches[:] = PLACE.inverse().apply(np.array(contacts).reshape(-1, 3))
+        return original(told, foot_m)
 
     probe_chapters._radial = listen
     with TemporaryDirectory() as folder:
