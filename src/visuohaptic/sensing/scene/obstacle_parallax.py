@@ -7,9 +7,9 @@ patterns follow the floor's homography, whatever their appearance; a face that r
 except for its foot. The logarithm of the intensity, minus its local mean, is compared: a shadow
 scales the intensity of floor and face equally.
 
-Residuals e of a pixel follow Student's t, scaled by the noise of both images and by the effects of a subpixel registration error at
-an edge and of the local means: a square of the earlier frame covers more floor, so that the flanks of a step of brightness do
-not grow with the floor, like those of a face. The log-likelihood ratio of both planes, ``l = log p(e_face) - log p(e_floor)``, is
+Residuals e of a pixel follow Student's t, scaled by the noise of both images, a subpixel error of the registration, and that of
+the local means: a square of the earlier frame covers more floor, so that flanks of a step keep their size, as on a face. Pixels share
+this error, which counts once for all independent samples along a square. The ratio ``l = log p(e_face) - log p(e_floor)`` is
 summed over the pixels that see one cell of (range, lateral position) at the height of the lowest relevant obstacle.
 """
 
@@ -245,8 +245,9 @@ class FaceCells:
         refined, spread = self._refine(now, before, motion, sigma, np.where(hidden, np.nan, variance))
         moved = self._floor_before(before.finer, refined)
         whole = self._floor_before(before.whole, refined)
-        cv2.patchNaNs(whole, 1e9)  # A mean of pixels out of view is unknown.
-        variance += (whole - cv2.blur(whole, (_MEAN_BINS, _MEAN_BINS)) - moved) ** 2
+        cv2.patchNaNs(whole, 1e9)  # unknown: a mean of pixels out of view
+        error = whole - cv2.blur(whole, (_MEAN_BINS, _MEAN_BINS)) - moved
+        variance += _MEAN_BINS / self.settings.correlated_bins * error**2
         floor = now.detail - moved
         scale = _scale(floor, variance, now.level)
         by_floor = cv2.log(1.0 + floor * floor * scale)
