@@ -355,8 +355,7 @@ class FaceCells:
         face = pair.now.detail[part] - self._moved(pair.before.finer, pair.view, 0, x_m, part)
         better = pair.by_floor[part] - cv2.log(1.0 + face * face * pair.scale[part])
         better *= 0.5 * (_FREEDOM + 1.0)
-        cv2.patchNaNs(better, 0.0)
-        return np.asarray(better)
+        return np.asarray(cv2.patchNaNs(better, 0.0))
 
     def _moved(
         self, before: np.ndarray, view: tuple[np.ndarray, np.ndarray], axis: int, x_m: float,
