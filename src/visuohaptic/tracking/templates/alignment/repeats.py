@@ -186,8 +186,8 @@ def _explained(work: Work, warp: Float[np.ndarray, "3 3"]) -> _Explained:
 
     from ._block_kernels import block_sums
 
-    level, image, h = work.pair(0)
-    image = work.spline(image, h, level)
+    level, _, h = work.pair(0)
+    image = work.spline(h)
     (bx, by), (rows, columns) = work.block, level.image.shape
     own = np.array([[bx, 0, 1.5 * bx - 0.5], [0, by, 1.5 * by - 0.5], [0, 0, 1.0]])
     moved = np.linalg.solve(own, warp @ own)
