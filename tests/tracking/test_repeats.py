@@ -8,6 +8,9 @@ import pytest
 
 from visuohaptic.tracking.points import apply_homography
 from visuohaptic.tracking.templates import EsmTemplate, align
+from visuohaptic.tracking.templates.alignment.esm_pyramid import EsmSettings, Work
+from visuohaptic.tracking.templates.alignment.esm_template import resemblance
+from visuohaptic.tracking.templates.alignment.repeats import _evened, peaks
 
 from ..worlds import views
 
@@ -106,3 +109,36 @@ def test_only_patterns_that_repeat_are_compared() -> None:
         np.kron(np.random.default_rng(3).integers(0, 2, (8, 8)) * 200, np.ones((20, 20))), (0, 0), 1
     )
     assert not EsmTemplate.from_image(tag.astype(np.uint8), sharp=True).repeats
+
+
+@pytest.mark.parametrize(("explained", "repeats"), [(0.22, False), (0.28, True)])
+def test_a_template_repeats_if_a_quarter_of_its_variance_does(explained: float, repeats: bool) -> None:
+    """A grain that repeats every 48 px, and one that does not; the correlation of 20,000 pixels is known to 0.01."""
+    rng = np.random.default_rng(1)
+    again, once = (cv2.GaussianBlur(rng.normal(0, 1, (n, n)), (0, 0), 0.7) for n in (48, 192))
+    again = np.tile(again, (4, 4))
+    pattern = np.sqrt(explained) * again / again.std() + np.sqrt(1 - explained) * once / once.std()
+    image = np.rint(128 + 20 * pattern).astype(np.uint8)
+    assert resemblance([image.astype(np.float32)]) == pytest.approx(explained, abs=0.02)
+    assert EsmTemplate.from_image(image).repeats == repeats
+
+
+@pytest.mark.parametrize(("ranges", "found"), [(1.4, True), (1.7, False)])
+def test_other_places_are_searched_half_as_far_again_as_a_fit_may_move(ranges: float, found: bool) -> None:
+    pattern, settings = wall(10.0, 12.0), EsmSettings()
+    template = EsmTemplate.from_image(pattern)
+    image = photo(pattern, None, np.random.default_rng(0))
+    for x, y in ((1, 0), (-1, 0), (0, 1)):
+        start = np.eye(3)
+        start[:2, 2] = ranges * settings.search_px * np.array([x, y])
+        work = Work(template, image, start @ PLACE, settings, None)
+        ((shift, _),) = peaks(work, 1, work.homography, 1, local=True)
+        homography = work.to_image @ work.homography @ shift
+        # A pixel of the second level is two of the image, and the shift is in the template's plane.
+        assert (off_px(template, homography) < 4.0) == found
+
+
+def test_contrast_as_low_as_the_noise_of_a_camera_counts_half() -> None:
+    """Two grey levels (rms), as in all photos here."""
+    noise = 2.0 * np.random.default_rng(2).standard_normal((200, 200))
+    assert _evened((100.0 + noise).astype(np.float32), 12).var() == pytest.approx(0.5, abs=0.03)

@@ -23,15 +23,15 @@ def photo(size_px: float, blur_px: float, rng: np.random.Generator) -> tuple[np.
     centre = (len(light) - 1) / 2
     half = 4 * cell
     corners = np.array([[-half, -half], [half, -half], [half, half], [-half, half]]) @ rotation.T + middle
-    way = blur_px * np.array([np.cos(turn + 0.7), np.sin(turn + 0.7)])
+    motion = blur_px * np.array([np.cos(turn + 0.7), np.sin(turn + 0.7)])
     total = np.zeros((SIZE[1] * SAMPLES, SIZE[0] * SAMPLES))
-    shares = np.linspace(-0.5, 0.5, 9) if blur_px else np.zeros(1)
+    fractions = np.linspace(-0.5, 0.5, 9) if blur_px else np.zeros(1)
     soft = cv2.GaussianBlur(light, (0, 0), 0.35 / (scale * SAMPLES))
-    for share in shares:
-        place = np.column_stack([rotation, middle + share * way - rotation @ [centre, centre]])
+    for fraction in fractions:
+        place = np.column_stack([rotation, middle + fraction * motion - rotation @ [centre, centre]])
         fine = SAMPLES * place + [[0, 0, SAMPLES / 2 - 0.5]] * 2
         total += cv2.warpAffine(soft, fine, total.shape[::-1], borderValue=0.5)
-    seen = cv2.resize(total / len(shares), SIZE, interpolation=cv2.INTER_AREA)
+    seen = cv2.resize(total / len(fractions), SIZE, interpolation=cv2.INTER_AREA)
     grey = 200 * np.clip(cv2.GaussianBlur(seen, (0, 0), 0.6), 0, 1) ** (1 / 2.2)
     return np.clip(np.rint(grey + rng.normal(0, 2, grey.shape)), 0, 255).astype(np.uint8), number, corners
 

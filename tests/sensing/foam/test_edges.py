@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -181,7 +182,13 @@ def test_a_front_that_is_not_near_its_place_at_rest_is_left() -> None:
     assert np.isnan(found).all()
 
 
-def _put_back(shaded: np.ndarray, image: np.ndarray, pulled_px: np.ndarray, excess: np.ndarray) -> np.ndarray:
+def _put_back(
+    shaded: np.ndarray,
+    image: np.ndarray,
+    pulled_px: np.ndarray,
+    excess: np.ndarray,
+    rest: np.ndarray | None = None,
+) -> np.ndarray:
     """What the light explains of fronts at rest that are found ``pulled_px`` nearer to the base."""
     each = np.ones(POINTS)
     front = SimpleNamespace(position_px=40.2 - pulled_px, contrast=-100.0 * each)
@@ -195,7 +202,9 @@ def _put_back(shaded: np.ndarray, image: np.ndarray, pulled_px: np.ndarray, exce
         low_confidence=each < 0,
         front=front,
     )
-    zero: Any = SimpleNamespace(image=_strips(0.0, 0.8, noise=0.3), blur_ratio=each, inferred=each < 0)
+    zero: Any = SimpleNamespace(
+        image=_strips(0.0, 0.8, noise=0.3) if rest is None else rest, blur_ratio=each, inferred=each < 0
+    )
     return shift_by_light_px(strip, zero, excess)
 
 
@@ -226,3 +235,15 @@ def test_a_body_that_begins_at_the_front_is_not_the_floor_in_a_shadow() -> None:
         *_, floor = _put_back(covered, image, np.where(covered, 0.7, 0.0), excess)
         assert floor[covered][2:-2].mean() < 0.2
         assert excess[covered].mean() > 0.8, "what is no light is not explained by it"
+
+
+def test_a_saturated_floor_says_nothing_about_its_surface() -> None:
+    """All of its samples are equal, as at rest: no variance of them has a logarithm."""
+    image = _strips(0.0, 0.8)
+    image[..., PLACE > 3.0] = 255.0
+    none = np.zeros(POINTS)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        shift, *_, floor = _put_back(none < 1, image, none, none.copy(), image)
+    assert np.abs(shift).max() < 0.01
+    assert floor.max() < 1e-9

@@ -151,9 +151,9 @@ def shift_by_light_px(
         Deflection that the light pretends [px], part of the difference that is ascribed to light, from 0 to 1, variance of
         the deflection where it is [px^2], and probability that light on the floor as at rest has shifted the edge, (4, K).
     """
-    found = np.full((7, len(excess_px2)), np.nan)
     if strip.stripe:
         return np.zeros((4, len(excess_px2)))
+    found = np.full((7, len(excess_px2)), np.nan)
     blur = np.hypot(zero.blur_ratio * strip.lens_px, PIXEL_PX)
     seen = (strip.usable | strip.low_confidence) & ~zero.inferred  # also at rest
     front = np.where(seen, strip.front.position_px, np.nan)
@@ -199,9 +199,13 @@ def _floor_probability(
     former is that of ``even`` edges, with their scatter (log-normal); another surface has its own, of any size up to the
     squared contrast (log-uniform). Both are as probable a priori, and five neighbours share their surface.
     """
+    beside = np.log(lit[even & (lit > 0.0)])
+    if not len(beside):
+        return np.zeros(len(lit))  # black or saturated: without texture and noise
+    usual = quick_median(beside)
+    scatter = max(1.4826 * quick_median(np.abs(beside - usual)), 1e-3)
     with np.errstate(invalid="ignore", divide="ignore"):
-        away = np.log(lit) - (usual := np.nanmedian(np.log(lit[even])))
-        scatter = max(1.4826 * float(np.nanmedian(np.abs(away[even]))), 1e-3)
+        away = np.log(lit) - usual
         odds = 0.5 * (count - 2.0) * np.log(plain / lit) - 0.5 * (away / scatter) ** 2
         odds += np.log(np.maximum(np.log(contrast**2) - usual, 1.0) / (math.sqrt(2.0 * math.pi) * scatter))
     shared = ALIKE * np.convolve(np.nan_to_num(odds), np.ones(round(1.0 / ALIKE)), "same")
@@ -261,9 +265,9 @@ def light_shift_px(
     strip, zero
         As in :func:`blur_excess_px2`.
     excess_px2
-        From :func:`blur_excess_px2`; NaN where a gap explains it.
+        From :func:`blur_excess_px2`, as far as :func:`shift_by_light_px` leaves it; NaN where a gap explains it.
     lit, uneven_px2
-        Second and third row of :func:`shift_by_light_px`.
+        Of :func:`shift_by_light_px`, the product of the second and the fourth row, and the third one.
     """
     if strip.stripe:
         return np.zeros(len(strip.width_m))

@@ -175,7 +175,7 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
     level, image, h = work.pair(k)
     h = np.ascontiguousarray(h / h[2, 2])
     if k == 0:
-        image = work.spline(image, h, level)
+        image = work.spline(h)
     down, across = level.independent.shape
     sums, fits = (np.zeros((down, across, n)) for n in (28, 9))
     probability = np.zeros((down, across))

@@ -264,10 +264,9 @@ def _in_even_light(work: Work, fit: BlockFit, even: bool) -> BlockFit:
     ):
         return fit
     covariance = fit.blocks.excess(off) * _covariance(work, work.centred)
+    # Pixels that scatter by common causes count less than the blocks, whose light is their own.
     if np.trace(covariance) > np.trace(fit.covariance):
-        return (
-            fit  # pixels that scatter by common causes count less than the blocks, whose light is their own
-        )
+        return fit
     return replace(fit, homography=homography, covariance=covariance)
 
 

@@ -46,20 +46,17 @@ def matching_blur(
     # No outlier rejection: with a wrong blur, the residual is concentrated at edges, which would be rejected as
     # outliers. Occluded pixels match no blur, so that they have no effect.
     light = np.array([alignment.gain, alignment.bias, 1e6, 1e6, 1.0])
-    spline: np.ndarray | None = None
     misfits: dict[int, float] = {}
 
     def residual(blur: int) -> float:
         """Mean squared residual after the best gain and bias [grey levels^2]."""
-        nonlocal spline
         if blur not in misfits:
             work.finest = template.finest(work.chain, blur, work.curve)
-            level, first, h = work.pair(0)
+            level, _, h = work.pair(0)
             h = np.ascontiguousarray(h / h[2, 2])
-            if spline is None:
-                spline = work.spline(first, h, level)
             work.light[:] = light
-            work.run(0, level, spline, h, level.rows, GaussNewton(1, cubic=True, cut=1.0, tolerance=np.inf))
+            how = GaussNewton(1, cubic=True, cut=1.0, tolerance=np.inf)
+            work.run(0, level, work.spline(h), h, level.rows, how)
             s1, t, tt, r, tr, rr = work.stats[:6]
             if s1 <= 0:
                 return np.inf

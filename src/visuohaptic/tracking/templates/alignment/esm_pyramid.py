@@ -48,7 +48,7 @@ class GaussNewton:
     passes: int  #: maximum number of passes
     fraction: float = 0.0  #: fraction of rows that may be omitted, those with the smallest gradients
     subset: bool = False  #: only the rows that the template marks as informative
-    cubic: bool = False  #: use cubic-spline interpolation
+    cubic: bool = False  #: use cubic-spline interpolation; on the finest level only
     cut: float = 6.0  #: residuals beyond this many standard deviations are down-weighted
     damping: float = 0.0  #: Levenberg-Marquardt damping, relative to the diagonal
     tolerance: float = 0.02  #: iteration stops when the corners move by less [px of the level]
@@ -261,7 +261,7 @@ class Work:
             self._light_from_moments()
         rows = level.informative if how.subset else level.rows
         if how.cubic:
-            image = self.spline(image, h, level)
+            image = self.spline(h)
         shift = self.run(k, level, image, h, rows, how)
         back = h @ level.from_template
         back[:2] *= 2.0**k
@@ -269,20 +269,17 @@ class Work:
         self.centred = h
         return shift
 
-    def spline(self, image: np.ndarray, h: np.ndarray, level: Level) -> np.ndarray:
-        """Cubic B-spline coefficients of the finest image in the area of the template, 0 elsewhere.
+    def spline(self, h: np.ndarray) -> np.ndarray:
+        """Cubic B-spline coefficients of the finest image in the area of the template, (rows, columns) float32, 0 elsewhere.
 
         Parameters
         ----------
-        image
-            Level of the image, (rows, columns) float32.
         h
-            Centred coordinates of the template to pixels of that level, (3, 3).
-        level
-            Level of the template.
+            Centred coordinates of the template to pixels of that image, (3, 3).
         """
         import cv2
 
+        image, level = self.images[0], self.finest
         (a, b, c), (d, e, f), (g, i, j) = h.tolist()
         ends = [(sx * level.x[-1], sy * level.y[-1]) for sx in (-1, 1) for sy in (-1, 1)]
         depths = [max(g * x + i * y + j, 1e-9) for x, y in ends]

@@ -19,7 +19,8 @@ from .block_fit import BlockFit, doubt, fit_blocks
 from .esm_pyramid import NO_OFFSET, Work
 from .esm_template import REPEATS
 
-#: Places that are compared at once, and moves to a more probable one.
+#: Limits of the work: places that are compared at once (others correlate less), and moves to a more probable one, after which
+#: a fit beside a better place is not valid.
 _PLACES, _MOVES = 8, 3
 
 
@@ -39,8 +40,8 @@ def peaks(
     count
         Maximum number of peaks.
     local
-        Relative to the mean and contrast within a block, so that a cover counts as much as the area it hides, and in half as
-        large an area again: the fit may already have moved as far as it can.
+        Relative to the mean and contrast within a block, so that a cover counts as much as the area it hides, and half as
+        far again as the search range: the fit may already have moved in the wrong direction.
     """
     import cv2
 
@@ -172,9 +173,8 @@ def _apart(work: Work, a: Float[np.ndarray, "3 3"], b: Float[np.ndarray, "3 3"])
 class _Explained:
     """How well a displaced template explains each block of the image."""
 
-    whole: Bool[
-        np.ndarray, "down across"
-    ]  #: all of the block is in the template, and enough of it in the image
+    #: all of the block is in the template, and enough of it in the image
+    whole: Bool[np.ndarray, "down across"]
     number: Float[np.ndarray, "down across"]  #: its pixels
     contrast: Float[np.ndarray, "down across"]  #: variance of the image
     residual: Float[np.ndarray, "down across"]  #: that after the fit of the illumination and a common motion
@@ -186,8 +186,8 @@ def _explained(work: Work, warp: Float[np.ndarray, "3 3"]) -> _Explained:
 
     from ._block_kernels import block_sums
 
-    level, image, h = work.pair(0)
-    image = work.spline(image, h, level)
+    level, _, h = work.pair(0)
+    image = work.spline(h)
     (bx, by), (rows, columns) = work.block, level.image.shape
     own = np.array([[bx, 0, 1.5 * bx - 0.5], [0, by, 1.5 * by - 0.5], [0, 0, 1.0]])
     moved = np.linalg.solve(own, warp @ own)
@@ -215,7 +215,7 @@ def _explained(work: Work, warp: Float[np.ndarray, "3 3"]) -> _Explained:
     )
     upper = np.triu_indices(7)
     products[..., upper[0], upper[1]] = products[..., upper[1], upper[0]] = sums
-    # A ridge of a millionth for blank blocks.
+    # A ridge of a millionth of the trace for blank blocks.
     ridge = 1e-6 + 1e-6 * np.einsum("...ii", products[..., :4, :4])
     solved = np.linalg.solve(
         products[..., :4, :4] + np.eye(4) * ridge[..., None, None], products[..., :4, 4:]
