@@ -5,7 +5,7 @@ import math
 import pytest
 from benchmarks._plan_campaigns import CAMPAIGNS
 from benchmarks._plan_child import Planner, described
-from benchmarks._plan_judge import FAULT_M
+from benchmarks._plan_judge import FAULT_M, bounds_row
 from benchmarks._seeds import seeds_of
 from benchmarks.doors_evidence import table
 from tests.worlds.floor_scenes import doors_in_series
@@ -42,6 +42,13 @@ def test_a_call_over_its_time_is_ended_and_the_next_one_answered():
         assert all(0.95 < cost / best < 1.02 for cost, best in zip(row["lattice"], row["exact"], strict=True))
     finally:
         planner.close()
+
+
+def test_a_bound_is_refuted_by_a_cheaper_plan_and_none_is_no_zero():
+    """Plans of 10.5 s: within 5 %, an optimum of 10 s is possible; an optimal one is refuted by it."""
+    plans = [({"gap": gap, "true_cost_s": 10.5}, 10.0) for gap in (0.05, 0.0, None)]
+    assert [bounds_row("x", plans[:count])["ours"] for count in (0, 1, 2, 3)] == [None, 0, 1, 1]
+    assert bounds_row("x", plans[2:])["ours"] is None
 
 
 def test_the_table_of_doors_counts_what_was_found_and_how_sure_it_was():

@@ -90,8 +90,8 @@ def _with_finer_cells(
         cells = fine.occupied.repeat(parts, axis=0).repeat(parts, axis=1)
         finer = OccupancyMap(cells, fine.map.resolution_m / parts, fine.map.origin)
         fine = build_search_domain(replace(domain.problem, map=finer), domain.costs)
-        told = limits.found if not plan.reachable else None
-        again = plan_on(replace(_impatient(fine), divided=True), replace(_until(soon, limits), found=told))
+        receive = None if plan.reachable else limits.found
+        again = plan_on(replace(_impatient(fine), divided=True), replace(_until(soon, limits), found=receive))
         plan = _better(plan, again, stated=domain.places is None)
     if not (plan.reachable or plan.proved or deadline.passed) and domain.occupied.size <= MAX_HALVED:
         plan = _better(plan, plan_on(domain, _until(deadline, limits)), stated=True)

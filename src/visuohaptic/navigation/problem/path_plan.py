@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -64,14 +64,11 @@ class Plan:
     proved: bool = False  #: whether "no plan" holds for every sequence of pushes of the model
     expanded: int = 0  #: configurations expanded by the search
     name: str = "cheapest"  #: side condition of the plan
-    expected_s: float | None = (
-        None  #: including the drives if an exploration finds that the object does not move
-    )
-    notes: tuple[str, ...] = field(default=())  #: e.g. objects that are never pushed, with reasons
+    #: including the drives if an exploration finds that the object does not move
+    expected_s: float | None = None
+    notes: tuple[str, ...] = ()  #: e.g. objects that are never pushed, with reasons
     gap: float = 0.0  #: no plan of the model is cheaper by more than this fraction of the bound
-    narrow: bool = (
-        False  #: whether the bound is that of a passage about as wide as the robot, which it may not pass
-    )
+    narrow: bool = False  #: whether the bound is that of a passage which the robot may be too wide for
 
     @property
     def answer(self) -> str:

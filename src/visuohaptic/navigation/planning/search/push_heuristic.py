@@ -90,9 +90,8 @@ class PushHeuristic:
         self.goal_cells, self.goal_costs = domain.seeds(self.base, domain.goal)
         self._fields: dict[bytes, Field] = {}
         self._marked: dict[tuple[int, ...], Labels] = {}
-        self._both: UInt32[np.ndarray, "r c"] | None = (
-            None  # sum of costs from the start and to the goal, with charges for bodies
-        )
+        #: sum of costs from the start and to the goal, with charges for bodies
+        self._both: UInt32[np.ndarray, "r c"] | None = None
         #: cost from the start, cached [units]
         self.begin: Field | None = None
         self._begin: Field | None = None  # with the present charges

@@ -88,6 +88,8 @@ class SearchDomain:
     paths: dict[Key, tuple[Path, float]] = field(default_factory=dict, init=False)
     #: poses of a body along simulated pushes, by body and contact
     ends: dict[tuple[int, int], PushEnds] = field(default_factory=dict, init=False)
+    #: labels of the passages, by block size
+    marked: dict[int, Labels] = field(default_factory=dict, init=False)
 
     @cached_property
     def counts(self) -> Int32[np.ndarray, "rows columns"]:
@@ -350,7 +352,7 @@ class SearchDomain:
         return float(robot.cost_s_per_m(np.maximum(distance_m, robot.radius_m)) @ lengths) * robot.v_max_m_s
 
     def labels(self, block: int) -> Labels:
-        """Blocks that passages touch: their index + 1; empty without passages.
+        """Blocks that passages touch: their index + 1; empty without passages. Not to be changed in place.
 
         Parameters
         ----------
@@ -361,13 +363,15 @@ class SearchDomain:
 
         if not self.passages:
             return np.zeros((0, 0), np.int16)
-        rows, columns = self.clearance.shape
-        found = np.zeros((-(-rows // block), -(-columns // block)), np.int16)
-        for number, (_, outline, _) in enumerate(self.passages, start=1):
-            inside = np.zeros(found.shape, dtype=bool)
-            fill_cells(inside, outline / block)
-            found[inside] = number
-        return found
+        if block not in self.marked:
+            rows, columns = self.clearance.shape
+            found = np.zeros((-(-rows // block), -(-columns // block)), np.int16)
+            for number, (_, outline, _) in enumerate(self.passages, start=1):
+                inside = np.zeros(found.shape, dtype=bool)
+                fill_cells(inside, outline / block)
+                found[inside] = number
+            self.marked[block] = found
+        return self.marked[block]
 
     def charges(self, block: int) -> Int32[np.ndarray, "labels"]:
         """Costs of the passage of each label [units of the travel field].
