@@ -289,6 +289,7 @@ _LOADS = "fx_N,fy_N,fz_N,mx_Nm,my_Nm,mz_Nm,x_m,y_m,z_m,rx_rad,ry_rad,rz_rad\n" +
     f"{n},0.1,0.2,0.01,0.02,0.03,0.00{n},0,0,0,0.0{n},0\n" for n in range(8)
 )
 _REGION = '{"unit": "m", "clusters": [{"hull": [[0,0,0],[1,0,0],[0,1,0],[0,0,1]], "faces": [[0,1,2]]}]}'
+_GLASS = '{"clusters": [], "panes": [{"corners": [[0,0,0],[1,0,0],[1,0,1],[0,0,1]], "sigma": 0.002}]}'
 
 #: Name, suffix and writer of a valid file, and the expression that reads ``path``: "module:expression".
 READERS: tuple[tuple[str, str, Build, str], ...] = (
@@ -326,6 +327,7 @@ READERS: tuple[tuple[str, str, Build, str], ...] = (
     ("touches", ".csv", _text(_TOUCHES), "reconstruction.completion:read_touches(path)"),
     ("loads", ".csv", _text(_LOADS), "sensing.beam:read_loads(path)"),
     ("hole regions", ".json", _text(_REGION), "reconstruction.completion:load_hole_regions(path)"),
+    ("glass", ".json", _text(_GLASS), "reconstruction.completion:load_glass_hulls(path)"),
     (
         "tree",
         ".json",

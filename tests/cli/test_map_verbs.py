@@ -103,8 +103,9 @@ def test_a_radius_of_nothing_is_one_line(office, tmp_path, capsys):
     assert "radius_m" in capsys.readouterr().err
 
 
-def test_a_plan_keeps_clear_of_the_transparent_parts_of_a_reconstruction(office, tmp_path, capsys):
-    """A clear pane of 5 cm in the lower door: the other way is planned, and none when panes stand in both doors."""
+@pytest.mark.parametrize("flat", [False, True], ids=["parts", "panes"])
+def test_a_plan_keeps_clear_of_the_glass_of_a_reconstruction(office, tmp_path, capsys, flat):
+    """A clear part of 5 cm, or a flat pane, in the lower door: the other way is planned, and none with both doors closed."""
     (tmp_path / "robot.yaml").write_text("radius_m: 0.17\n")
     words = [
         "plan",
@@ -120,12 +121,16 @@ def test_a_plan_keeps_clear_of_the_transparent_parts_of_a_reconstruction(office,
     ]
     ways = []
     for panes in ((), ((2.98, 0.4),), ((2.98, 0.4), (2.98, 1.7))):
-        hulls = [
-            np.array([[x, y, z] for x in (a, a + 0.05) for y in (b, b + 0.9) for z in (0.0, 0.5)])
-            for a, b in panes
-        ]
-        clusters = [{"hull": hull.tolist(), "score": 0.9} for hull in hulls]
-        (tmp_path / "regions.json").write_text(json.dumps({"clusters": clusters}))
+        if flat:
+            sides = ([[a, b, 0.0], [a, b + 0.9, 0.0], [a, b + 0.9, 0.5], [a, b, 0.5]] for a, b in panes)
+            told = {"clusters": [], "panes": [{"corners": corners, "sigma": 0.002} for corners in sides]}
+        else:
+            hulls = [
+                np.array([[x, y, z] for x in (a, a + 0.05) for y in (b, b + 0.9) for z in (0.0, 0.5)])
+                for a, b in panes
+            ]
+            told = {"clusters": [{"hull": hull.tolist(), "score": 0.9} for hull in hulls]}
+        (tmp_path / "regions.json").write_text(json.dumps(told))
         code = main([*words, *(["--glass", str(tmp_path / "regions.json")] if panes else []), "--json"])
         ways.append((code, json.loads(capsys.readouterr().out)["length_m"]))
     assert ways[0] == (0, pytest.approx(5.0, abs=0.1))

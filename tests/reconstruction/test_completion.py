@@ -436,6 +436,11 @@ def test_the_verb_plans_for_several_fingers(files, capsys):
     [
         ("regions.json", "{", "not valid JSON"),
         ("regions.json", '{"clusters": []}', "clusters"),
+        (
+            "regions.json",
+            '{"clusters": [], "panes": [{"corners": [[0,0,0],[1,0,0],[1,0,1],[0,0,1]], "sigma": 0.01}]}',
+            "flat panes (found 1)",
+        ),
         ("regions.json", '{"clusters": [{"hull": [[0,0,0],[1,0,0],[0,1,0],[1,1,0]]}]}', "no volume"),
         ("regions.json", '{"clusters": [{"hull": [[0,0,0],[1,0,0],[0,1,0],[1,1,"NaN"]]}]}', "hull"),
         ("touches.csv", "a,b\n1,2\n", "missing: x_m, y_m, z_m"),

@@ -26,6 +26,7 @@ from visuohaptic.reconstruction import (
 from visuohaptic.reconstruction.completion import Touch
 from visuohaptic.reconstruction.fusion import SpaceGrid
 from visuohaptic.reconstruction.transparency import find_regions
+from visuohaptic.reconstruction.transparency.panes import Pane
 
 from .test_completion import bellied, scene
 
@@ -118,13 +119,15 @@ def test_figures_are_written_and_show_both_kinds_of_surface(bottle, tmp_path):
 
 
 def test_no_label_of_a_flat_scene_covers_another(bottle, tmp_path, monkeypatch):
-    """A table is wide and low: its labels of height are the ones that find no room."""
+    """A table is wide and low: its labels of height are the ones that find no room. The title counts panes."""
     corners_m = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.08, 0.1)])
     table = SurfaceMesh(corners_m, np.array([[0, 2, 6], [1, 3, 7]]))
     drawn = []
     monkeypatch.setattr(plots, "save_figure", lambda path, figure: drawn.append(figure))
-    plot_reconstruction(replace(bottle, surface=table), tmp_path / "table.png")
+    pane = Pane(corners_m[[0, 2, 6, 4]], 0.001, 20.0)
+    plot_reconstruction(replace(bottle, surface=table, panes=(pane,)), tmp_path / "table.png")
     (figure,) = drawn
+    assert "parts, 1 flat pane in " in figure.get_suptitle()
     FigureCanvasAgg(figure).draw()
     boxes = []
     for axis in (getattr(axes, f"{name}axis") for axes in figure.axes[:2] for name in "xyz"):

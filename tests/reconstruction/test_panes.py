@@ -10,6 +10,7 @@ import pytest
 
 from visuohaptic.reconstruction import reconstruct
 from visuohaptic.reconstruction.fusion import SpaceGrid
+from visuohaptic.reconstruction.transparency.panes import pane_fit
 
 from .glass_caster import Table, _pane_light, cast, ring
 
@@ -50,6 +51,21 @@ def test_an_upright_pane_is_found_with_its_corners(tmp_path):
     found.save(tmp_path)
     (told,) = json.loads((tmp_path / "regions.json").read_text())["panes"]
     assert np.array(told["corners"]) == pytest.approx(pane.corners_m, abs=1e-4)
+
+
+def test_the_search_ends_when_a_rectangle_has_no_rays_of_its_own(monkeypatch):
+    """The likeliest rectangle remains the same although its rays are explained: it is found once."""
+    find, told = pane_fit._find, []
+
+    def same(*args: object) -> object:
+        told.append(told[0] if told else find(*args))
+        assert len(told) < 4, "the search does not end"
+        return told[-1]
+
+    monkeypatch.setattr(pane_fit, "_find", same)
+    found = reconstruct(seen(Table(cylinders=CAN, panes=(UPRIGHT,))), grid=GRID)
+    assert len(found.panes) == 1
+    assert len(told) == 2
 
 
 def test_an_opaque_board_that_reads_nothing_is_no_pane():

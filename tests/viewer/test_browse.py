@@ -358,19 +358,28 @@ def test_a_click_in_a_browser(cup, tmp_path):
     assert (tmp_path / "cup.png").stat().st_size > 10_000
 
 
-def test_reconstruct_shows_surface_and_parts_on_a_page_with_a_key() -> None:
+def test_reconstruct_shows_surface_and_glass_on_a_page_with_a_key(monkeypatch: pytest.MonkeyPatch) -> None:
     from types import SimpleNamespace
 
+    from visuohaptic import viewer
     from visuohaptic.cli.verbs.geometry.reconstruct import _show
     from visuohaptic.reconstruction import SurfaceMesh
+    from visuohaptic.reconstruction.transparency.panes import Pane
 
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     surface = SurfaceMesh(corners, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
     part = SimpleNamespace(hull_m=corners + 2.0, faces=surface.faces)
+    pane = Pane(np.array([[0.0, 0, 3], [2, 0, 3], [2, 1, 3], [0, 1, 3]]), 0.001, 20.0)
     said: list[str] = []
+    view, shown = viewer.SurfaceView, []
+    monkeypatch.setattr(viewer, "SurfaceView", lambda name, mesh: shown.append(mesh) or view(name, mesh))
     _show(
-        SimpleNamespace(surface=surface, regions=[part]),
+        SimpleNamespace(surface=surface, regions=[part], panes=[pane]),
         SimpleNamespace(report=said.append, seconds=0.1),
     )
+    # A tetrahedron of 1 m, its twin, and a pane of 2 x 1 m.
+    edges = shown[0].vertices_m[shown[0].faces[:, 1:]] - shown[0].vertices_m[shown[0].faces[:, :1]]
+    areas = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    assert areas.sum() == pytest.approx(2 * (1.5 + 0.5 * 3**0.5) + 2.0)
     # The address ends with a key: a page of another site does not know it.
     assert re.match(r"shown at http://127\.0\.0\.1:\d+/[\w-]{20,}/", said[0])

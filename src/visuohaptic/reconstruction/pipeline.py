@@ -41,15 +41,11 @@ class Reconstruction:
 
     surface: SurfaceMesh  #: visual surface, world [m]
     regions: tuple[TransparentRegion, ...]  #: transparent parts, largest first
-    points_m: Float[
-        np.ndarray, "n 3"
-    ]  #: outer voxels of the transparent parts, and points of panes, world [m]
+    points_m: Float[np.ndarray, "n 3"]  #: outer voxels of transparent parts, and points of panes, world [m]
     scores: Float[np.ndarray, "n"]  #: score of each of these points
     grid: SpaceGrid  #: space of interest that was searched for transparent parts
     search: SearchReport  #: number of compared views, evidence, and the reason if nothing was found
-    panes: tuple[
-        Pane, ...
-    ] = ()  #: flat panes, likeliest first; not completed by touch, since their surface is known
+    panes: tuple[Pane, ...] = ()  #: flat panes, likeliest first, whose surface is known without touches
 
     def completion(self, part: int = 0, settings: CompletionSettings | None = None) -> Completion:
         """Completion of the surface in a transparent part, ready for touches (Alt 2016, Sec. 5.3 and 5.4).

@@ -97,9 +97,10 @@ def plot_reconstruction(found: Reconstruction, path: Path | str) -> None:
     for axes, azimuth_deg in zip(views, _AZIMUTHS_DEG, strict=True):
         _draw(axes, azimuth_deg, mesh, colors, low_m, high_m)
         points = axes.scatter(*(1e3 * found.points_m.T), c=found.scores, s=4, cmap="viridis", zorder=3)
-    if found.regions:
+    if len(found.points_m):
         figure.colorbar(points, ax=views, label="score of transparency", shrink=0.7)
-    figure.suptitle(f"{len(found.regions)} transparent parts in {found.search.views} views")
+    panes = f", {len(found.panes)} flat pane{'s' * (len(found.panes) != 1)}" if found.panes else ""
+    figure.suptitle(f"{len(found.regions)} transparent parts{panes} in {found.search.views} views")
     save_figure(path, figure)
 
 

@@ -3,6 +3,7 @@ from .hole import SupportBand as SupportBand
 from .hole import boundary_loops as boundary_loops
 from .hole import support_band as support_band
 from .hole_region import HoleRegion as HoleRegion
+from .hole_region import load_glass_hulls as load_glass_hulls
 from .hole_region import load_hole_regions as load_hole_regions
 from .hole_surface import HoleSpace as HoleSpace
 from .hole_surface import supported_part as supported_part

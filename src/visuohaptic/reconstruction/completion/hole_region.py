@@ -149,11 +149,12 @@ class HoleRegion:
 
 
 _Pair = tuple[FiniteFloat, FiniteFloat]
+_Point = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
 
 class _Cluster(BaseModel):
     model_config = ConfigDict(extra="ignore")
-    hull: list[tuple[FiniteFloat, FiniteFloat, FiniteFloat]] = Field(min_length=4, max_length=100_000)
+    hull: list[_Point] = Field(min_length=4, max_length=100_000)
     axis: _Pair | None = None
     axis_sigma: tuple[NonNegativeFloat, NonNegativeFloat] | None = None
     radius: tuple[PositiveFloat, PositiveFloat] | None = None
@@ -177,13 +178,29 @@ class _Cluster(BaseModel):
         return UprightBody(*place, self.evidence, rings, self.lean, ends)
 
 
+class _Pane(BaseModel):
+    model_config = ConfigDict(extra="ignore")
+    corners: tuple[_Point, _Point, _Point, _Point]
+    sigma: PositiveFloat
+
+    def hull_m(self) -> Float[np.ndarray, "8 3"]:
+        """Corners of the sheet, three standard deviations to both sides of it [m]."""
+        corners = np.array(self.corners)
+        normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
+        side = 3 * self.sigma * normal / max(float(np.linalg.norm(normal)), 1e-12)
+        return np.concatenate([corners - side, corners + side])
+
+
 class _RegionsFile(BaseModel):
     model_config = ConfigDict(extra="ignore")
-    clusters: list[_Cluster] = Field(min_length=1, max_length=10_000)
+    clusters: list[_Cluster] = Field(max_length=10_000)
+    panes: list[_Pane] = Field(default=[], max_length=10_000)
 
 
 def load_hole_regions(path: Path | str) -> list[HoleRegion]:
     """Read ``regions.json``: ``clusters`` with ``hull`` (corners [m]) and the upright body of the outlines.
+
+    Flat panes are not among them: their surface is known.
 
     Parameters
     ----------
@@ -195,7 +212,34 @@ def load_hole_regions(path: Path | str) -> list[HoleRegion]:
     InputError
         The file is missing, not JSON, or has no usable cluster.
     """
+    found = _load(path)
+    if not found.clusters:
+        beside = f"; the surface of flat panes (found {len(found.panes)}) is known" if found.panes else ""
+        raise InputError(path, f"found no part{beside}", field="clusters", remedy="expected at least one")
+    return _hole_regions(path, found)
 
+
+def load_glass_hulls(path: Path | str) -> list[Float[np.ndarray, "n 3"]]:
+    """Read from ``regions.json`` what is to be avoided: corners (n, 3) around each transparent part and each flat pane [m].
+
+    Parameters
+    ----------
+    path
+        As of :func:`load_hole_regions`.
+
+    Raises
+    ------
+    InputError
+        The file is missing, not JSON, or has neither a part nor a pane.
+    """
+    found = _load(path)
+    if not found.clusters and not found.panes:
+        raise InputError(path, "found no part and no pane", field="clusters", remedy="expected at least one")
+    parts = [region.hull_m for region in _hole_regions(path, found)]
+    return [*parts, *(pane.hull_m() for pane in found.panes)]
+
+
+def _load(path: Path | str) -> _RegionsFile:
     def parsed(data: Any) -> _RegionsFile:
         try:
             return _RegionsFile.model_validate(data if isinstance(data, dict) else {"clusters": data})
@@ -203,7 +247,10 @@ def load_hole_regions(path: Path | str) -> list[HoleRegion]:
             place, said = field_problems(error, _RegionsFile)[0]
             raise InputError(path, said, field=place, remedy="expected clusters with hull") from error
 
-    found = load_json(path, "a file of regions", parsed)
+    return load_json(path, "a file of regions", parsed)
+
+
+def _hole_regions(path: Path | str, found: _RegionsFile) -> list[HoleRegion]:
     regions = []
     for number, cluster in enumerate(found.clusters):
         try:

@@ -117,7 +117,13 @@ class TransparentPartsNode(Component):
             {"centroid_m": region.centroid_m, "size_m": region.size_m, "score": region.score}
             for region in found.regions
         ]
-        return {"parts": parts, "views": found.search.compared, "reason": found.search.text}
+        panes = [{"corners_m": pane.corners_m, "sigma_m": pane.sigma_m} for pane in found.panes]
+        return {
+            "parts": parts,
+            "panes": panes,
+            "views": found.search.compared,
+            "reason": found.search.text,
+        }
 
     def status(self) -> Status:
         return Status(True, "ok", {"views": len(self._views), "without_pose": self._missed})

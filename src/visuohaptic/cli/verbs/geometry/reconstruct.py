@@ -132,15 +132,16 @@ def _part_lines(found: reconstruction.Reconstruction) -> list[str]:
 
 
 def _show(found: Any, args: Arguments) -> None:
-    """Serve the surface with the transparent parts in yellow until interrupted."""
+    """Serve the surface with the transparent parts and panes in yellow until interrupted."""
     import numpy as np
 
     from ..system.view import wait
 
     surface = found.surface
-    vertices = [surface.vertices_m, *(region.hull_m for region in found.regions)]
+    glass = [(region.hull_m, region.faces) for region in found.regions]
+    glass += [(pane.corners_m, np.array([[0, 1, 2], [0, 2, 3]])) for pane in found.panes]
+    vertices, faces = zip((surface.vertices_m, surface.faces), *glass, strict=True)
     first = np.cumsum([0, *map(len, vertices)])
-    faces = [surface.faces, *(region.faces for region in found.regions)]
     grey = np.full((first[1], 3), 190) if surface.colors is None else surface.colors
     yellow = np.tile([255, 210, 0], (first[-1] - first[1], 1))
     mesh = meshes.PlyMesh(

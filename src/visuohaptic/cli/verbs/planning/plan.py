@@ -6,7 +6,7 @@ reads
                a missing or null field was not observed; an object without haptic_tag is unknown
   --robot      {radius_m (or footprint: [[x, y], ...]), v_max_m_s, v_min_m_s, v_push_m_s, push_force_max_N, setup_time_s}
                (see `visuohaptic defaults robot`)
-  --glass      regions.json of `visuohaptic reconstruct`, with poses in the map frame: each transparent part is avoided
+  --glass      regions.json of `visuohaptic reconstruct`, with poses in the map frame: each transparent part and pane is avoided
 writes
   --plot       the map with objects, path and pushes
 
@@ -55,7 +55,7 @@ def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("map", Path, "occupancy map", metavar="MAP.yaml")
     add("--objects", Path, "objects.yaml; without it nothing is pushed")
-    add("--glass", Path, "regions.json: transparent parts to avoid, in the map frame")
+    add("--glass", Path, "regions.json: transparent parts and panes to avoid, in the map frame")
     add("--robot", Path, "robot.yaml", required=True)
     add("--start", float, "start in the map frame [m]", required=True, nargs=2, metavar=("X", "Y"))
     add("--yaw", float, "heading at the start of a robot with a footprint [rad]; default: any", metavar="RAD")
@@ -104,9 +104,9 @@ def run(args: Any) -> dict[str, Any]:
     robot = load_robot(args.robot)
     objects = load_objects(args.objects) if args.objects else ()
     if args.glass:
-        from ....reconstruction.completion import load_hole_regions
+        from ....reconstruction.completion import load_glass_hulls
 
-        objects += glass_objects(region.hull_m for region in load_hole_regions(args.glass))
+        objects += glass_objects(load_glass_hulls(args.glass))
     passages, areas = (load_passages(args.objects), load_areas(args.objects)) if args.objects else ((), ())
     start_m, goal_m = np.array(args.start), np.array(args.goal or args.start)
     if args.yaw is not None and not robot.footprint_m:

@@ -193,11 +193,15 @@ def find_panes(
         sigma_m = fit.sigma_m(shape, 0.5 * float(np.median(windows_m)))
         pane = Pane(fit.corners_m(shape), sigma_m, fit.evidence(shape, look_alike))
         points_m = pane.points_m(grid.voxel_m)
+        own = rays.through(points_m, grid.voxel_m) & (rays.limit_m > 0)
+        # Evidence of rays beside it only, where the second eye would see it: no ray is left to explain.
+        if not own.any():
+            break
         # As for bodies, also with the rates of the surface behind it.
         beside = replace(fit, hull=hull_evidence(views_beside(points_m), shape[:3]))
         if beside.evidence(shape, look_alike) >= threshold and math.isfinite(sigma_m):
             found.append(pane)
-        rays.limit_m[rays.through(points_m, grid.voxel_m)] = 0.0
+        rays.limit_m[own] = 0.0
     return tuple(found)
 
 
