@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks._journal import Journal
 from benchmarks._seeds import add_seeds, seeds_of
-from visuohaptic.deformation.maps.features import HEIGHTS
+from visuohaptic.core.objects import HEIGHTS
 from visuohaptic.demo import run_mission
 from visuohaptic.demo.hand_chapters import mission_classes
 from visuohaptic.demo.story import Known, Mission

@@ -16,9 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.core.objects import NOMINAL_N, NOMINAL_m
+from visuohaptic.core.objects import HEIGHTS, NOMINAL_N, NOMINAL_m
 from visuohaptic.deformation.maps import (
-    HEIGHTS,
     DEFORMATIONS_m,
     grasp_curve,
     linear_features,

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks._seeds import add_seeds, seeds_of
+from visuohaptic.core.objects import HEIGHTS
 from visuohaptic.core.resources import one_blas_thread
-from visuohaptic.deformation.maps.features import HEIGHTS
 from visuohaptic.deformation.shapes import ContainerDescription, draw_variant, load_container
 from visuohaptic.deformation.shapes.variants import container_outline
 from visuohaptic.demo.bottle import (

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from visuohaptic.deformation.maps.features import HEIGHTS
+from visuohaptic.core.objects import HEIGHTS
 from visuohaptic.deformation.shapes import ContainerDescription, load_container
 from visuohaptic.deformation.shapes.variants import container_outline, draw_variants
 from visuohaptic.deformation.shells.fourier_shell import RevolutionShell, pinch_stiffness

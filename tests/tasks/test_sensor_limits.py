@@ -45,4 +45,4 @@ def test_an_idle_finger_feels_less_than_two_newtons_within_half_a_metre(
     """Two newtons are the weight of 200 g; half a metre is 0.5 in millimetres."""
     touch = SimpleNamespace(valid=True, force_N=force_N, surface_m=surface_m)
     frames: Any = [SimpleNamespace()] * 9
-    assert bool(_broken(touch_rules(lambda _: touch, frames))) != good  # type: ignore[arg-type,return-value]
+    assert bool(_broken(touch_rules(lambda _: touch, frames))) != good

@@ -19,6 +19,8 @@ TRAVEL_m, CLEARANCE_m = 0.1, 0.002
 #: Distance of the points by which the triangles of a scene are represented [m], half of the narrowest part of a gripper; and the
 #: distance beyond which nothing is an obstacle [m].
 SCENE_STEP_m, SCENE_REACH_m = 0.005, 0.4
+#: Maximum number of triangles that those of a scene are divided into: at least 5 m^2 within the reach, and below 1 GB.
+MAX_SCENE_TRIANGLES = 2_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +64,7 @@ def scene_points(
     extent_m: Float[np.ndarray, "2 3"],
     name: str = "scene",
 ) -> Float[np.ndarray, "s 3"]:
-    """Points of a scene near an object, in its frame: vertices, and a grid on larger triangles.
+    """Points of a scene near an object, in its frame [m]: vertices, and a grid on larger triangles.
 
     Parameters
     ----------
@@ -78,22 +80,27 @@ def scene_points(
     Raises
     ------
     InputError
-        No point is near the object.
+        No point is near the object, or the surfaces there are too large for the memory.
     """
     points = (vertices_m - T_scene_object[:3, 3]) @ T_scene_object[:3, :3]
     low, high = extent_m[0] - SCENE_REACH_m, extent_m[1] + SCENE_REACH_m
     pieces, corners = [points], points[faces]
     while len(corners):
         corners = corners[((corners.max(axis=1) > low) & (corners.min(axis=1) < high)).all(axis=1)]
+        edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+        corners = corners[edges.max(axis=1) > SCENE_STEP_m]
+        if 4 * len(corners) > MAX_SCENE_TRIANGLES:
+            size = f"its triangles are {4 * len(corners)} of {1e3 * SCENE_STEP_m:g} mm and more within {SCENE_REACH_m} m of the object"
+            remedy = "give only what stands around it, without hidden surfaces"
+            raise InputError(name, f"{size}, expected at most {MAX_SCENE_TRIANGLES}", remedy=remedy)
+        # Each is divided into four, so that what is beyond the reach is left out early.
         middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
-        large = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1) > SCENE_STEP_m
         pieces.append(middles.reshape(-1, 3))
-        # Each of the others is divided into four, so that what is beyond the reach is left out early.
-        outer = np.stack([corners, middles, np.roll(middles, 1, axis=1)], axis=2)[large]
-        corners = np.concatenate([outer.reshape(-1, 3, 3), middles[large]])
+        outer = np.stack([corners, middles, np.roll(middles, 1, axis=1)], axis=2)
+        corners = np.concatenate([outer.reshape(-1, 3, 3), middles])
     found = np.concatenate([one[((one > low) & (one < high)).all(axis=1)] for one in pieces])
     if not len(found):
-        away = f"no point is within {SCENE_REACH_m} m of the object, expected metres, and its surroundings"
+        away = f"no point is within {SCENE_REACH_m} m of the object, expected its surroundings in metres"
         raise InputError(name, away, remedy="give the place of the object in it (--place)")
     return found
 

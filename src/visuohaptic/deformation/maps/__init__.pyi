@@ -10,8 +10,6 @@ from .confidence_band import object_map as object_map
 from .confidence_band import object_stiffness as object_stiffness
 from .confidence_band import stiffness_band as stiffness_band
 from .curve_features import nonlinear_features as nonlinear_features
-from .features import HEIGHTS as HEIGHTS
-from .features import SIDES as SIDES
 from .features import StiffnessFeatures as StiffnessFeatures
 from .features import curve_coefficients as curve_coefficients
 from .features import feature_locations as feature_locations

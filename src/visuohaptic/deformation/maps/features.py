@@ -16,9 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from ...core import InputError, finite_array
-from ...core.objects import HEIGHTS as HEIGHTS
-from ...core.objects import NOMINAL_N, LOW_m, NOMINAL_m
-from ...core.objects import SIDES as SIDES
+from ...core.objects import HEIGHTS, NOMINAL_N, SIDES, LOW_m, NOMINAL_m
 from ..nonlinear.contents import Contents, closed_compliance, enclosed_gradient, tip_approach
 from ..shapes.mesher import ShellObject
 from ..shells.shell import ShellModel
