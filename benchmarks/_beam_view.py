@@ -163,6 +163,7 @@ def _bound(virtual, renderer, state: RodState) -> np.ndarray:
     reading = None
     for k in range(200):
         reading = sensor.read(10 + k / 30, seen)
+    assert reading is not None
     return np.sqrt(np.diag(reading.noise))
 
 

@@ -44,7 +44,7 @@ def _import(names: Iterable[str]) -> None:
 def _hidden(name: str | None) -> Iterator[None]:
     """Within the context a module cannot be imported."""
     if name is not None:
-        sys.modules[name] = None  # type: ignore[assignment]
+        sys.modules[name] = None
     try:
         yield
     finally:
@@ -131,7 +131,7 @@ def main() -> None:
     os.dup2(2, 1)
     _import(json.loads(sys.argv[1]))
     for line in orders:
-        os.waitpid(_fork(lambda line=line: _all_answered(json.loads(line), answers)), 0)  # type: ignore[misc]
+        os.waitpid(_fork(lambda line=line: _all_answered(json.loads(line), answers)), 0)
         print("null", file=answers, flush=True)
 
 

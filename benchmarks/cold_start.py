@@ -198,7 +198,8 @@ def saves(seeds: Sequence[int], folder: Path, writers: int = 2) -> Iterator[tupl
     for other in others:
         other.start()
     with contextlib.ExitStack() as stack:
-        stack.callback(lambda: [other.kill() for other in others])
+        for other in others:
+            stack.callback(other.kill)
         before = os.environ.get("VISUOHAPTIC_CACHE_DIR")
         os.environ["VISUOHAPTIC_CACHE_DIR"] = str(folder)
         stack.callback(_restore, before)

@@ -82,7 +82,7 @@ def _number(value: float) -> float | None:
 def frames_of(rows: list[dict]) -> dict[str, np.ndarray]:
     """All frames of some rows, column by column; invalid forces are NaN, ``seed`` identifies the sequence."""
     frames = [(i, *frame) for i, row in enumerate(rows) for frame in row["frames"]]
-    columns = list(zip(*frames, strict=True)) if frames else [[]] * (len(COLUMNS) + 1)
+    columns = list(zip(*frames, strict=True)) if frames else [()] * (len(COLUMNS) + 1)
     found = {name: np.array(values) for name, values in zip(("row", *COLUMNS), columns, strict=True)}
     for name in ("force_N", "sigma_N"):
         found[name] = found[name].astype(float)

@@ -37,7 +37,9 @@ def run() -> list[dict]:
     turns = itertools.count()
 
     def decoded() -> np.ndarray:
-        return cv2.imdecode(files[next(turns) % len(files)], cv2.IMREAD_GRAYSCALE)
+        image = cv2.imdecode(files[next(turns) % len(files)], cv2.IMREAD_GRAYSCALE)
+        assert image is not None
+        return image
 
     def chain() -> None:
         index = next(turns)
@@ -48,6 +50,7 @@ def run() -> list[dict]:
         sensor.read(Frame(images[index % len(images)], index / 30, index))
 
     sensing()
+    assert sensor.strip is not None
     front = sensor.strip.front_points_px[:, ::-1]
     top = max(0, int(front[:, 0].min()) - 100)
 

@@ -379,7 +379,7 @@ def main() -> int:
             importlib.import_module(module.name)
     for part in PARTS:
         part()
-    compiled = sum(len(one._cache_misses) for one in KERNELS)  # type: ignore[attr-defined]
+    compiled = sum(len(one.stats.cache_misses) for one in KERNELS)
     if compiled:
         # A kernel that is compiled on behalf of another cannot be told from one that Python calls.
         print(f"{compiled} signatures were compiled: run it again to write the list", file=sys.stderr)

@@ -66,7 +66,7 @@ class Laws:
             if (machine := _machine(item)) is not None:
                 size = min(_BATCH, self._examples)
                 item.cls.settings = settings(item.cls.settings, **(many | {"max_examples": size}))
-                machine.__init__ = self._counted(machine.__init__, skipped=False)  # type: ignore[method-assign]
+                machine.__init__ = self._counted(machine.__init__, skipped=False)
                 item.obj = self._repeated(item.obj)
 
     def pytest_runtest_setup(self) -> None:

@@ -130,7 +130,8 @@ def many_objects_row(folder: Path) -> dict[str, Any]:
     objects = []
     for index in range(50):
         x, y = grid.world_from_cell(places[int(rng.integers(len(places)))])
-        outline = box(float(x), float(y), *rng.uniform(0.2, 0.5, 2), float(rng.uniform(0, 3)))
+        length_m, width_m = rng.uniform(0.2, 0.5, 2)
+        outline = box(float(x), float(y), length_m, width_m, float(rng.uniform(0, 3)))
         objects.append(MovableObject(f"object {index}", outline, STOOL))
     layers = grid_layers(with_objects(grid, objects), SpeedLimits(ROBOT.radius_m))
     graph = build_graph(layers)

@@ -55,6 +55,8 @@ def losses(folder: Path, acknowledged: set[str]) -> tuple[int, list[str]]:
             try:
                 found = database.get(one)
                 wanted = make_object(int(one[1:])).stiffness
+                assert found.stiffness is not None
+                assert wanted is not None
                 lost += not np.array_equal(found.stiffness.vertices_m, wanted.vertices_m)
             except Exception:  # noqa: BLE001 - whatever it is, it is a loss
                 lost += 1

@@ -107,7 +107,12 @@ class Campaign:
 
     def minute(self, kills: int, malformed: int) -> dict[str, Any]:
         """One minute of images with its fraction of the faults; returns the received wrenches and the node's resource usage."""
-        killer = threading.Thread(target=lambda: [kill_a_peer(self.domain) for _ in range(kills)])
+
+        def kill() -> None:
+            for _ in range(kills):
+                kill_a_peer(self.domain)
+
+        killer = threading.Thread(target=kill)
         killer.start()
         sent = self.images_of(60.0, malformed)
         killer.join()

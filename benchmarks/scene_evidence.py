@@ -52,7 +52,8 @@ def run_drive(floor: str, kind: str, seed: int) -> dict:
     rates = scale * np.diff(world.poses, axis=0, prepend=world.poses[:1]) / ground.FRAME_S
     for i, (image, pose) in enumerate(zip(world.images(), world.poses, strict=True)):
         t_s = i * ground.FRAME_S
-        state = BaseState(t_s, *pose, float(np.hypot(*rates[i, :2])), float(rates[i, 2]))
+        x_m, y_m, yaw_rad = pose.tolist()
+        state = BaseState(t_s, x_m, y_m, yaw_rad, float(np.hypot(*rates[i, :2])), float(rates[i, 2]))
         found = tracker.update(Frame(image, t_s, i), base_state=state).obstacle
         says = bool(found.valid and np.isfinite(found.proximity_m))
         frames.append(

@@ -160,12 +160,12 @@ def _tags(
     templates = tuple(Template.from_tag(number, size_m=0.1) for number in corners)
     found = detect_templates(templates, image)
     errors = []
-    for template in templates:
+    for number, template in zip(corners, templates, strict=True):
         if template.name in found:
             refined = _refined(template.esm, image, found[template.name].homography)
             if refined.valid:
                 seen = apply_homography(refined.homography, template.tag_corners)
-                truth = corners[template.tag_id] - shift
+                truth = corners[number] - shift
                 errors.append(np.linalg.norm(seen[:, None] - truth[None], axis=2).min(axis=1).max())
     return _row(
         f"{name}: median over the tags of the worst corner",

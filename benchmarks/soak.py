@@ -294,6 +294,7 @@ def _page() -> Iterator[PageLoop]:
     import viser
     from websockets.exceptions import ConnectionClosed
     from websockets.sync.client import connect
+    from websockets.typing import Subprotocol
 
     from visuohaptic.viewer import LivePage
 
@@ -311,7 +312,7 @@ def _page() -> Iterator[PageLoop]:
             connect(
                 f"ws://{address.netloc}{address.path}",
                 origin=f"http://{address.netloc}",
-                subprotocols=[f"viser-v{viser.__version__}"],
+                subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
                 max_size=None,
             )
         )

@@ -258,9 +258,9 @@ def real_flags(frames: Sequence[DepthFrame], method: str, above_m: float) -> dic
     for i, frame in enumerate(frames):
         # The camera stays within 2 cm: a static check, every view against eight others.
         if method != "consistency":
-            near = np.arange(max(0, i - 8), i)
+            near = list(range(max(0, i - 8), i))
         else:
-            near = np.array([k for k in range(i - 4, i + 5) if 0 <= k < len(frames) and k != i])
+            near = [k for k in range(i - 4, i + 5) if 0 <= k < len(frames) and k != i]
         if len(near) < 3:
             continue
         others = [frames[k] for k in near]

@@ -297,10 +297,25 @@ def test_a_card_of_a_mesh_alone_has_its_geometry(tmp_path: Path) -> None:
         ({"accessors": [{"componentType": 5126, "count": 2**30, "type": "VEC3"}]}, "more elements than fit"),
         ({"nodes": [{"mesh": 0}] * 30_000}, "has 30000 nodes, expected at most 10000"),
         ({"nodes": [{"mesh": 0}] * 9_000}, "has 9000000 vertices, expected at most 6000000"),
+        (
+            {
+                "nodes": [{"mesh": 0}] * 9_000,
+                "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+                "accessors": [
+                    {"componentType": 5126, "count": 4, "type": "VEC3"},
+                    {"componentType": 5125, "count": 5000, "type": "SCALAR"},
+                ],
+            },
+            "has 45000000 corners of triangles, expected at most 36000000",
+        ),
+        (
+            {"nodes": [], "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}] * 7_000}]},
+            "has 7000000 vertices, expected at most 6000000",
+        ),
     ],
 )
 def test_a_mesh_of_a_card_that_declares_gigabytes_is_refused(tmp_path: Path, change: dict, said: str) -> None:
-    """A few hundred bytes declare 12 GB of zeros, and copies of one mesh multiply it."""
+    """A few hundred bytes declare 12 GB of zeros, and copies of one mesh, or of its triangles, multiply it."""
     document = {
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],

@@ -244,12 +244,19 @@ def _joined(
     yaw = np.unwrap(poses[:, 2])
     # Where messages are lost, the robot may have driven and turned in any way between two of them.
     slack_s = max(_SLACK_S, float(np.median(np.diff(times_s)))) if len(times_s) > 1 else _SLACK_S
-    pairs: list[OdometryScan] = []
-    for scan in sorted(scans, key=lambda scan: scan.t_s):
-        near = times_s[0] - _SLACK_S <= scan.t_s <= times_s[-1] + _SLACK_S
-        if near and np.abs(times_s - scan.t_s).min() <= slack_s:
-            x, y, angle = (float(np.interp(scan.t_s, times_s, v)) for v in (poses[:, 0], poses[:, 1], yaw))
-            pairs.append((scan, (x, y, angle)))
+    scans = sorted(scans, key=lambda scan: scan.t_s)
+    at_s = np.array([scan.t_s for scan in scans])
+    after = np.searchsorted(times_s, at_s)
+    offset_s = np.minimum(
+        np.abs(at_s - times_s[after.clip(1) - 1]), np.abs(at_s - times_s[after.clip(max=len(times_s) - 1)])
+    )
+    outside_s = np.maximum(times_s[0] - at_s, at_s - times_s[-1])
+    track = np.column_stack([np.interp(at_s, times_s, v) for v in (poses[:, 0], poses[:, 1], yaw)])
+    known = (offset_s <= slack_s) & (outside_s <= _SLACK_S)
+    pairs = [
+        (scans[k], (x, y, angle))
+        for k, (x, y, angle) in zip(np.flatnonzero(known), track[known].tolist(), strict=True)
+    ]
     if 0 < len(pairs) < len(scans):
         _log.warning(
             "%s: %d of %d scans have no odometry and are left out", path, len(scans) - len(pairs), len(scans)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import struct
+from collections import Counter
 from pathlib import Path
 
 from ..errors import InputError
 
 #: Nodes of a file, and vertices of all of them: each node is a copy of its mesh.
 MAX_NODES, MAX_VERTICES = 10_000, 6_000_000
+#: Corners of their triangles: a closed surface has two triangles for each vertex.
+MAX_CORNERS = 6 * MAX_VERTICES
 
 
 def check_glb(path: Path, data: bytes) -> None:
@@ -33,17 +36,19 @@ def check_glb(path: Path, data: bytes) -> None:
     try:
         document = json.loads(data[20 : 20 + length])
         counts = [entry["count"] for entry in document.get("accessors", [])]
-        nodes, meshes = document.get("nodes", []), document.get("meshes", [])
+        nodes = document.get("nodes", [])
         children = [child for node in nodes for child in node.get("children", [])]
-        parts = [
-            part["attributes"]
-            for node in nodes
-            if "mesh" in node
-            for part in meshes[node["mesh"]]["primitives"]
-        ]
+        copies = Counter(node["mesh"] for node in nodes if "mesh" in node)
         if any(type(count) is not int or not 0 <= count <= len(data) for count in counts):
             raise InputError(path, "declares more elements than fit into the file", field="accessors")
-        vertices = sum(counts[part["POSITION"]] for part in parts if "POSITION" in part)
+        vertices = corners = 0
+        for index, mesh in enumerate(document.get("meshes", [])):
+            times = max(1, copies[index])  # a mesh without a node is read once
+            for part in mesh["primitives"]:
+                if "POSITION" in part["attributes"]:
+                    vertices += times * counts[part["attributes"]["POSITION"]]
+                if "indices" in part:
+                    corners += times * counts[part["indices"]]
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
@@ -54,6 +59,10 @@ def check_glb(path: Path, data: bytes) -> None:
         raise InputError(path, "children are not numbers", field="nodes") from error
     if repeated:
         raise InputError(path, "a node has two parents, expected a tree", field="nodes")
-    for found, most, what in ((len(nodes), MAX_NODES, "nodes"), (vertices, MAX_VERTICES, "vertices")):
+    for found, most, what in (
+        (len(nodes), MAX_NODES, "nodes"),
+        (vertices, MAX_VERTICES, "vertices"),
+        (corners, MAX_CORNERS, "corners of triangles"),
+    ):
         if found > most:
             raise InputError(path, f"has {found} {what}, expected at most {most}", field="nodes")

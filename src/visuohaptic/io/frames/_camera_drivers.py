@@ -51,7 +51,8 @@ def find() -> list[FoundCamera]:
             found += listed(import_module(package))
         except ImportError:
             continue
-        except Exception as error:  # noqa: BLE001 - of the vendor: no common base class; the other cameras work
+        except Exception as error:  # noqa: BLE001 - RuntimeError of both, OBError of Orbbec's, AttributeError of another version
+            # The cameras of the others are still listed.
             _log.warning("%s cannot list its cameras (%s)", package, error)
     return found
 

@@ -55,7 +55,7 @@ class RosGripper(Closing, Gripper):
         self._slope, self._zero_m, self._largest_m = opening_per_joint, opening_at_zero_m, max_opening_m
         self._publisher = node.advertise(command, "trajectory_msgs/msg/JointTrajectory")
         self._states = LatestMessage(node, states, "sensor_msgs/msg/JointState", max_age_s)
-        #: Openings [m] at the begin and at the end of the last command, when it was sent, and its duration [s].
+        #: Openings [m] at the start and at the end of the last command, when it was sent, and its duration [s].
         self._command = (math.nan, math.nan, 0.0, 0.0)
 
     def move(self, opening_m: float, speed_m_s: float) -> None:

@@ -87,7 +87,13 @@ class RosArm(Closing, ProbeArm):
             self._line = _Line(now, T_base_tip, speed_m_s)
 
     def stop(self) -> None:
-        """Stop and hold the current pose; where it is not known, the last target."""
+        """Stop and hold the current pose; where it is not known, no further target is sent: the arm holds the last one.
+
+        Raises
+        ------
+        StaleFrameError
+            The current pose of the tip is unknown.
+        """
         with self._lock:
             self._line = None
         _, now = self.pose()
