@@ -132,7 +132,7 @@ def test_numbers_as_yaml_reads_them() -> None:
         ({"wheels": [{"radius_m": 10**400}]}, "expected a finite number"),
         ({"wheels": [{"radius_m": 1, "name": 3}]}, "file: wheels[0].name: found 3, expected a text"),
         ({"corners_m": [[0, 0], [1]]}, "file: corners_m: found [[0, 0], [1]], expected an array of numbers"),
-        ({"corners_m": [[0, 0, 0]]}, "found an array of float64 with shape (1, 3)"),
+        ({"corners_m": [[0, 0, 0]]}, "float64 with shape (1, 3), expected float with shape (n 2)"),
         ({"corners_m": [[0, "x"]]}, "file: corners_m: found 'x', expected a finite number"),
         ({"corners_m": {"array": "a"}}, "file: corners_m: the array 'a' is missing"),
         ({"order": [0, 1.5]}, "file: order: found 1.5, expected a whole number"),

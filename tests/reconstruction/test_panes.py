@@ -34,6 +34,19 @@ def test_light_that_passes_twice_follows_fresnel():
     assert light == pytest.approx([(1 - 0.08 / 1.04) ** 2, 1.0], abs=1e-6)
 
 
+def test_a_view_is_oblique_where_the_weakest_patches_lose_their_reading():
+    """A patch has .7 to 1.3 of the mean contrast, and half of the mean is needed."""
+
+    def passed(angle_rad: float) -> float:
+        rays = np.array([[np.tan(angle_rad), 0.0, -1.0]])
+        pane = ((-1.0, -1.0, 0.0), (20.0, 0.0, 0.0), (0.0, 2.0, 0.0))
+        return float(_pane_light(np.array([0.0, 0.0, 1.0]), rays, pane)[0])
+
+    assert 0.7 * passed(np.arccos(pane_fit._OBLIQUE)) == pytest.approx(0.5, abs=0.02)
+    # Up to the first angle at which a pane may show, it takes 2 to 3 % more than at right angles.
+    assert 0.02 < passed(0.0) - passed(pane_fit._ANGLES[0]) < 0.03
+
+
 def test_an_upright_pane_is_found_with_its_corners(tmp_path):
     found = reconstruct(seen(Table(cylinders=CAN, panes=(UPRIGHT,))), grid=GRID)
     (pane,) = found.panes

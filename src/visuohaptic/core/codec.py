@@ -349,7 +349,7 @@ def _read_array(hint: Any) -> _Reader:
             raise InputError(
                 context.where,
                 f"found an array of {array.dtype} with shape {array.shape}, "
-                f"expected {hint.dtypes[0].rstrip('0123456789')} with shape ({hint.dim_str})",
+                f"expected {hint.dtype.__name__.lower()} with shape ({hint.dim_str})",
                 field=place,
             )
         return array

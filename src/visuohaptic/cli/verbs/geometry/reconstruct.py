@@ -2,8 +2,8 @@
 
 reads   a sequence folder: sequence.yaml, camera.yaml, depth/, poses.txt (see `visuohaptic recording import`)
 writes  into --out: surface.ply, transparency.ply (points with their score) and regions.json (hull, centroid, size and
-        score of each transparent part, and axis, radii and heights of the solid of revolution fitted to its outlines,
-        in metres in the frame of the poses)
+        score of each transparent part, and axis, radii and heights of the solid of revolution fitted to its outlines;
+        corners of each flat pane; in metres in the frame of the poses)
 
 example: visuohaptic reconstruct scan --out model
 """

@@ -1,8 +1,8 @@
 """Flat panes of glass, upright or level: rectangles that show at a shallow angle only.
 
 A pane returns every ray to its direction, so that a camera reads what is behind it, about a third of the thickness too near. It shows where it reflects
-more than it lets pass: by Fresnel's equations, of light that passes twice, from the projector and to the camera, .85 pass at right angles to it, .70 at an
-incidence of 60 degrees, .50 at 70 and .15 at 80. How much is needed depends on camera and room, so that the angle a from which on a pane shows is unknown,
+more than it lets pass: by Fresnel's equations, of light that passes twice, from the projector and to the camera, .85 pass at right angles to it, .72 at an
+incidence of 60 degrees, .53 at 70 and .21 at 80. How much is needed depends on camera and room, so that the angle a from which on a pane shows is unknown,
 with a uniform prior. The likelihood ratio of a pane is the mean over a of the product over the views beyond a of
 
     [(1 - d) R + d] / [(1 - e) + e R]
@@ -27,7 +27,7 @@ from ..ray_evidence import HIDDEN, RayEvidence
 
 #: Angles of incidence from which on a pane may show: it reflects least, and almost alike, up to 45 degrees.
 _ANGLES = np.radians(np.arange(45.0, 90.0, 5.0))
-#: Number of directions of upright panes, as many as a first step of the fit is apart; cosine of the angle of incidence below which a view is oblique.
+#: Number of directions of upright panes, so that a start is at most two first steps of the fit off; cosine of the angle of incidence below which a view is oblique.
 _DIRECTIONS, _OBLIQUE = 8, 0.5
 #: Number of starts, minimum half of an edge [m], and first steps of the place, direction, and halves of the edges [m, rad].
 _SEARCHES, _MIN_HALF_M, _STEPS = 3, 0.04, np.array([0.012, 0.012, 0.012, 0.1, 0.02, 0.02])
