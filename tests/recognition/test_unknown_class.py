@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import InputError
+from visuohaptic.deformation.shells import fourier_shell
+from visuohaptic.deformation.shells.shell_material import IsotropicMaterial
 from visuohaptic.recognition import FeatureSet, TouchReading
 from visuohaptic.recognition.touch import ModelSettings, fit_model, update_belief
 from visuohaptic.recognition.touch.unknown_class import (
@@ -110,6 +112,32 @@ def test_simulated_containers_are_those_of_the_shells() -> None:
     # A wall of five times the modulus is five times as stiff: the level is left open by more than this factor.
     spread = np.ptp(np.log(stiffness).mean(axis=(1, 2)))
     assert spread > 4 * UNKNOWN_CLASS_SIGMAS[0]
+
+
+def test_simulated_containers_have_the_stated_walls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 1,920: two thirds have a mouth of 0.6 to 1.65 times the foot, three of ten a rim of 2 to 5 walls and 3 mm, half a lid."""
+    built = []
+
+    def pinched(shell: fourier_shell.RevolutionShell, material: IsotropicMaterial, **_: object) -> np.ndarray:
+        built.append((shell, material))
+        return np.ones(len(shell.radius_m))
+
+    monkeypatch.setattr(fourier_shell, "pinch_stiffness", pinched)
+    for seed in range(40):
+        simulated_kinds.__wrapped__(seed)
+    mouth = np.array([shell.radius_m[-1] / shell.radius_m[0] for shell, _ in built])
+    assert ((mouth > 0.6) & (mouth < 1.65)).mean() == pytest.approx(2 / 3, rel=0.06)
+    assert np.mean([shell.rim_held for shell, _ in built]) == pytest.approx(0.5, rel=0.06)
+    rims = [shell for shell, _ in built if shell.thickness_m[-1] > 1.5 * shell.thickness_m[0]]
+    assert len(rims) / len(built) == pytest.approx(0.3, rel=0.1)
+    ratio = [shell.thickness_m[-1] / shell.thickness_m[0] for shell in rims]
+    assert np.quantile(ratio, [0.0, 0.5, 1.0]) == pytest.approx([2.0, 3.5, 5.0], rel=0.05)
+    tall = [
+        np.ptp(one.height_m) / 64 * ((one.thickness_m > 1.5 * one.thickness_m[0]).sum() - 1) for one in rims
+    ]
+    assert np.mean(tall) == pytest.approx(0.003, rel=0.1)
+    poisson = [material.poisson_ratio for _, material in built]
+    assert (min(poisson), max(poisson)) == pytest.approx((0.22, 0.45), rel=0.01)
 
 
 def test_axes_of_oval_containers_differ_as_those_of_an_ellipse() -> None:

@@ -8,6 +8,7 @@ import pytest
 from visuohaptic.core import InputError, LaserScan
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.simulation.mobile import LaserConfig, SimulatedLaser
+from visuohaptic.simulation.mobile.laser import with_outlines
 
 QUIET = LaserConfig(beams=181, range_max_m=6.0, sigma_m=1e-9, lost_fraction=0.0)
 
@@ -71,3 +72,14 @@ def test_bad_scans_and_poses() -> None:
     scan = LaserScan(0.0, np.array([1.0, np.inf, np.nan, 0.01]), 0.0, np.pi / 2, 0.05, 10.0)
     assert scan.hits.tolist() == [True, False, False, False]
     np.testing.assert_allclose(scan.points_m, [[1.0, 0.0]])
+
+
+@pytest.mark.parametrize("centre_m", [(1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (3.0, 1.0), (1.0, 2.0), (9.0, 9.0)])
+def test_what_of_an_outline_is_outside_of_the_map_is_left_out(centre_m: tuple[float, float]) -> None:
+    """Cells of 5 cm whose centre is within 10 cm of the middle of a square, counted on the map alone."""
+    grid = OccupancyMap(np.zeros((40, 60), np.int8), 0.05, (0.0, 0.0, 0.0))
+    square = 0.1 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    found = with_outlines(grid, [square + centre_m])
+    across, along = (0.05 * (np.arange(count) + 0.5) for count in (60, 40))
+    inside = (np.abs(along - centre_m[1]) < 0.1)[:, None] & (np.abs(across - centre_m[0]) < 0.1)
+    np.testing.assert_array_equal(found.cells > 0, inside)

@@ -78,9 +78,8 @@ class HapticModel:
     settings: ModelSettings
     protocol: TouchProtocol
     temperature: float = 1.0  #: evidence is divided by this, see :mod:`.calibration`
-    unknown_log_odds: float = (
-        0.0  #: added to those of "unknown" after ten touches, in proportion before, see :mod:`.calibration`
-    )
+    #: Added to those of "unknown" after ten touches, in proportion before, see :mod:`.calibration`.
+    unknown_log_odds: float = 0.0
     tail: float = 1.0  #: factor of the chi-square limit of known classes, see :mod:`.calibration`
     square: Float[np.ndarray, "c"] | float = 0.0  #: chi-square of an outline, see :func:`.with_outline`
     freedom: int = 0  #: number of its values

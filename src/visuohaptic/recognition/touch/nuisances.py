@@ -40,9 +40,8 @@ class ModelSettings:
     curvature: float = np.inf  #: between places of an object, learned from curves; infinite: no evidence
     mouth: float = 0.0  #: of log stiffness at the highest place, if open or closed unlike in training
     unknown_prior: float = 0.1  #: probability that an object is of no trained class
-    simulate_unknown: bool = (
-        True  #: as other containers; else like the classes, for what is none or has a measured outline
-    )
+    #: Unknown objects are simulated containers; else like the classes, which need not be containers or have a measured outline.
+    simulate_unknown: bool = True
     use_width: bool = True  #: widths and the height of the object count as evidence
 
 

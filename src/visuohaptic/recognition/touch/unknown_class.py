@@ -45,6 +45,16 @@ SIMULATED, NODES = 48, 65
 #: Ranges of simulated containers, uniform in the logarithm: height and radius of the foot [m], thickness [m], Young's modulus [Pa]:
 #: from a foil cup to a glass jar, from LDPE to aluminium.
 SIZES = ((0.05, 0.25), (0.015, 0.06), (0.06e-3, 3e-3), (0.2e9, 70e9))
+#: Poisson's ratio, from that of glass to that of LDPE.
+POISSON = (0.22, 0.45)
+#: Meridians: maximum number of parts, and distance of their ends from foot and mouth as a fraction of the height; standard deviation of the
+#: logarithm of the ratio of the radii of mouth and foot, of which two thirds are between 0.6 and 1.65. Bulge of a part as long as half
+#: of the height or longer, as a standard deviation relative to its radius, and fraction of the parts that bulge.
+PARTS, PART_END, TAPER_SIGMA, BULGE_SIGMA, BULGED = 4, 0.05, 0.5, 0.15, 0.6
+#: Fraction of containers with grooves; maximum number of these, their width and range of depths [m], and distance from foot and mouth.
+GROOVED, GROOVES, GROOVE_m, GROOVE_DEPTH_m, GROOVE_END = 0.25, 4, 0.012, (5e-4, 3e-3), 0.1
+#: Fraction of containers with a thicker rim; its thickness relative to that of the wall, and height [m]; and fraction with a lid.
+RIMMED, RIM, RIM_m, LIDDED = 0.3, (2, 5), 0.003, 0.5
 #: Standard deviation of the logarithm of the ratio of the axes of an oval container; seven of eight are less than twice as wide as deep.
 OVAL_SIGMA = 0.45
 #: Probability that a known state is rejected.
@@ -55,8 +65,8 @@ FALSE_ALARM = 1e-3
 def simulated_kinds(seed: int = 0) -> FeatureSet:
     """Containers of no trained class: random thin walls of revolution, in half a second; those of the last seed are kept.
 
-    The meridian has one to four parts, whose radii are a random walk in the logarithm, and which may bulge; a quarter has
-    grooves, a third a thicker rim, and a half a lid that holds the mouth.
+    The meridian has one to :data:`PARTS` parts, whose radii are a random walk in the logarithm, and which may bulge; some containers have
+    grooves, a thicker rim, or a lid that holds the mouth.
 
     Parameters
     ----------
@@ -71,21 +81,28 @@ def simulated_kinds(seed: int = 0) -> FeatureSet:
     stiffness, width, tall = [], [], []
     for _ in range(SIMULATED):
         height, foot, wall, modulus = (np.exp(rng.uniform(*np.log(pair))) for pair in SIZES)
-        cuts = np.sort([0.0, *rng.uniform(0.05, 0.95, rng.integers(0, 4)), 1.0])
+        cuts = np.sort([0.0, *rng.uniform(PART_END, 1 - PART_END, rng.integers(0, PARTS)), 1.0])
         size = np.diff(cuts)
-        walk = np.cumsum([0.0, *(0.5 * np.sqrt(size) * rng.standard_normal(len(size)))])
+        walk = np.cumsum([0.0, *(TAPER_SIGMA * np.sqrt(size) * rng.standard_normal(len(size)))])
         radius = foot * np.exp(np.interp(along, cuts, walk))
         part = np.clip(np.searchsorted(cuts, along) - 1, 0, len(size) - 1)
         inside = (along - cuts[part]) / size[part]
-        bulge = 0.15 * rng.standard_normal(len(size)) * (rng.uniform(size=len(size)) < 0.6)
+        bulge = BULGE_SIGMA * rng.standard_normal(len(size)) * (rng.uniform(size=len(size)) < BULGED)
         radius *= 1 + (4 * bulge * np.minimum(1, 2 * size))[part] * inside * (1 - inside)
-        for place in rng.uniform(0.1, 0.9, rng.integers(1, 5)) if rng.uniform() < 0.25 else ():
-            away = (along - place) * height / 0.012
-            radius -= np.where(np.abs(away) < 0.5, rng.uniform(5e-4, 3e-3) * np.cos(np.pi * away) ** 2, 0.0)
-        rim = rng.uniform(2, 5) if rng.uniform() < 0.3 else 1.0
-        thick = np.where(along > 1 - 0.003 / height - 0.5 / NODES, rim * wall, wall)
-        shell = RevolutionShell(radius, along * height, thick, rim_held=bool(rng.uniform() < 0.5))
-        found = pinch_stiffness(shell, IsotropicMaterial(modulus, rng.uniform(0.22, 0.45)), harmonics=40)
+        grooves = (
+            rng.uniform(GROOVE_END, 1 - GROOVE_END, rng.integers(1, GROOVES + 1))
+            if rng.uniform() < GROOVED
+            else ()
+        )
+        for place in grooves:
+            away = (along - place) * height / GROOVE_m
+            radius -= np.where(
+                np.abs(away) < 0.5, rng.uniform(*GROOVE_DEPTH_m) * np.cos(np.pi * away) ** 2, 0.0
+            )
+        rim = rng.uniform(*RIM) if rng.uniform() < RIMMED else 1.0
+        thick = np.where(along > 1 - RIM_m / height - 0.5 / NODES, rim * wall, wall)
+        shell = RevolutionShell(radius, along * height, thick, rim_held=bool(rng.uniform() < LIDDED))
+        found = pinch_stiffness(shell, IsotropicMaterial(modulus, rng.uniform(*POISSON)), harmonics=40)
         stiffness.append(np.exp(np.interp(middle, along, np.log(np.minimum(found, 1e9)))))
         width.append(2 * np.interp(middle, along, radius))
         tall.append(height)

@@ -95,7 +95,7 @@ def with_outlines(grid: OccupancyMap, outlines_m: Iterable[Float[np.ndarray, "k 
     grid
         The floor without them.
     outlines_m
-        Outline of each, inside the map [m].
+        Corners (x, y) of the outline of each, map frame [m]. What is outside of the map is left out.
     """
     import shapely
 
@@ -103,8 +103,8 @@ def with_outlines(grid: OccupancyMap, outlines_m: Iterable[Float[np.ndarray, "k 
     for outline in outlines_m:
         # Cells whose centre is inside: with every cell that the outline touches, a side would be half a cell further out.
         corners = grid.cell_from_world(outline).astype(int)
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        window = np.ix_(*(np.arange(first, last + 1) for first, last in zip(low, high, strict=True)))
+        low, end = (np.clip(part, 0, grid.shape) for part in (corners.min(axis=0), corners.max(axis=0) + 1))
+        window = np.ix_(*(np.arange(first, last) for first, last in zip(low, end, strict=True)))
         x, y = grid.world_from_cell(np.stack(np.broadcast_arrays(*window), axis=-1)).transpose(2, 0, 1)
         cells[window] = np.where(shapely.contains_xy(shapely.Polygon(outline), x, y), OCCUPIED, cells[window])
     return OccupancyMap(cells, grid.resolution_m, grid.origin)
