@@ -191,10 +191,8 @@ class Project:
             runs = [{"tests": tests, "order": order} for order in orders]
             answers = self.run(runs, changes[0].module, modules)
         first, *seen_with = answers
-        if first["code"] not in (
-            0,
-            5,
-        ):  # tests that pass in their file only; without any, all of them take too long
+        if first["code"] not in (0, 5):
+            # Tests that pass in their file only; without any, all of them take too long.
             red = tuple(_failed(first["output"]))  # up to a space in a parameter
             green = [test for test in tests if not test.startswith(red)]
             return self.judge(changes, green if red else tests[: len(tests) // 2], modules)

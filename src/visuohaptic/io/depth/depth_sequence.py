@@ -96,6 +96,14 @@ class SequenceFile(BaseModel):
     max_depth_m: Annotated[FiniteFloat, Field(gt=0)] = 20.0  #: farther values are ignored
 
 
+def _memory_bytes() -> float:
+    """Memory of this machine; infinite where the system does not report it, as Windows."""
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        return math.inf
+
+
 class DepthSequence:
     """Views of a depth camera from a folder; iterates over :class:`DepthFrame`.
 
@@ -259,7 +267,7 @@ class DepthSequence:
         check_numbers("DepthSequence.load", POSITIVE, every=every)
         count, pixels = len(range(0, len(self.paths), every)), self.camera.width * self.camera.height
         needed = count * pixels * _PIXEL_BYTES
-        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        memory = _memory_bytes()
         if needed > memory:
             raise InputError(
                 self.folder,
