@@ -27,11 +27,12 @@ from ...problem.push_costs import PushCosts
 from ..arrays import Nodes, Point
 from ._travel_kernels import flood
 from .domain_builder import build_search_domain
+from .drives import drives_cost
 from .infeasibility import Infeasibility
 from .push_heuristic import PushHeuristic
-from .push_lengths import opening_at, refine_lengths
-from .push_pass import PushPass
-from .push_states import Deadline, SearchLimits, SearchResult, SearchState
+from .push_lengths import opening_at, push_step, refine_lengths, replayed
+from .push_pass import LENGTH_STEP_M, PushPass
+from .push_states import Deadline, PushStep, SearchLimits, SearchResult, SearchState
 from .search_domain import SearchDomain
 
 #: Heuristic weights of the passes for a first plan, and of a last pass if nothing was found.
@@ -113,6 +114,8 @@ class _Search:
     expanded: int = 0
     deadline: Deadline = field(init=False)
     first: SearchState = field(init=False)
+    #: for each body that separates start and goal, the push that passes it when the other bodies are absent
+    lone: list[PushStep] = field(default_factory=list)
     cells: Nodes = field(init=False)  #: start nodes of the robot
 
     def __post_init__(self) -> None:
@@ -161,13 +164,15 @@ class _Search:
                 return plan
         elif reason := self._bound_crossings(heuristic):
             return SearchResult(False, exhausted=True, reason=reason)
-        guide, soon = heuristic, False
+        elif self.lone:
+            plan = self._joined(plan, heuristic)
+        guide, joined = heuristic, plan.found and bool(self.lone)
         if not plan.found:
             plan, guide = self._soon(plan, heuristic)
             if plan.reason:
                 return plan
-            soon = plan.found and guide is not heuristic
-        if not soon:
+            joined = plan.found and guide is not heuristic
+        if not joined:
             plan = self._first_plan(plan, guide, ((WEIGHTS[0], CROSSED),), guide.crossed(self.cells))
         if not plan.found:
             plan = self._first_plan(plan, guide, zip(WEIGHTS, SOON, strict=True))
@@ -280,6 +285,25 @@ class _Search:
                 break
         return known
 
+    def _joined(self, known: SearchResult, heuristic: PushHeuristic) -> SearchResult:
+        """The pushes past each single body, in the order of a drive without bodies, if such a plan is near the bound."""
+        units, shifts = heuristic.units / self.domain.block, self.first.shifts
+        left = heuristic.to_go(heuristic.free_field, np.array([step.approach for step in self.lone]))
+        lone = [self.lone[k] for k in np.argsort(-left, kind="stable")]
+        bound = float(heuristic.field(shifts)[self.cells].min()) / units
+        most = (1.0 + ALONE_GAP) * bound
+        # With one body, a passage was checked on the lattice only: on the map it may need a slightly longer push.
+        for longer in (0.0, LENGTH_STEP_M / self.domain.map.resolution_m):
+            alone = [push_step(heuristic, shifts, s.body, s.contact, s.length + longer) for s in lone]
+            steps = replayed(heuristic, tuple(alone), 0, alone[0].length)
+            if not steps:
+                break
+            cost = heuristic.pushes_units(steps) / units
+            cost += drives_cost(self.domain, steps, self.start, most - cost)
+            if cost < most:
+                return SearchResult(True, steps, cost, bound)
+        return known
+
     def _improved(
         self, heuristic: PushHeuristic, plan: SearchResult, bodies: Collection[int]
     ) -> SearchResult:
@@ -321,6 +345,7 @@ class _Search:
                 reason = Infeasibility(part, limits, deadline).prove(first, cells)
                 if reason:
                     return reason
+            self.lone += (replace(step, body=index) for step in found.steps)
             if np.isfinite(found.bound):
                 free = float(heuristic.free_field[self.cells].min())
                 more = found.bound * heuristic.units / domain.block - free
