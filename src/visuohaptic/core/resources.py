@@ -6,14 +6,21 @@ on a busy machine. It is better to distribute objects and grasps over cores.
 
 from __future__ import annotations
 
+import logging
 import math
 import os
+import threading
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any, Self
+
+_log = logging.getLogger(__name__)
+
+#: Time-out for a thread that was asked to end [s]; the search of a travel ends within 6 s.
+WAIT_S = 8.0
 
 
 class Closing(ABC):
@@ -30,6 +37,27 @@ class Closing(ABC):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def end_thread(thread: threading.Thread) -> bool:
+    """Wait until a thread has ended that was asked to; one that a device or a network holds is left behind, and logged.
+
+    Parameters
+    ----------
+    thread
+        May be the calling one, which ends later by itself.
+
+    Returns
+    -------
+    bool
+        It is not running any more.
+    """
+    if thread is threading.current_thread():
+        return False
+    thread.join(WAIT_S)
+    if thread.is_alive():
+        _log.error("%s: still computing after %g s; its result is dropped", thread.name, WAIT_S)
+    return not thread.is_alive()
 
 
 @contextmanager
