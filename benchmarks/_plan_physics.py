@@ -307,7 +307,7 @@ def push_ends_table(rows: Rows) -> list[Row]:
         {"name": "blind push after which more pushes are needed than planned", "unit": "%",
          "ours": 100.0 * sum(row["again"] for row in done) / max(len(done), 1)},
         {"name": "blind push: the robot was stopped", "unit": "", "floor": 0,
-         "ours": sum(not row["arrived"] for row in done)},
+         "ours": sum(not row["arrived"] for row in done) if done else None},
     ]  # fmt: skip
 
 
