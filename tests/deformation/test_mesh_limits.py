@@ -53,7 +53,13 @@ def test_a_wall_has_64_edges_around(around: int, said: str) -> None:
 def test_a_single_triangle_is_as_large_as_half_a_square_on_an_edge(side: float, large: bool) -> None:
     """A square with the diagonal of one on an edge of the wall, which has 64 around, has twice its area."""
     edge = np.pi * 0.06 / 64
-    corner = [[-0.03, -0.03, 0.0], [0.03, 0.03, 0.0], [0.0, 0.0, 0.1], [side * edge, 0.0, 0.1], [0.0, side * edge, 0.1]]
+    corner = [
+        [-0.03, -0.03, 0.0],
+        [0.03, 0.03, 0.0],
+        [0.0, 0.0, 0.1],
+        [side * edge, 0.0, 0.1],
+        [0.0, side * edge, 0.1],
+    ]
     state: Any = SimpleNamespace(vertices=np.array(corner), faces=np.array([[2, 3, 4]]))
     assert large_faces(state) == large
 
@@ -78,7 +84,14 @@ def test_half_a_surface_is_known_to_half_a_per_cent() -> None:
 def test_a_roof_is_flatter_than_60_degrees(slope: float, roof: bool) -> None:
     """One triangle in the uppermost tenth of the height, 2 cm wide and 8 mm deep."""
     back = 0.008 / np.tan(np.radians(slope))
-    points = [[0.0, 0.0, 0.1], [0.02, 0.0, 0.1], [0.0, back, 0.092], [0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.0, 0.01, 0.0]]
+    points = [
+        [0.0, 0.0, 0.1],
+        [0.02, 0.0, 0.1],
+        [0.0, back, 0.092],
+        [0.0, 0.0, 0.0],
+        [0.01, 0.0, 0.0],
+        [0.0, 0.01, 0.0],
+    ]
     state: Any = SimpleNamespace(vertices=np.array(points), faces=np.array([[0, 1, 2], [3, 4, 5]]))
     assert (_lid_area(state, 0.1) > 0.0) == roof
 
@@ -118,7 +131,9 @@ def test_a_ray_a_sixth_longer_than_its_neighbours_has_missed_the_wall(longer: fl
 def test_surfaces_a_tenth_of_the_radius_apart_are_two_shells(wall: float, nested: bool) -> None:
     inner = np.array([[-1, -1, 0.1], [1, -1, 0.1], [0, 1, 0.9]]) * [0.02, 0.02, 0.1]
     outer = np.array([[-1, -1, 0], [1, -1, 0], [0, 1, 1], [1, 1, 1]]) * [0.03, 0.03, 0.1]
-    state: Any = SimpleNamespace(vertices=np.vstack([inner, outer]), faces=np.array([[0, 1, 2], [3, 4, 5], [4, 6, 5]]))
+    state: Any = SimpleNamespace(
+        vertices=np.vstack([inner, outer]), faces=np.array([[0, 1, 2], [3, 4, 5], [4, 6, 5]])
+    )
     found: Any = SimpleNamespace(
         low_m=0.0, high_m=0.1, double=True, wall_m=wall * 0.03,
         radius_m=lambda heights, around: np.full((len(heights), around), 0.03),
@@ -138,7 +153,9 @@ def test_the_mesh_decides_within_two_cells_of_a_boundary() -> None:
     points = np.column_stack([0.03 * np.cos(angle), 0.03 * np.sin(angle), row * step])
     at = np.arange(19 * n).reshape(19, n)
     right = np.roll(at, -1, axis=1)
-    faces = np.concatenate([np.stack(part, axis=-1).reshape(-1, 3) for part in ((at, right, at + n), (right, right + n, at + n))])
+    faces = np.concatenate(
+        [np.stack(part, axis=-1).reshape(-1, 3) for part in ((at, right, at + n), (right, right + n, at + n))]
+    )
     points = np.vstack([points, [[0.03, 0.0, 1.8 * step], [0.03, 0.0, 2.2 * step]]])
     body: Any = SimpleNamespace(
         mesh=SimpleNamespace(vertices_m=points), surface_faces=faces, axis_point_m=(0.0, 0.0)

@@ -42,7 +42,9 @@ def test_the_biweight_is_as_efficient_as_a_mean_to_a_twentieth() -> None:
 
 
 def test_texture_is_that_of_the_zero_image_or_another() -> None:
-    assert math.exp(_texture_kernels._SAME) + math.exp(_texture_kernels._OTHER) == pytest.approx(1.0, abs=0.01)
+    assert math.exp(_texture_kernels._SAME) + math.exp(_texture_kernels._OTHER) == pytest.approx(
+        1.0, abs=0.01
+    )
 
 
 @pytest.mark.parametrize("step", [0.0, 0.5, 1.0, 2.0, 5.0, 20.0])
@@ -59,12 +61,12 @@ def test_two_noiseless_images_differ_by_their_rounding() -> None:
     grey = np.random.default_rng(1).uniform(50.0, 200.0, 20_000)
     other = grey + np.random.default_rng(2).uniform(-20.0, 20.0, 20_000)
     left = np.round(grey) - grey - (np.round(other) - other)
-    assert obstacle_parallax._MIN_NOISE == pytest.approx(left.std(), rel=0.05)
+    assert pytest.approx(left.std(), rel=0.05) == obstacle_parallax._MIN_NOISE
 
 
 def test_a_registration_to_the_nearest_bin_is_off_by_a_third_of_it() -> None:
     place = np.random.default_rng(1).uniform(0.0, 100.0, 20_000)
-    assert obstacle_parallax._REGISTRATION_BINS == pytest.approx((np.round(place) - place).std(), rel=0.06)
+    assert pytest.approx((np.round(place) - place).std(), rel=0.06) == obstacle_parallax._REGISTRATION_BINS
 
 
 def test_a_camera_encodes_light_as_srgb_does() -> None:

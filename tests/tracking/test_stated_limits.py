@@ -26,7 +26,7 @@ def test_papers_have_their_standard_sizes() -> None:
         area, ratio = 2.0**-halved, np.sqrt(2.0)
         assert sheet.PAPERS_M[name] == pytest.approx((np.sqrt(area / ratio), np.sqrt(area * ratio)), abs=6e-4)
     assert sheet.PAPERS_M["letter"] == pytest.approx((8.5 * sheet._INCH_M, 11.0 * sheet._INCH_M))
-    assert 12 * sheet._INCH_M == pytest.approx(0.3048)
+    assert pytest.approx(0.3048) == 12 * sheet._INCH_M
 
 
 def test_a_pixel_is_a_box() -> None:

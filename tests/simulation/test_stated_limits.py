@@ -1,0 +1,42 @@
+"""What the constants of simulated worlds are said to do, computed by other means."""
+
+from __future__ import annotations
+
+import pytest
+from scipy import constants
+
+from visuohaptic.simulation.floor import floor_model
+from visuohaptic.simulation.foam import strip_law
+from visuohaptic.simulation.rendering import _canvas, textures
+from visuohaptic.simulation.tabletop import deformable, refraction
+
+
+def test_feet_and_foam_give_way_by_millimetres() -> None:
+    """A critically damped spring of the time constant tau has the stiffness m / tau^2."""
+    assert constants.g * floor_model.SINK_S**2 == pytest.approx(0.004, rel=0.1)
+    assert pytest.approx(0.003, rel=0.1) == 10.0 / (3.0 / floor_model.FOAM_S**2)
+
+
+def test_blur_is_drawn_from_a_hundredth_of_the_variance_of_a_pixel() -> None:
+    assert pytest.approx(100.0, rel=0.2) == (1 / 12) / _canvas.SHARP_PX**2
+
+
+def test_foam_at_rest_is_compressed_by_less_than_can_be_seen() -> None:
+    """A fifth of a micrometre of a strip of 20 mm, and a hundredth for its texture."""
+    assert pytest.approx(0.2e-6, rel=0.1) == 0.02 * strip_law.FREE_STRAIN
+    assert pytest.approx(0.01e-6, rel=0.1) == 0.02 * textures._AT_REST
+
+
+def test_fillings_have_the_density_of_their_grains() -> None:
+    """Water; rice of 1450 kg/m^3 with two fifths of air."""
+    water, rice = deformable.WATER_FILL, deformable.GRAIN_FILL
+    assert (water.kg_per_m3, water.solid) == pytest.approx((1000.0, 1.0), rel=0.005)
+    assert (rice.kg_per_m3, rice.solid) == pytest.approx((1450.0 * 0.6, 0.6), rel=0.01)
+
+
+def test_light_is_refracted_as_in_handbooks() -> None:
+    """At 850 nm: water 1.329 (Hale and Querry), soda-lime glass 1.515 (Rubin), PET 1.57 (data sheets); a vacuum to 3e-4."""
+    assert pytest.approx(1.0003, abs=0.001) == refraction.AIR
+    assert pytest.approx(1.329, abs=0.004) == refraction.WATER
+    assert pytest.approx(1.515, abs=0.01) == refraction.GLASS
+    assert pytest.approx(1.57, abs=0.02) == refraction.PET
