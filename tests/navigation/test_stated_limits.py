@@ -12,7 +12,7 @@ from visuohaptic.navigation.mapping.mapper import MapperSettings
 from visuohaptic.navigation.mapping.scan_matching import FREE_LOG_ODDS
 from visuohaptic.navigation.planning import sideward_push
 from visuohaptic.navigation.planning.search import _travel_kernels, push_lengths
-from visuohaptic.navigation.pushing import push_failure
+from visuohaptic.navigation.pushing import contact_candidates, push_failure
 
 
 def test_a_sum_of_squares_of_the_sweep_has_16_bits() -> None:
@@ -46,3 +46,12 @@ def test_a_load_at_the_rim_of_a_disc_is_a_root_of_two_farther_out_than_one_sprea
     inside = np.hypot(x, y) < 1.0
     spread = math.sqrt(float(np.mean((x**2 + y**2)[inside])))
     assert pytest.approx(1.0 / spread, rel=0.01) == push_failure.RIM
+
+
+def test_oblique_pushes_need_the_friction_of_foam_on_furniture() -> None:
+    """A force within the cone of friction: its tangent is the coefficient."""
+    normal = np.array([1.0, 0.0])
+    for angle, friction in zip(contact_candidates.OBLIQUE_RAD, (0.21, 0.45), strict=True):
+        push = np.array([math.cos(angle), math.sin(angle)])
+        across = float(np.linalg.norm(push - (push @ normal) * normal))
+        assert across / float(push @ normal) == pytest.approx(friction, rel=0.03)

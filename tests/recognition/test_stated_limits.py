@@ -9,8 +9,17 @@ import pytest
 from scipy.stats import norm
 
 from visuohaptic.deformation.shells.shell_material import MATERIALS
-from visuohaptic.recognition.data import compressions
-from visuohaptic.recognition.touch import _round_body, belief, few_curves, haptic_model, unknown_class
+from visuohaptic.recognition.data import compressions, readings
+from visuohaptic.recognition.touch import (
+    ModelSettings,
+    _round_body,
+    belief,
+    few_curves,
+    haptic_model,
+    unknown_class,
+)
+from visuohaptic.recognition.trees import tree_growth
+from visuohaptic.recognition.visual import visual_words
 
 
 def test_a_width_has_the_noise_of_two_tips() -> None:
@@ -59,3 +68,19 @@ def test_bottles_are_of_the_material_of_the_library() -> None:
 def test_seven_of_eight_ovals_are_less_than_twice_as_wide_as_deep() -> None:
     beyond = 2.0 * norm.sf(math.log(2.0) / unknown_class.OVAL_SIGMA)
     assert beyond == pytest.approx(1 / 8, rel=0.06)
+
+
+def test_a_membrane_resists_with_the_cube_of_its_deformation() -> None:
+    """A string of two halves of unit length that is pulled aside: its tension is its strain."""
+    d = np.array([1e-3, 2e-3])
+    length = np.hypot(1.0, d)
+    force = 2.0 * (length - 1.0) * d / length
+    assert math.log2(force[1] / force[0]) == pytest.approx(readings.MEMBRANE, abs=0.01)
+
+
+def test_trees_and_planner_share_the_error_of_a_simulated_stiffness() -> None:
+    assert pytest.approx(ModelSettings().discrepancy) == tree_growth._DISCREPANCY
+
+
+def test_the_root_of_a_half_fills_a_byte() -> None:
+    assert pytest.approx(255.0) == 0.5 * visual_words._BYTE_STEPS

@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from visuohaptic.sensing.foam import _texture_kernels, edges, profile
 from visuohaptic.sensing.foam.strip import _reference, encoding
-from visuohaptic.sensing.push import at_rest
+from visuohaptic.sensing.push import at_rest, breakaway
 from visuohaptic.sensing.scene import obstacle_parallax
 
 
@@ -74,3 +74,13 @@ def test_a_camera_encodes_light_as_srgb_does() -> None:
     grey = np.linspace(0.0, 1.0, 256)
     light = np.where(grey <= 0.04045, grey / 12.92, ((grey + 0.055) / 1.055) ** 2.4)
     assert np.abs(grey**encoding._EXPONENT - light).max() < 0.01
+
+
+def test_objects_slide_with_a_friction_of_a_fifth_to_four_fifths_and_roll_with_a_tenth_of_that() -> None:
+    """Two standard deviations of the logarithm on either side."""
+    for middle, sigma, low, high in (
+        (breakaway.FRICTION, breakaway.LOG_SIGMA, 0.2, 0.8),
+        (breakaway.ROLLING, breakaway.LOG_ROLLING_SIGMA, 0.02, 0.2),
+    ):
+        found = middle * np.exp(2.0 * sigma * np.array([-1.0, 1.0]))
+        assert found == pytest.approx((low, high), rel=0.12)

@@ -8,7 +8,7 @@ from scipy import constants
 from visuohaptic.simulation.floor import floor_model
 from visuohaptic.simulation.foam import strip_law
 from visuohaptic.simulation.rendering import _canvas, textures
-from visuohaptic.simulation.tabletop import deformable, refraction
+from visuohaptic.simulation.tabletop import crown_cap, deformable
 
 
 def test_feet_and_foam_give_way_by_millimetres() -> None:
@@ -34,9 +34,8 @@ def test_fillings_have_the_density_of_their_grains() -> None:
     assert (rice.kg_per_m3, rice.solid) == pytest.approx((1450.0 * 0.6, 0.6), rel=0.01)
 
 
-def test_light_is_refracted_as_in_handbooks() -> None:
-    """At 850 nm: water 1.329 (Hale and Querry), soda-lime glass 1.515 (Rubin), PET 1.57 (data sheets); a vacuum to 3e-4."""
-    assert pytest.approx(1.0003, abs=0.001) == refraction.AIR
-    assert pytest.approx(1.329, abs=0.004) == refraction.WATER
-    assert pytest.approx(1.515, abs=0.01) == refraction.GLASS
-    assert pytest.approx(1.57, abs=0.02) == refraction.PET
+def test_a_crown_cap_has_its_standard_size() -> None:
+    """ISO 12821: 32.1 mm wide and 6.0 mm high; about half a millimetre of them is the lining."""
+    cap = crown_cap.CAPPED[crown_cap.CAPPED[:, 1] >= -0.0061]
+    assert 2.0 * cap[:, 0].max() == pytest.approx(0.0321, abs=2e-4)
+    assert -cap[:, 1].min() == pytest.approx(0.006, abs=1.5e-4)
