@@ -99,6 +99,16 @@ def test_sync_with_itself_or_another_kind_of_server(
     assert other in error
 
 
+def test_a_server_is_not_synchronised_with_itself(capsys: pytest.CaptureFixture[str]) -> None:
+    """Refused before it is asked, since its own changes would wait for each other; no password is shown."""
+    there = "postgresql://robot:secret@127.0.0.1:1/objects"
+    assert main(["objects", "sync", there, "--db", there]) == 2
+    error = capsys.readouterr().err
+    assert error.endswith(
+        "postgresql://robot:***@127.0.0.1:1/objects: is the database of --db itself, expected another one\n"
+    )
+
+
 def test_an_empty_file_of_features_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     db = ["--db", str(tmp_path / "db")]
     assert main(["objects", "add", "cup-1", *db]) == 0
