@@ -161,3 +161,16 @@ def test_recognise(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         error = capsys.readouterr().err
         assert said in error
         assert error.count("\n") == 1
+
+
+def test_an_export_with_an_unknown_object_writes_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["objects", "add", "cup", "--db", "db"]) == 0
+    words = ["objects", "export", "--licence", "CC0-1.0", "--out", "out", "--db", "db", "--json"]
+    assert main([*words, "cup", "mug"]) == 2
+    assert "there is no object 'mug'" in capsys.readouterr().err
+    assert not Path("out").exists()
+    assert main([*words, "cup", "cup"]) == 0
+    assert json.loads(capsys.readouterr().out)["exported"] == 1
