@@ -139,49 +139,6 @@ def drive_cost(domain: SearchDomain, shifts: Shifts, start: Point, goal: Point) 
     return _drive(domain, _Drive(shifts, start, goal))[2]
 
 
-def changed_drives_cost(
-    domain: SearchDomain,
-    steps: tuple[PushStep, ...],
-    changed: tuple[PushStep, ...],
-    start: Point,
-    most: float,
-) -> float:
-    """:func:`drives_cost` of pushes with other lengths, along the drives of a known plan.
-
-    Parameters
-    ----------
-    domain, steps, start, most
-        See :func:`drives_cost`; the drives of ``steps`` exist.
-    changed
-        The same pushes with other lengths.
-    """
-    if not domain.clear_straight(changed[-1].shifts_after, domain.goal, domain.goal[None])[0]:
-        return float("inf")
-    total = 0.0
-    for old, new in zip(_ends(domain, steps, start), _ends(domain, changed, start), strict=True):
-        key = _key(*new)
-        if key not in domain.drives:
-            block, nodes, cost, cells = _drive(domain, old)
-            if _key(*old[1:]) == _key(*new[1:]) and not _near_path(
-                domain, nodes, block, old.shifts, new.shifts
-            ):
-                domain.drives[key] = block, nodes, cost, cells
-                total += cost
-                continue
-            # From the start of the new drive to the old one, along the old one, and to the goal of the new one.
-            ends = [resampled(np.stack(pair), 2 + int(np.hypot(*(pair[1] - pair[0])))) // block for pair in
-                    ((new[1], old[1]), (old[2], new[2]))]  # fmt: skip
-            nodes = np.concatenate([ends[0], nodes, ends[1]])
-            cost, cells = _cost_along(domain, new, nodes, block)
-            if not np.isfinite(cost):
-                return cost
-            domain.drives[key] = block, nodes, cost, cells
-        total += domain.drives[key][2]
-        if total >= most:
-            return float("inf")
-    return total
-
-
 def drives_cells(domain: SearchDomain, steps: tuple[PushStep, ...], start: Point) -> list[Path]:
     """Points of every drive of a plan, one cell apart [cells].
 
@@ -191,17 +148,6 @@ def drives_cells(domain: SearchDomain, steps: tuple[PushStep, ...], start: Point
         See :func:`drives_cost`.
     """
     return [_drive(domain, end)[3] for end in _ends(domain, steps, start)]
-
-
-def _near_path(domain: SearchDomain, nodes: Path, block: int, before: Shifts, after: Shifts) -> bool:
-    """Whether the old or new position of a moved body affects the cost along a path."""
-    moved = np.flatnonzero((before != after).any(axis=1))
-    low, high = (corners[moved] for corners in domain.extents)
-    middle, half = 0.5 * (low + high), 0.5 * np.hypot(*(high - low).T)
-    places = np.concatenate([middle + before[moved], middle + after[moved]])
-    away = np.hypot(*((nodes[:, None] + 0.5) * block - places).T)
-    # The corridor includes neighbouring blocks of the path: two more on either side.
-    return bool((away.min(axis=1) < np.tile(half, 2) + domain.reach + 4.0 * block).any())
 
 
 def _ends(domain: SearchDomain, steps: tuple[PushStep, ...], start: Point) -> list[_Drive]:
