@@ -20,8 +20,6 @@ STRING_WINDOW = 80
 STRING_ROUNDS = 12
 #: Number of nodes of a lattice path that are refined on the map at once.
 PIECE = 60
-#: Maximum number of cached pieces, enough for several plans.
-MAX_PIECES = 64
 
 
 class _Drive(NamedTuple):
@@ -287,16 +285,7 @@ def _without_corners(domain: SearchDomain, shifts: Shifts, path: Path, deadline:
 
 
 def _cells_along(domain: SearchDomain, drive: _Drive, nodes: Path, block: int) -> Corridor | None:
-    """Cells of a drive along a path over blocks, cached because the drive evaluated last is usually executed."""
-    key = _key(*drive, nodes, np.array(block))
-    if key not in domain.pieces:
-        if len(domain.pieces) >= MAX_PIECES:
-            domain.pieces.clear()
-        domain.pieces[key] = _found_along(domain, drive, nodes, block)
-    return domain.pieces[key]
-
-
-def _found_along(domain: SearchDomain, drive: _Drive, nodes: Path, block: int) -> Corridor | None:
+    """Cells of a drive along a path over blocks, clearance around them, their common corner, and the cost."""
     shifts, start, goal = drive
     rows, columns = domain.clearance.shape
     # Chords stay within the bounding box of the path; the clearance accounts for obstacles outside.

@@ -82,8 +82,6 @@ class SearchDomain:
     still: dict[tuple[int, ...], Clearance] = field(default_factory=dict, init=False)
     #: cached drives, by displacements, start and goal: block size, blocks, cost, cells
     drives: dict[Key, tuple[int, Path, float, Path]] = field(default_factory=dict, init=False)
-    #: their last pieces on the map: cells, clearance around them, common corner, cost
-    pieces: dict[Key, Corridor | None] = field(default_factory=dict, init=False)
     #: the same over the lattice: blocks, cost
     paths: dict[Key, tuple[Path, float]] = field(default_factory=dict, init=False)
     #: poses of a body along simulated pushes, by body and contact
