@@ -8,7 +8,7 @@ from jaxtyping import Int
 from ..arrays import Clearance, Field, Nodes, Path, Point, Shifts
 from . import _travel_kernels
 from ._push_search_kernels import descend
-from ._travel_kernels import FAR, UNITS, segment_cost
+from ._travel_kernels import FAR, UNITS
 from .search_domain import SearchDomain
 
 
@@ -85,27 +85,6 @@ def resampled(path: Path, count: int) -> Path:
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     places = np.union1d(along, np.linspace(0.0, along[-1], max(count - len(path), 2)))
     return np.column_stack([np.interp(places, along, path[:, axis]) for axis in (0, 1)])
-
-
-def thinned(domain: SearchDomain, clearance: Clearance, path: Path) -> Path:
-    """Points one block apart on a cell path; all of its cells where the straight line between them is not free.
-
-    Parameters
-    ----------
-    domain
-        Radius and speeds of the robot, edge length of a block.
-    clearance
-        Clearance of the layer [cells].
-    path
-        Cells from the layer's corner [cells].
-    """
-
-    kept = [0]
-    for last in range(domain.block, len(path) - 1 + domain.block, domain.block):
-        first, last = kept[-1], min(last, len(path) - 1)
-        cost = segment_cost(clearance, domain.radius, domain.slow, *path[first], *path[last], False, np.inf)
-        kept += [last] if np.isfinite(cost) else range(first + 1, last + 1)
-    return path[kept]
 
 
 def unclear_steps(

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from ..arrays import Field, Nodes, Path, Point, Shifts
 from ._push_search_kernels import largest_in_blocks
 from ._travel_kernels import string_pull
-from .cell_paths import cheapest_cells, resampled, thinned, unclear_steps
+from .cell_paths import cheapest_cells, resampled, unclear_steps
 from .push_states import Deadline, PushStep
 from .search_domain import Corridor, SearchDomain
 
@@ -249,8 +249,7 @@ def _pulled_piece(domain: SearchDomain, drive: _Drive, nodes: Path, block: int) 
     if found is None:
         return np.zeros((0, 2))
     cells, clearance, low, _ = found
-    inner = thinned(domain, clearance, cells + 0.5)
-    path = np.concatenate([[drive.start - low], inner, [drive.goal - low]])
+    path = np.concatenate([[drive.start - low], cells + 0.5, [drive.goal - low]])
     return path[string_pull(clearance, domain.radius, domain.slow, path, STRING_WINDOW)[0]] + low
 
 
