@@ -191,17 +191,11 @@ class PushPass:
         if not cells.size or self.seen.dominated(state, cells):
             return
         most = int(min(queue.best - state.spent, heuristic.far))
-        known = state.travel.get(domain.slack > 0.0)
-        if known is None or known[0] < most:
-            none = np.zeros(0, np.int32)
-            cost = _travel_kernels.travel_field(
-                clearance, domain.radius, domain.slow, cells, costs, heuristic.labels, heuristic.passing,
-                heuristic.free_field if most < heuristic.far else none, most, none,
-            )  # fmt: skip
-            if not state.depth:
-                state.travel[domain.slack > 0.0] = most, cost  # every pass starts here
-        else:
-            cost = known[1]
+        none = np.zeros(0, np.int32)
+        cost = _travel_kernels.travel_field(
+            clearance, domain.radius, domain.slow, cells, costs, heuristic.labels, heuristic.passing,
+            heuristic.free_field if most < heuristic.far else none, most, none,
+        )  # fmt: skip
         self.seen.add(state, cost)
         goal_cells, goal_costs = domain.seeds(clearance, domain.goal)
         reached = False
