@@ -12,7 +12,7 @@ from visuohaptic.navigation.mapping.mapper import MapperSettings
 from visuohaptic.navigation.mapping.scan_matching import FREE_LOG_ODDS
 from visuohaptic.navigation.planning import sideward_push
 from visuohaptic.navigation.planning.search import _travel_kernels, push_lengths
-from visuohaptic.navigation.pushing import contact_candidates, push_failure
+from visuohaptic.navigation.pushing import contact_candidates
 
 
 def test_a_sum_of_squares_of_the_sweep_has_16_bits() -> None:
@@ -38,14 +38,6 @@ def test_simulated_drives_know_a_failure_of_a_tenth_to_six_per_cent() -> None:
 def test_final_poses_beside_a_drive_know_a_fraction_of_a_half_to_a_sixth() -> None:
     poses = np.random.default_rng(1).random((20_000, push_lengths.LOOKED_AT)) < 0.5
     assert poses.mean(axis=1).std() == pytest.approx(0.177, rel=0.05)
-
-
-def test_a_load_at_the_rim_of_a_disc_is_a_root_of_two_farther_out_than_one_spread_over_it() -> None:
-    """Root mean square distance from the centre, by samples of the disc."""
-    x, y = np.random.default_rng(1).uniform(-1.0, 1.0, (2, 100_000))
-    inside = np.hypot(x, y) < 1.0
-    spread = math.sqrt(float(np.mean((x**2 + y**2)[inside])))
-    assert pytest.approx(1.0 / spread, rel=0.01) == push_failure.RIM
 
 
 def test_oblique_pushes_need_the_friction_of_foam_on_furniture() -> None:
