@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
 
 import cv2
@@ -11,6 +13,7 @@ from scipy import constants
 
 from visuohaptic.core import InputError
 from visuohaptic.core.files import decode_image
+from visuohaptic.io.depth import pixel_model
 from visuohaptic.io.depth.depth_images import write_depth
 from visuohaptic.io.sinks import table_reader
 
@@ -41,3 +44,23 @@ def test_pixels_of_twelve_bits_in_sixteen_are_refused(highest: int, read: bool) 
         return
     with pytest.raises(InputError, match="16-bit pixels"):
         decode_image(data, "a.png", "grey")
+
+
+def test_a_profile_of_16_megabytes_may_accompany_a_picture() -> None:
+    """Private chunks beside 8 x 8 pixels; with 18 MB the file has far more than they need."""
+    whole = cv2.imencode(".png", np.full((8, 8), 100, np.uint8))[1].tobytes()
+    for megabytes, read in ((16.0, True), (18.0, False)):
+        body = bytes(int(megabytes / 4.0 * 1e6))  # OpenCV reads chunks of up to 8 MB
+        chunk = struct.pack(">I", len(body)) + b"teSt" + body + struct.pack(">I", zlib.crc32(b"teSt" + body))
+        data = whole[:33] + 4 * chunk + whole[33:]  # after the header
+        if read:
+            assert decode_image(data, "a.png", "grey").shape == (8, 8)
+        else:
+            with pytest.raises(InputError, match="far more"):
+                decode_image(data, "a.png", "grey")
+
+
+def test_networks_are_trained_with_the_mean_and_the_deviation_of_imagenet() -> None:
+    """In levels of 8 bits, as other collections of models state them."""
+    assert 255.0 * np.array(pixel_model._MEAN) == pytest.approx([123.675, 116.28, 103.53])
+    assert 255.0 * np.array(pixel_model._SIGMA) == pytest.approx([58.395, 57.12, 57.375])

@@ -12,6 +12,7 @@ from visuohaptic.navigation.mapping.mapper import MapperSettings
 from visuohaptic.navigation.mapping.scan_matching import FREE_LOG_ODDS
 from visuohaptic.navigation.planning import sideward_push
 from visuohaptic.navigation.planning.search import _travel_kernels, push_lengths
+from visuohaptic.navigation.problem.objects_file import objects_from_data
 from visuohaptic.navigation.pushing import contact_candidates
 
 
@@ -47,3 +48,10 @@ def test_oblique_pushes_need_the_friction_of_foam_on_furniture() -> None:
         push = np.array([math.cos(angle), math.sin(angle)])
         across = float(np.linalg.norm(push - (push @ normal) * normal))
         assert across / float(push @ normal) == pytest.approx(friction, rel=0.03)
+
+
+def test_glass_that_was_never_pushed_is_avoided_by_5_cm() -> None:
+    """Depth cameras measure it with an error of centimetres."""
+    square = [[0.0, 0.0], [0.2, 0.0], [0.2, 0.2], [0.0, 0.2]]
+    (found,) = objects_from_data({"objects": [{"id": "a", "type": "glass", "footprint_m": square}]})
+    assert np.ptp(found.footprint_m, axis=0) == pytest.approx([0.3, 0.3], abs=0.004)
