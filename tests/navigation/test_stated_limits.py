@@ -7,7 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from visuohaptic.core import InputError
 from visuohaptic.navigation.grid import _distance_kernels
+from visuohaptic.navigation.grid.cost_grid import SpeedLimits
 from visuohaptic.navigation.mapping.mapper import MapperSettings
 from visuohaptic.navigation.mapping.scan_matching import FREE_LOG_ODDS
 from visuohaptic.navigation.planning import sideward_push
@@ -55,3 +57,14 @@ def test_glass_that_was_never_pushed_is_avoided_by_5_cm() -> None:
     square = [[0.0, 0.0], [0.2, 0.0], [0.2, 0.2], [0.0, 0.2]]
     (found,) = objects_from_data({"objects": [{"id": "a", "type": "glass", "footprint_m": square}]})
     assert np.ptp(found.footprint_m, axis=0) == pytest.approx([0.3, 0.3], abs=0.004)
+
+
+@pytest.mark.parametrize(("ratio", "possible"), [(950.0, True), (1050.0, False)])
+def test_a_robot_is_at_most_a_thousand_times_faster_on_free_floor(ratio: float, possible: bool) -> None:
+    """Costs have 16 bits: a step at full speed then has 65 units, and is rounded by less than a per cent."""
+    assert 0.5 / (65_535.0 / 1000.0) < 0.01
+    if possible:
+        SpeedLimits(0.2, v_min_m_s=1.0 / ratio, v_max_m_s=1.0)
+        return
+    with pytest.raises(InputError, match="v_min_m_s"):
+        SpeedLimits(0.2, v_min_m_s=1.0 / ratio, v_max_m_s=1.0)
