@@ -6,11 +6,13 @@ import math
 
 import numpy as np
 import pytest
+from scipy import constants
 from scipy.special import ndtri
 
 from visuohaptic.core import Camera, Estimate, HapticTag, InputError, normal_sigmas
 from visuohaptic.core.errors import brief_list
 from visuohaptic.core.files import parse_yaml
+from visuohaptic.core.measurement import AIR_PA, GRAVITY_M_S2
 
 
 @pytest.mark.parametrize("probability", [0.5, 0.1, 1e-3, 1e-9])
@@ -58,3 +60,9 @@ def test_every_integer_of_64_bits_is_read_and_longer_text_is_none() -> None:
     assert parse_yaml(f"a: {bits}", "a.yaml") == {"a": 2**64 - 1}
     with pytest.raises(InputError, match="a number of 105 characters"):
         parse_yaml("a: " + "1" * 105, "a.yaml")
+
+
+def test_gravity_and_the_pressure_of_the_air_are_those_of_the_earth() -> None:
+    """Standard values; gravity differs by a quarter of a per cent between the equator and the poles."""
+    assert pytest.approx(constants.atm, rel=0.002) == AIR_PA
+    assert pytest.approx(constants.g, rel=0.002) == GRAVITY_M_S2
