@@ -15,6 +15,7 @@ from visuohaptic.core import Camera, Estimate, HapticTag, InputError, normal_sig
 from visuohaptic.core.errors import brief_list
 from visuohaptic.core.files import parse_yaml, regular
 from visuohaptic.core.measurement import AIR_PA, GRAVITY_M_S2
+from visuohaptic.core.objects import NOMINAL_N, LOW_m, NOMINAL_m
 
 
 @pytest.mark.parametrize("probability", [0.5, 0.1, 1e-3, 1e-9])
@@ -81,3 +82,8 @@ def test_the_largest_files_are_those_of_the_security_page() -> None:
     assert size["JSON, trajectory"] == regular.MAX_TEXT_BYTES
     assert size["image, table of forces"] == regular.MAX_DATA_BYTES
     assert size["PLY, network"] == regular.MAX_FILE_BYTES
+
+
+def test_stiffness_features_have_the_units_of_the_dissertation() -> None:
+    """Alt 2016, Sec. 6.1.6: low deformations up to 3 mm; nominal 50 N and 10 mm."""
+    assert (LOW_m, NOMINAL_N, NOMINAL_m) == pytest.approx((0.003, 50.0, 0.010))
