@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import constants
 from scipy.stats import norm
 
 from visuohaptic.cli._console import NO_RESULT
@@ -31,3 +32,7 @@ def test_two_foams_of_three_have_an_exponent_of_4_to_16() -> None:
     middle, sigma = _known_loads._LOG_ALPHA, _known_loads._LOG_ALPHA_SIGMA
     below, above = norm.cdf((np.log(4.0) - middle) / sigma), norm.sf((np.log(16.0) - middle) / sigma)
     assert (below, above) == pytest.approx((1 / 6, 1 / 6), abs=0.01)
+
+
+def test_a_kitchen_scale_shows_a_gram() -> None:
+    assert pytest.approx(1e-3 * constants.g, rel=0.05) == _known_loads._SCALE_SIGMA_N

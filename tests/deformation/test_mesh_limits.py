@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,6 +18,7 @@ from visuohaptic.deformation.shapes.coverage import SAMPLES, _lid_area
 from visuohaptic.deformation.shapes.import_mesh import _check_one_shell
 from visuohaptic.deformation.shapes.mesh_repair import large_faces, why_not_as_it_is
 from visuohaptic.deformation.shapes.resample import _bridged, _thin, _without_spikes
+from visuohaptic.deformation.shapes.wall_properties import WallProperties, wall_thickness
 from visuohaptic.io.meshes import inspect_mesh
 
 
@@ -163,3 +166,12 @@ def test_the_mesh_decides_within_two_cells_of_a_boundary() -> None:
     near, far = _close_to_an_end(body)[-2:]
     assert "within two cells of the foot" in near
     assert far == ""
+
+
+def test_a_mesh_of_one_surface_has_the_wall_that_the_page_states() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "deformation_containers.md").read_text(encoding="utf-8")
+    stated = re.search(r"one surface gets ([\d.]+) mm with an uncertainty of (\d+) %", page)
+    assert stated is not None
+    thickness, spread, _ = wall_thickness(np.empty((0, 2)), np.nan, WallProperties())
+    assert thickness[0, 1] == pytest.approx(1e-3 * float(stated[1]))
+    assert spread == pytest.approx(1e-2 * float(stated[2]))

@@ -14,6 +14,7 @@ from visuohaptic.recognition.touch import (
     ModelSettings,
     _round_body,
     belief,
+    contents,
     few_curves,
     haptic_model,
     unknown_class,
@@ -84,3 +85,23 @@ def test_trees_and_planner_share_the_error_of_a_simulated_stiffness() -> None:
 
 def test_the_root_of_a_half_fills_a_byte() -> None:
     assert pytest.approx(255.0) == 0.5 * visual_words._BYTE_STEPS
+
+
+def test_a_nuisance_is_contradicted_by_chance_once_in_twenty_explorations() -> None:
+    assert 2.0 * norm.sf(belief._CONTRADICTION_SIGMAS) == pytest.approx(1 / 20, rel=0.15)
+
+
+def test_a_container_is_empty_or_has_a_filling() -> None:
+    assert sum(contents.PRIOR.values()) == pytest.approx(1.0)
+
+
+def test_a_wall_of_uneven_thickness_differs_by_place_with_its_square() -> None:
+    """1.5 % of the thickness; k is proportional to E t^2."""
+    thickness = np.random.default_rng(1).normal(1.0, 0.015, 50_000)
+    assert pytest.approx(np.log(thickness**2).std(), rel=0.03) == few_curves.PLACE_SIGMA
+
+
+def test_a_finger_meets_the_radius_of_its_height_on_a_wall_that_widens() -> None:
+    """3 mm of height, on a wall that widens by a sixth of it."""
+    below, above = 0.03 + (0.06 + np.array([0.0, 0.003])) / 6.0
+    assert above - below == pytest.approx(_round_body.RADIUS_M, rel=0.01)

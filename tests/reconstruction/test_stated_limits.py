@@ -9,8 +9,9 @@ import pytest
 from scipy.stats import norm
 
 from visuohaptic.core import InputError
-from visuohaptic.reconstruction import SurfaceMesh, body_completion
+from visuohaptic.reconstruction import SurfaceMesh, body_completion, pipeline
 from visuohaptic.reconstruction.completion import discrete_symmetry, outline
+from visuohaptic.reconstruction.completion.symmetry import _probability
 from visuohaptic.reconstruction.completion.touch_registration import register_touches
 from visuohaptic.reconstruction.fusion import _fusion_view
 from visuohaptic.reconstruction.transparency import outline_fit, ray_readings
@@ -63,3 +64,13 @@ def test_six_contacts_determine_a_rigid_motion(contacts: int, enough: bool) -> N
         return
     with pytest.raises(InputError):
         register_touches(touched, SurfaceMesh(vertices, faces))
+
+
+@pytest.mark.parametrize(("residual", "probable"), [(0.028, True), (0.032, False)])
+def test_a_symmetry_is_as_probable_as_not_at_three_hundredths(residual: float, probable: bool) -> None:
+    assert (_probability(residual) > 0.5) == probable
+
+
+def test_depth_in_millimetres_is_rounded() -> None:
+    depth_m = np.random.default_rng(1).uniform(0.5, 1.0, 50_000)
+    assert pytest.approx((np.round(depth_m, 3) - depth_m).std(), rel=0.02) == pipeline._MIN_SIGMA_M

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from scipy import constants
 
 from visuohaptic.simulation.floor import floor_model
 from visuohaptic.simulation.foam import strip_law
 from visuohaptic.simulation.rendering import _canvas, textures
-from visuohaptic.simulation.tabletop import crown_cap, deformable
+from visuohaptic.simulation.tabletop import crown_cap, deformable, gripper_setup
 
 
 def test_feet_and_foam_give_way_by_millimetres() -> None:
@@ -39,3 +40,10 @@ def test_a_crown_cap_has_its_standard_size() -> None:
     cap = crown_cap.CAPPED[crown_cap.CAPPED[:, 1] >= -0.0061]
     assert 2.0 * cap[:, 0].max() == pytest.approx(0.0321, abs=2e-4)
     assert -cap[:, 1].min() == pytest.approx(0.006, abs=1.5e-4)
+
+
+def test_foams_are_as_stiff_as_stated() -> None:
+    """Slope at rest: rubber foam .4 MPa, the foam of the continuum simulation 2 (33.6 + .15) kPa, per unit strain."""
+    for law, slope_Pa in ((gripper_setup.RUBBER_FOAM, 0.4e6), (strip_law.REFERENCE_FOAM, 67.5e3)):
+        low, high = law.elastic_stress_Pa(np.array([0.0, 1e-4]))
+        assert (high - low) / 1e-4 == pytest.approx(slope_Pa, rel=0.04)

@@ -31,8 +31,10 @@ from .search_domain import SearchDomain
 SWEEP_STEP = 0.5
 #: Number of final poses near a drive for which a detour is searched; the standard error of their fraction is 0.18.
 LOOKED_AT = 8
+#: Push lengths of the search are multiples of this [m], where the free space allows it.
+LENGTH_STEP_M = 0.05
 #: Steps of the descent [m]: that of the search, doubled after each success, and the smallest that a robot can execute.
-STEPS_M = (0.05, 0.0125)
+STEPS_M = (LENGTH_STEP_M, LENGTH_STEP_M / 4.0)
 
 
 def refine_lengths(

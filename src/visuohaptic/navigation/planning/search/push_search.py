@@ -30,8 +30,8 @@ from .domain_builder import build_search_domain
 from .drives import drives_cost
 from .infeasibility import Infeasibility
 from .push_heuristic import PushHeuristic
-from .push_lengths import opening_at, push_step, refine_lengths, replayed
-from .push_pass import LENGTH_STEP_M, PushPass
+from .push_lengths import LENGTH_STEP_M, opening_at, push_step, refine_lengths, replayed
+from .push_pass import PushPass
 from .push_states import Deadline, PushStep, SearchLimits, SearchResult, SearchState
 from .search_domain import SearchDomain
 
