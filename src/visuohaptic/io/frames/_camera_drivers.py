@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from ...core import Camera, DeviceError
+from ...core.camera.frame import USUAL_RATE_Hz
 from .camera_backend import CameraBackend, CameraSettings, FoundCamera, time_s
 
 _log = logging.getLogger(__name__)
@@ -164,7 +165,7 @@ class UvcBackend:
             raise DeviceError(
                 f"the camera has no mode {requested.width} x {requested.height}; it has {listed}"
             )
-        rate = requested.rate_Hz or 30.0
+        rate = requested.rate_Hz or USUAL_RATE_Hz
         self._capture.frame_mode = min(modes, key=lambda m: (abs(m.fps - rate), -m.width * m.height))
 
     def _set_controls(self) -> None:

@@ -15,8 +15,6 @@ from .push_model import PushModel
 BACK_M = (0.0, 0.04, 0.08, 0.16, 0.32)
 #: Maximum depth of the rim in the outline at the start (m).
 INSIDE_M = 1e-3
-#: Maximum factor of the load's distance from its centre: the bottom of a disc rests on its rim.
-RIM = math.sqrt(2.0)
 #: Parameters of a sample: contact friction, load, scale of the centre of friction, its x and y, position x and y, yaw.
 NUMBERS = 8
 #: Standard deviation of the centre of friction from the centroid along either axis, relative to the lever of the bottom:
@@ -29,7 +27,7 @@ CENTRE_FRACTION, CENTRE_NUMBERS = 0.05, 6
 class PushUncertainty:
     """Uncertain parameters of a simulated push; standard deviations except for the friction.
 
-    The load distribution is uncertain, too: from uniform over a flat bottom to all on its rim, or on feet there.
+    The load distribution is uncertain, too: from uniform over a flat bottom to all on feet at its corners, or on a rim.
     """
 
     #: Half range of the uniformly distributed contact friction. By default from zero to twice
@@ -71,7 +69,7 @@ class PushUncertainty:
         even = np.clip(even, 1e-9, 1.0 - 1e-9)
         normal = ndtri(even[:, 3:])
         friction = model.contact_friction + self.contact_friction * (2.0 * even[:, 0] - 1.0)
-        spread = 1.0 + (RIM - 1.0) * even[:, 1, None, None]
+        spread = 1.0 + (_on_corners(model) - 1.0) * even[:, 1, None, None]
         away = (model.support_m - model.centre_m) * spread
         if self.centre_m2 is None:
             half = 0.5 * CENTRE_NUMBERS
@@ -87,6 +85,20 @@ class PushUncertainty:
         sigma = np.array([self.place_m, self.place_m, self.yaw_rad])
         poses = np.asarray(object_m, dtype=np.float64) + sigma * normal[:, 2:]
         return np.maximum(0.0, friction), support, poses
+
+
+def _on_corners(model: PushModel) -> float:
+    """Factor of the load's distance from its centre (rms) if all of it is at the corners of the convex hull.
+
+    2 for a triangle, sqrt(3) for a square, sqrt(2) for a disc, which rests on its rim.
+    """
+    import shapely
+
+    corners = shapely.get_coordinates(shapely.MultiPoint(model.outline_m).convex_hull)
+    corners = corners[: max(len(corners) - 1, 1)]
+    away_m = np.hypot(*(corners - model.centre_m).T) + model.round_m
+    square_m2 = float(model.load @ ((model.support_m - model.centre_m) ** 2).sum(axis=1))
+    return max(math.sqrt(float(np.mean(away_m**2)) / max(square_m2, 1e-12)), 1.0)
 
 
 def sampled_pushes(

@@ -66,9 +66,8 @@ MAX_DEFORMATION_M = 0.007
 SCALE, BEND, ENCLOSED, ZERO_M = 0.4, 0.01, 0.12, 1e-4
 #: Standard deviations of the mean of a level: force [N] and surface [m].
 FORCE_N, SURFACE_M = 0.05, 3e-5
-#: Relative standard deviation of the wall's mass: the thickness is estimated from a stiffness that is proportional to about
-#: its square (SCALE / 2). Mass of a cap, which is not part of the outline [kg].
-WALL_MASS, CAP_KG = 0.2, 0.003
+#: Mass of a cap, which is not part of the outline [kg].
+CAP_KG = 0.003
 #: Minimum distance of two places, and margin at the foot, where the stiffness depends most on the height.
 APART, FOOT = 2, 4
 #: Gauss-Legendre nodes and weights for how far a lid holds the rim, from not at all to fully.
@@ -181,7 +180,8 @@ class ContentsModel:
         if filling != EMPTY:
             heap = FILLINGS[filling].kg_per_m3 * fill * float(self._body.below_m3[-1])
             sigma = FILLINGS[filling].sigma * heap
-        return self._body.wall_kg + heap, math.hypot(WALL_MASS * self._body.wall_kg, sigma, CAP_KG)
+        # The thickness is estimated from a stiffness that is proportional to about its square.
+        return self._body.wall_kg + heap, math.hypot(0.5 * SCALE * self._body.wall_kg, sigma, CAP_KG)
 
     def force_N(
         self,
