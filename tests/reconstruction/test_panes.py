@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from visuohaptic.core import InputError
 from visuohaptic.reconstruction import reconstruct
+from visuohaptic.reconstruction.completion import load_glass_hulls
 from visuohaptic.reconstruction.fusion import SpaceGrid
 from visuohaptic.reconstruction.transparency.panes import pane_fit
 
@@ -96,3 +98,31 @@ def test_without_enough_views_from_the_side_a_pane_is_not_claimed():
     found = reconstruct(seen(Table(cylinders=CAN, panes=(UPRIGHT,)), 8), grid=GRID)
     assert found.panes == ()
     assert "60 degrees from its normal" in found.search.text
+
+
+@pytest.mark.parametrize(
+    ("pane", "said"),
+    [
+        ({"sigma": "1e999"}, "panes.0.sigma: found inf, expected a finite number"),
+        ({"sigma": "1e308"}, "panes.0.corners: found NaN or infinity"),
+        (
+            {"corners": "[[2, 1, 0], [2, 1, 0], [2, 1, 0], [2, 1, 0]]"},
+            "panes.0.corners: its points span no volume",
+        ),
+        (
+            {"corners": "[[1e300, 0, 0], [1e300, 1, 0], [1e300, 1, 1], [1e300, 0, 1]]"},
+            "panes.0.corners: found 1e+300",
+        ),
+        ({"corners": "[[2, 1, 0], [2, 2, 0], [2, 2, 1]]"}, "panes.0.corners"),
+    ],
+)
+def test_a_pane_that_is_none_is_refused_by_its_file_and_number(tmp_path, pane, said):
+    corners = "[[2, 1, 0], [2, 2, 0], [2, 2, 1], [2, 1, 1]]"
+    fields = ", ".join(
+        f'"{name}": {text}' for name, text in ({"corners": corners, "sigma": "0.01"} | pane).items()
+    )
+    path = tmp_path / "regions.json"
+    path.write_text(f'{{"clusters": [], "panes": [{{{fields}}}]}}')
+    with pytest.raises(InputError) as caught:
+        load_glass_hulls(path)
+    assert str(caught.value).startswith(f"{path}: {said}")

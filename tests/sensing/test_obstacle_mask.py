@@ -69,7 +69,8 @@ def test_a_plain_box_as_bright_as_the_grass_is_placed_by_its_outlines():
         for found, x in said
         if np.isfinite(found.proximity_m)
     ]
-    assert len(near) >= 3
+    # Seen at 34 cm; with correlated_bins 4.8 at 33 cm, and at 31 cm by a bound from the sum of squares.
+    assert max(x for found, x in said if np.isfinite(found.proximity_m)) > 0.338
     error, sigma = np.array(near).T
     # As the sigma of a plain face is between 3 and 10 mm, and the face is turned by 7 mm over its width.
     assert np.abs(error).max() < 0.015

@@ -13,8 +13,8 @@ from jaxtyping import Float
 from ..data import HEIGHTS, FeatureSet, POSE_m, TouchProtocol
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
-#: Ratio of the pose error of an uncalibrated gripper (5 mm) to that of a calibrated one (2 mm).
-POSE_RATIO = 2.5
+#: Ratio of the pose error of an uncalibrated gripper (5 mm) to that of a calibrated one.
+POSE_RATIO = 5e-3 / POSE_m
 #: Names of the nuisances, in the order of the rows of ``nuisance``.
 NUISANCES = ("gain", "height", "zero of the force", "zero of the deformation", "mouth")
 APART = [k for k, name in enumerate(NUISANCES) if name != "height"]  # the height is part of the pose

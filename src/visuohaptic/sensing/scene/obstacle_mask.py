@@ -4,19 +4,20 @@ The dissertation (Alt 2016, Sec. 3.5) names two cues of an obstacle, its appeara
 appearance because a floor could not be tracked in blurred images. Appearance fails on tiles, brick and
 shadows; here the height is used, without tracks: :mod:`.obstacle_parallax` compares frames along the drive.
 
-Evidence is a sequential test of each cell of the floor. ``l`` is the sum of the cell's log-likelihood ratios "face over floor" and
-V that of their squares, over pixels of which ``correlated_bins`` are one independent sample. On the floor the mean of
-``l`` is not positive, so that for any lambda
+Evidence is a sequential test of each cell of the floor. A pixel has the likelihood ratio ``r = p_face / p_floor``. On the
+floor the mean of r is 1, and that of its concave function
 
-    e = lambda l - lambda^2 correlated_bins V / 2
+    2 r / (1 + r)
 
-is the logarithm of a supermartingale of mean one at most (de la Pena, Ann. Probab. 27, 1999): smooth tiles, where
-both planes have the same likelihood, count against an obstacle. e is limited to ``log(1 / disturbed)`` in both directions, as in
+is 1 at most; the same holds for residuals with other tails than assumed, as long as ``log r`` is symmetric. No single pixel counts more
+than twofold, so that the outlines of a textureless face add up, and one highlight does not. With ``correlated_bins`` pixels
+per independent sample, the sum e of its logarithms over the pixels of a cell, divided by their number, is
+the logarithm of a supermartingale (Ramdas et al., Stat. Sci. 38, 2023). e is limited to ``log(1 / disturbed)`` in both directions, as in
 Huber's robust test (Ann. Math. Statist. 36, 1965), since a fraction of the frames may be disturbed, and summed along the drive, never
 below 0 (Page's test): the alarm rate is at most the number of cells times that of comparisons times
 ``exp(-threshold)`` (Lorden 1971). The threshold follows from ``alarms_per_minute``.
 
-A face is wider than a cell, and on a textureless face only the outlines contain information: the sums l and V of one, two, four and more
+A face is wider than a cell, and on a textureless face only the outlines contain information: the sums of one, two, four and more
 adjacent cells are tested in parallel, and share the alarm rate.
 """
 
@@ -30,12 +31,11 @@ import numpy as np
 from jaxtyping import UInt8
 
 from ...core import InputError, Motion, PlaneView, Reason, compose_2d, relative_2d, rotation_2d
+from ...core.camera.frame import USUAL_RATE_Hz
 from .obstacle_parallax import FaceCells, FramePair, ObstacleSettings, StripImage
 
 #: Number of comparisons per baseline: closer frames show the same pixels again.
 _COMPARISONS = 6
-#: Frames per minute of a typical camera: an upper bound of the number of comparisons.
-_FRAMES_PER_MINUTE = 1800.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,9 +90,9 @@ class ObstacleDetector:
         self._limit = math.log(1.0 / s.disturbed)
         # Faces of one cell, of two, four and so on: every face is covered by at least half.
         self._widths = tuple(2**k for k in range(shape[1].bit_length() - 1))
-        # Half of the alarms are those of single cells, a quarter of pairs, and so on.
+        # Every frame of the usual camera is compared. Half of the alarms are those of single cells, a quarter of pairs, and so on.
         self._thresholds = math.log(
-            shape[0] * shape[1] * _FRAMES_PER_MINUTE / s.alarms_per_minute
+            shape[0] * shape[1] * 60.0 * USUAL_RATE_Hz / s.alarms_per_minute
         ) + math.log(2.0) * np.arange(1, len(self._widths) + 1)
         self._needed = math.ceil(self._thresholds[0] / self._limit)
         self._step_m = self._cells.baseline_m / _COMPARISONS
@@ -162,7 +162,7 @@ class ObstacleDetector:
 
     def _compare(self, now: StripImage, hidden: UInt8[np.ndarray, "rows columns"], t_s: float) -> None:
         """Evidence of the newest frame, compared with the one a baseline before."""
-        s, ahead = self.settings, self._cells.baseline_m
+        ahead = self._cells.baseline_m
         while len(self._keys) > 1 and np.linalg.norm((self._pose - self._keys[1][1])[:2]) >= ahead:
             self._keys.popleft()
         if not self._keys or np.linalg.norm((self._pose - self._keys[0][1])[:2]) < ahead:
@@ -170,8 +170,7 @@ class ObstacleDetector:
         before, pose, sigma = self._keys[0]
         motion = np.array(relative_2d(pose, self._pose))
         pair = self._cells.pair(now, before, motion, self._sigma - sigma, hidden)
-        ratio, squares = self._cells.compare(pair)
-        single = s.weight * ratio - 0.5 * s.weight**2 * s.correlated_bins * squares
+        single = self._cells.compare(pair)
         # A wider face is the sum of its cells: on a textureless one only the outlines contain information.
         evidence = np.stack([_summed(single, width) for width in self._widths])
         # The same factor for all ranges of a direction preserves their order.

@@ -9,7 +9,7 @@ scales the intensity of floor and face equally.
 
 Residuals e of a pixel follow Student's t, scaled by the noise of both images, a subpixel error of the registration, and that of
 the local means: a square of the earlier frame covers more floor, so that flanks of a step keep their size, as on a face. Pixels share
-this error, which counts once for all independent samples along a square. The ratio ``l = log p(e_face) - log p(e_floor)`` is
+this error, which counts once for all independent samples along a square. The evidence of the ratio ``p(e_face) / p(e_floor)`` is
 summed over the pixels that see one cell of (range, lateral position) at the height of the lowest relevant obstacle.
 """
 
@@ -75,8 +75,6 @@ class ObstacleSettings(Ranged):
     alarms_per_minute: float = field(default=0.2, metadata=POSITIVE)
     #: fraction of frames that may be arbitrarily disturbed
     disturbed: float = field(default=0.02, metadata=within(1e-6, 0.5))
-    #: weight of a pixel's log-likelihood ratio, lambda: near V / (correlated_bins l) of textured faces
-    weight: float = field(default=0.05, metadata=POSITIVE)
     correlated_bins: float = 4.0  #: bins per independent sample: blur of the lens, and interpolation
     stale_s: float = 1.0  #: after this time without a comparison the state is unknown
 
@@ -289,21 +287,22 @@ class FaceCells:
         rows, columns = self.shape
         return self._moved(before, self._view(motion), 2, 0.0, (slice(0, rows), slice(0, columns)))
 
-    def compare(self, pair: FramePair) -> Float[np.ndarray, "2 ranges laterals"]:
-        """Log-likelihood ratio of face over floor in every cell, and the sum of the squares of its pixels.
+    def compare(self, pair: FramePair) -> Float[np.ndarray, "ranges laterals"]:
+        """Logarithm of the evidence of a face in every cell, by two equally probable planes; see :mod:`.obstacle_mask`.
 
         Parameters
         ----------
         pair
             Result of :meth:`pair`.
         """
+        import cv2
+
         count = len(self.lateral_m)
-        sums = np.zeros((2, len(self.range_m), count))
+        sums = np.zeros((len(self.range_m), count))
         for k, (part, cell) in enumerate(self._cells):
-            ratio = self._ratio(pair, float(self.range_m[k]), part).ravel()
-            sums[0, k] = np.bincount(cell, ratio, count + 1)[:-1]
-            sums[1, k] = np.bincount(cell, ratio * ratio, count + 1)[:-1]
-        return sums
+            floor = cv2.exp(-self._ratio(pair, float(self.range_m[k]), part))
+            sums[k] = np.bincount(cell, cv2.log(0.5 + 0.5 * floor).ravel(), count + 1)[:-1]
+        return -sums / self.settings.correlated_bins
 
     def locate(self, pair: FramePair, at: int, laterals: Int[np.ndarray, "cells"]) -> tuple[float, float]:
         """Range of a face at its centre and its standard deviation [m], by its likelihood over the same pixels.
