@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 
-from visuohaptic.demo import floor_chapters, hand_chapters, probe_chapters
+from visuohaptic.demo import floor_chapters, probe_chapters
 
 
 def test_limits_are_half_way_between_what_they_separate() -> None:
     """Round and other cross-sections; scans that fit the map and scans of a changed one."""
     assert pytest.approx(0.5 * (0.98 + 0.8), abs=0.01) == probe_chapters.ROUND_RATIO
     assert pytest.approx(0.5 * (0.96 + 0.92), abs=0.005) == floor_chapters.MIN_FIT
-
-
-def test_half_of_the_mouths_are_held() -> None:
-    """The variance of an effect of exp(2.2) that half of the objects have, about that of those which have it not."""
-    assert pytest.approx(math.sqrt(0.5 * 2.2**2), rel=0.02) == hand_chapters.MOUTH

@@ -49,6 +49,14 @@ def test_a_view_is_oblique_where_the_weakest_patches_lose_their_reading():
     assert 0.02 < passed(0.0) - passed(pane_fit._ANGLES[0]) < 0.03
 
 
+def test_starts_are_two_first_steps_apart_at_most_and_panes_are_12_cm_at_least():
+    """Beyond two steps a simplex has to grow first; twice as near, each start would be searched twice."""
+    farthest_rad = 0.5 * np.pi / pane_fit._DIRECTIONS
+    assert farthest_rad == pytest.approx(2 * pane_fit._STEPS[3], rel=0.1)
+    # A rectangle that ends within the first step of the smallest one is what is left beside another part (the documented size).
+    assert 2 * (pane_fit._MIN_HALF_M + pane_fit._STEPS[4]) == pytest.approx(0.12, rel=0.05)
+
+
 def test_an_upright_pane_is_found_with_its_corners(tmp_path):
     found = reconstruct(seen(Table(cylinders=CAN, panes=(UPRIGHT,))), grid=GRID)
     (pane,) = found.panes

@@ -113,8 +113,8 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     _, hand = hand_of_mission(mission)
     contents: ContentsFinding | None = None
     more: tuple[Claim, ...] = ()
-    if (before := mission.known_bottle) is not None:
-        contents = _contents(mission, hand, before.wall_m)
+    if (remembered := mission.known_bottle) is not None:
+        contents = _contents(mission, hand, remembered.wall_m)
         if not identify(mission, known.touched_m):
             contents, completed = None, complete_the_bottle(mission)
             if not completed.done:
