@@ -88,7 +88,7 @@ def _resolution_table(rows: Rows) -> list[Row]:
                 worse.append((rise, f"{key} {coarse} -> {fine}"))
     above = [rise for rise, _ in worse if rise > 0.01]
     note = f"{len(above)} of {pairs} pairs by more than 1 %; worst {max(worse, default=(0.0, ''))[1]}"
-    rise = 100 * max((rise for rise, _ in worse), default=0.0)
+    rise = 100 * max(0.0, *(rise for rise, _ in worse)) if worse else None
     table.append(
         {
             "name": "finer map, costlier plan: worst",
@@ -169,7 +169,7 @@ def _no_plan_table(rows: Rows) -> list[Row]:
         },
         {
             "name": "no plan: neither proof nor 'not proved'",
-            "ours": len(silent),
+            "ours": len(silent) if true else None,
             "unit": "",
             "floor": 0,
             "note": ", ".join(sorted({row["answer"] for row in silent})),
@@ -313,7 +313,7 @@ def _route_table(rows: Rows) -> list[Row]:
     return [
         {
             "name": "route edges below the robot's clearance, of the length",
-            "ours": 100 * below / max(length, 1e-9),
+            "ours": 100 * below / length if length else None,
             "unit": "%",
             "floor": 0,
             "aim": 0,
@@ -321,14 +321,14 @@ def _route_table(rows: Rows) -> list[Row]:
         },
         {
             "name": "route edges to objects nearer to a wall than the robot's radius",
-            "ours": sum(row["near_walls"] for row in done),
+            "ours": sum(row["near_walls"] for row in done) if any(row["joined"] for row in done) else None,
             "unit": "",
             "floor": 0,
             "note": f"of {sum(row['joined'] for row in done)}",
         },
         {
             "name": "route edges: worst shortfall",
-            "ours": 1e3 * max((row["worst_m"] for row in done), default=0.0),
+            "ours": 1e3 * max(row["worst_m"] for row in done) if length else None,
             "unit": "mm",
             "floor": 1.0,
         },

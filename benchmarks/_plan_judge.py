@@ -96,8 +96,9 @@ def quantile(values: Iterable[float], part: float) -> float | None:
 
 
 def faults_row(name: str, plans: list[Row]) -> Row:
-    """Row of the deepest fault among plans."""
+    """Row of the deepest fault among plans; without any plan it is not judged."""
+    judged_mm = [1e3 * plan["fault_m"] for plan in plans if "fault_m" in plan]
     bad = [plan for plan in plans if plan.get("fault_m", 0.0) > FAULT_M]
-    note = f"{len(bad)} of {len(plans)}; {bad[0]['fault']}" if bad else f"of {len(plans)}"
-    worst = max((plan.get("fault_m", 0.0) for plan in plans), default=0.0)
-    return {"name": f"{name}: deepest fault", "ours": 1e3 * worst, "unit": "mm", "floor": 1.0, "note": note}
+    note = f"{len(bad)} of {len(judged_mm)}" + (f"; {bad[0]['fault']}" if bad else "")
+    worst_mm = max(judged_mm, default=None)
+    return {"name": f"{name}: deepest fault", "ours": worst_mm, "unit": "mm", "floor": 1.0, "note": note}

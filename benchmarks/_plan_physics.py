@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from tests.worlds.floor_scenes import off_centre, six_boxes, small_room
+from tests.worlds.floor_scenes import CENTRE_M, off_centre, six_boxes, small_room
 from tests.worlds.maps import World
 from tests.worlds.push_oracle import solve
-from tests.worlds.push_physics import FloorPhysics
+from tests.worlds.push_physics import CONTACT_FRICTION, FloorPhysics, feet_of
 from tests.worlds.real_floors import real_scene, room_scene
 
 from ._plan_child import Planner, described
@@ -183,6 +183,7 @@ def push_ends(planner: Planner, key: str) -> Row:
         "off_m": float(np.hypot(*off)),
         "turn_deg": abs(float(np.degrees(turn))),
         "turn_off_deg": abs(float(np.degrees(turn - push.get("turn_rad", 0.0)))),
+        "unknown_deg": _unknown_turn_deg(world, path),
     }
     executed, executed_rad = _steered(world, push)
     executed_off = executed - np.array(push["goal_m"])
@@ -251,10 +252,26 @@ def _steered(world: World, push: Row) -> tuple[np.ndarray, float]:
     raise AssertionError
 
 
+def _unknown_turn_deg(world: World, path_m: np.ndarray, samples: int = 40) -> float:
+    """Median turn [deg] of a blind push, by the quasi-static model that knows all but where the mass is."""
+    from visuohaptic.navigation.pushing import PushModel, line_path, load_of_feet, simulate_push
+
+    body, feet = world.bodies[0], feet_of(world.bodies[0])
+    outline = np.zeros((1, 2)) if body.round_m else body.outline_m - body.centre_m
+    path, turns = line_path(path_m[0], path_m[1]), []
+    for x, y in CENTRE_M * np.random.default_rng(0).standard_normal((samples, 2)):
+        load = load_of_feet(feet, (float(x), float(y)))
+        model = PushModel(outline, feet, load, CONTACT_FRICTION, body.round_m)
+        trace = simulate_push(model, (*body.centre_m, 0.0), path, world.robot.radius_m)
+        turns.append(abs(trace.object_m[-1, 2]))
+    return float(np.degrees(np.median(turns)))
+
+
 def push_ends_table(rows: Rows) -> list[Row]:
     """Errors of the final positions, and coverage of the declared ellipse."""
     done = [row for row in rows.values() if "off_m" in row]
     long = [row for row in done if row["length_m"] >= 0.4]
+    straight = [row for row in done if row["turn_deg"] == row["turn_off_deg"] and "unknown_deg" in row]
     squares = np.array([row["squared"] for row in done if "squared" in row])
     tenths = np.bincount(np.searchsorted(CHI2_TENTHS, squares), minlength=10)
     note = f"{len(done)} of {len(rows)} scenes with a push, median length {quantile((r['length_m'] for r in done), 0.5) or 0:.2f} m"
@@ -281,13 +298,16 @@ def push_ends_table(rows: Rows) -> list[Row]:
         median("blind push, which is what a plan declares: end, median", "off_m", done, floor=2, aim=1, note=blind),
         median("blind push: turn, median", "turn_deg", done, floor=3, aim=1.5,
                note=_turns(done, "turn_deg", "turn_off_deg")),
+        median("the same off the declared rotation", "turn_off_deg", done),
+        median("blind push, not oblique: turn, median", "turn_deg", straight, note=f"{len(straight)} pushes"),
+        median("the same if all but the place of the mass were known", "unknown_deg", straight),
         {"name": "blind push inside the declared 90 % ellipse", "unit": "%",
          "ours": 100.0 * float(np.mean(squares < CHI2_TENTHS[-1])) if len(squares) else None,
          "note": f"85 to 95 %; in each tenth {' '.join(map(str, tenths))}"},
         {"name": "blind push after which more pushes are needed than planned", "unit": "%",
          "ours": 100.0 * sum(row["again"] for row in done) / max(len(done), 1)},
         {"name": "blind push: the robot was stopped", "unit": "", "floor": 0,
-         "ours": sum(not row["arrived"] for row in done)},
+         "ours": sum(not row["arrived"] for row in done) if done else None},
     ]  # fmt: skip
 
 

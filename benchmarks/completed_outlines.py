@@ -24,7 +24,7 @@ from benchmarks._journal import Journal
 from benchmarks._seeds import add_seeds, seeds_of
 from visuohaptic.core.objects import HEIGHTS
 from visuohaptic.demo import run_mission
-from visuohaptic.demo.hand_chapters import mission_classes
+from visuohaptic.demo.bottle import mission_classes
 from visuohaptic.demo.story import Known, Mission
 
 #: The heights of :func:`visuohaptic.recognition.touch.with_outline`, as fractions of the whole height.

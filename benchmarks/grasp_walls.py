@@ -32,14 +32,15 @@ from visuohaptic.deformation.shells.shell_material import IsotropicMaterial
 from visuohaptic.demo import hand_chapters
 from visuohaptic.demo.bottle import (
     GROUPS,
+    HEIGHT_SIGMA_M,
     NECK_M,
     WALL_M,
     TableBottle,
+    container_of_class,
     container_of_outline,
     other_table_container,
     random_table_bottle,
 )  # fmt: skip
-from visuohaptic.demo.probe_chapters import HEIGHT_SIGMA_M
 from visuohaptic.demo.story import Known
 from visuohaptic.recognition import UNKNOWN
 from visuohaptic.recognition.touch import stiffness_samples
@@ -109,7 +110,8 @@ def explored(seed: int, oval: bool = False) -> tuple[TableBottle, Known]:
     known.curves = tuple(squeezed(bottle, place, rng, LEVELS_N) for place in places[:2])
     known.mass_kg = bottle.container.mass_kg
     known.mass_sigma_kg = 0.01 * known.mass_kg
-    hand_chapters._take_class(known, bottle.name)
+    known.class_name = bottle.name
+    known.class_model = container_of_class(bottle.name, known.outline_m, known.squash)
     if oval:  # its lid stays unknown, and its filling is that of its mass
         known.fill = bottle.fill
         return bottle, known
@@ -151,10 +153,10 @@ def profile(seed: int, oval: bool = False) -> tuple[np.ndarray, np.ndarray, np.n
     ]
     true = np.log([[one.force_at(float(h), 1e-4) / 1e-4 for h in z] for one in felt])
     if not oval:
-        errors = hand_chapters._outline_errors(known)
+        assert known.outline_errors is not None
         widths = [(one.place.height_m, one.surface_m) for one in (*known.curves, *known.firm_curves)]
         at, logs = stiffness_samples(
-            known.outline_m, errors, known.wall_m, known.belief.closed, height_sigma_m=HEIGHT_SIGMA_M, widths_m=widths
+            known.outline_m, known.outline_errors, known.wall_m, known.belief.closed, height_sigma_m=HEIGHT_SIGMA_M, widths_m=widths
         )  # fmt: skip
         several = np.array([np.interp(z, at, one) for one in logs])
         return z, true - several.mean(axis=0), several - several.mean(axis=0)

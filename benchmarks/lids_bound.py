@@ -157,7 +157,7 @@ def answer(kind: str, seed: int) -> dict[str, Any]:
     observer = Observer(one, one.mass_kg + MASS_KG * float(rng.standard_normal()))
     model = ContentsModel(one.outline_m, one.wall_m)
     heights, found = model.heights_m(), {f"{rim} {uneven}": list[float]() for rim in RIM for uneven in UNEVEN}
-    for z in (heights + heights)[:MAX_SQUEEZES]:
+    for z in heights[:MAX_SQUEEZES]:
         limit_N = RIM_N if z > 0.7 * one.outline_m[-1, 1] else READ_N + 1.0
         curve = squeezed(one, z, FORCES_N, limit_N, rng)
         if len(curve.force_N) >= MIN_LEVELS:

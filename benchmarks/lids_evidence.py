@@ -224,7 +224,7 @@ def answer(kind: str, seed: int, walls: str = "linear") -> dict[str, Any]:
     model = ContentsModel(outline_m, wall_from_stiffness(outline_m, slopes, 4e-4), outline_sigma_m=sigma_m)
     mass = one.mass_kg + MASS_KG * float(rng.standard_normal()), MASS_KG
     heights, felt, found = model.heights_m(), [], model.posterior([], mass)
-    for z in (heights + heights)[:MAX_SQUEEZES]:
+    for z in heights[:MAX_SQUEEZES]:
         limit_N = RIM_N if z > 0.7 * outline_m[-1, 1] else READ_N + 1.0
         curve = squeezed(one, z, FORCES_N, limit_N, rng)
         if len(curve.force_N) < MIN_LEVELS:

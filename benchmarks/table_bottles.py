@@ -30,10 +30,11 @@ from visuohaptic.demo.bottle import (
     ROUND,
     TableBottle,
     filled_container,
+    mission_classes,
     other_table_container,
     random_table_bottle,
 )
-from visuohaptic.demo.hand_chapters import CONFIDENCE, MAX_SQUEEZES, MIN_SQUEEZES, NO_ROUND, mission_classes
+from visuohaptic.demo.hand_chapters import CONFIDENCE, MAX_SQUEEZES, MIN_SQUEEZES, NO_ROUND
 from visuohaptic.demo.probe_chapters import seen_errors
 from visuohaptic.recognition import UNKNOWN
 from visuohaptic.recognition.touch import HapticModel, with_outline

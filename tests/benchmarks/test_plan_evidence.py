@@ -5,7 +5,7 @@ import math
 import pytest
 from benchmarks._plan_campaigns import CAMPAIGNS
 from benchmarks._plan_child import Planner, described
-from benchmarks._plan_judge import FAULT_M, bounds_row
+from benchmarks._plan_judge import FAULT_M, bounds_row, faults_row
 from benchmarks._seeds import seeds_of
 from benchmarks.doors_evidence import table
 from tests.worlds.floor_scenes import doors_in_series
@@ -49,6 +49,18 @@ def test_a_bound_is_refuted_by_a_cheaper_plan_and_none_is_no_zero():
     plans = [({"gap": gap, "true_cost_s": 10.5}, 10.0) for gap in (0.05, 0.0, None)]
     assert [bounds_row("x", plans[:count])["ours"] for count in (0, 1, 2, 3)] == [None, 0, 1, 1]
     assert bounds_row("x", plans[2:])["ours"] is None
+
+
+def test_a_table_without_cases_is_not_a_pass():
+    assert [faults_row("x", rows)["ours"] for rows in ([], [{}], [{"fault_m": 2e-3, "fault": "x"}, {}])] == [
+        None,
+        None,
+        2.0,
+    ]
+    for name in ("push_ends", "route_edges", "no_plan"):
+        lowest = [row for row in CAMPAIGNS[name].table({}) if row.get("floor") == 0]
+        assert lowest
+        assert all(row["ours"] is None for row in lowest)
 
 
 def test_the_table_of_doors_counts_what_was_found_and_how_sure_it_was():

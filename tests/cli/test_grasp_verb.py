@@ -168,3 +168,5 @@ def test_a_scene_is_an_obstacle_where_the_object_stands(
     assert "no point is within 0.4 m of the object" in capsys.readouterr().err
     assert main(["grasp", "cup", "--place", "0", "0", "0", "0"]) == 2
     assert "--place: found without --scene" in capsys.readouterr().err
+    assert main(["grasp", *words, "--place", "0", "inf", "0", "0"]) == 2
+    assert "--place: found NaN or infinity, expected finite numbers" in capsys.readouterr().err

@@ -99,6 +99,16 @@ def test_sync_with_itself_or_another_kind_of_server(
     assert other in error
 
 
+def test_a_server_is_not_synchronised_with_itself(capsys: pytest.CaptureFixture[str]) -> None:
+    """Refused before it is asked, since its own changes would wait for each other; no password is shown."""
+    there = "postgresql://robot:secret@127.0.0.1:1/objects"
+    assert main(["objects", "sync", there, "--db", there]) == 2
+    error = capsys.readouterr().err
+    assert error.endswith(
+        "postgresql://robot:***@127.0.0.1:1/objects: is the database of --db itself, expected another one\n"
+    )
+
+
 def test_an_empty_file_of_features_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     db = ["--db", str(tmp_path / "db")]
     assert main(["objects", "add", "cup-1", *db]) == 0
@@ -151,3 +161,16 @@ def test_recognise(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         error = capsys.readouterr().err
         assert said in error
         assert error.count("\n") == 1
+
+
+def test_an_export_with_an_unknown_object_writes_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["objects", "add", "cup", "--db", "db"]) == 0
+    words = ["objects", "export", "--licence", "CC0-1.0", "--out", "out", "--db", "db", "--json"]
+    assert main([*words, "cup", "mug"]) == 2
+    assert "there is no object 'mug'" in capsys.readouterr().err
+    assert not Path("out").exists()
+    assert main([*words, "cup", "cup"]) == 0
+    assert json.loads(capsys.readouterr().out)["exported"] == 1

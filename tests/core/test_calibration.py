@@ -204,7 +204,8 @@ def test_command_from_pictures_to_file(tmp_path: Path) -> None:
         assert abs(entry["value"] - truth) < 4 * entry["sigma"] + 0.2, name
     rays = np.array([[x, y, 1.0] for x in (-0.35, 0, 0.35) for y in (-0.25, 0, 0.25)])
     assert np.abs(found.project(rays) - CAMERA.project(rays)).max() < 1.0
-    with pytest.raises(InputError, match="found '9by7', expected COLUMNSxROWS"):
-        command.run(
-            parser.parse_args([str(photos), "--squares", "9by7", "--square-mm", "30", "--out", str(out)])
-        )
+    for wrong in ("9by7", "\u00b2x6", "9" * 5000 + "x6"):
+        with pytest.raises(InputError, match=r"found '.{1,60}', expected COLUMNSxROWS"):
+            command.run(
+                parser.parse_args([str(photos), "--squares", wrong, "--square-mm", "30", "--out", str(out)])
+            )

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import constants
 from scipy.special import ndtri
 
 from visuohaptic.core import Camera, Estimate, HapticTag, InputError, normal_sigmas
 from visuohaptic.core.errors import brief_list
-from visuohaptic.core.files import parse_yaml
+from visuohaptic.core.files import parse_yaml, regular
+from visuohaptic.core.measurement import AIR_PA, GRAVITY_M_S2
+from visuohaptic.core.objects import NOMINAL_N, LOW_m, NOMINAL_m
 
 
 @pytest.mark.parametrize("probability", [0.5, 0.1, 1e-3, 1e-9])
@@ -58,3 +63,27 @@ def test_every_integer_of_64_bits_is_read_and_longer_text_is_none() -> None:
     assert parse_yaml(f"a: {bits}", "a.yaml") == {"a": 2**64 - 1}
     with pytest.raises(InputError, match="a number of 105 characters"):
         parse_yaml("a: " + "1" * 105, "a.yaml")
+
+
+def test_gravity_and_the_pressure_of_the_air_are_those_of_the_earth() -> None:
+    """Standard values; gravity differs by a quarter of a per cent between the equator and the poles."""
+    assert pytest.approx(constants.atm, rel=0.002) == AIR_PA
+    assert pytest.approx(constants.g, rel=0.002) == GRAVITY_M_S2
+
+
+def test_the_largest_files_are_those_of_the_security_page() -> None:
+    """Each reader is held against the same table by files that are larger, apart from here."""
+    page = (Path(__file__).parents[2] / "SECURITY.md").read_text(encoding="utf-8")
+    size = {
+        row[1]: int(row[2]) << (20 if row[3] == "MiB" else 30)
+        for row in re.finditer(r"^\| ([^|]+) \| (\d+) (MiB|GiB) \|$", page, re.MULTILINE)
+    }
+    assert size["YAML"] == regular.MAX_HAND_BYTES
+    assert size["JSON, trajectory"] == regular.MAX_TEXT_BYTES
+    assert size["image, table of forces"] == regular.MAX_DATA_BYTES
+    assert size["PLY, network"] == regular.MAX_FILE_BYTES
+
+
+def test_stiffness_features_have_the_units_of_the_dissertation() -> None:
+    """Alt 2016, Sec. 6.1.6: low deformations up to 3 mm; nominal 50 N and 10 mm."""
+    assert (LOW_m, NOMINAL_N, NOMINAL_m) == pytest.approx((0.003, 50.0, 0.010))

@@ -464,3 +464,31 @@ def test_an_early_shard_of_a_transaction_that_fails_is_removed_by_the_next(
         db.add(make_object(3))
         assert len(list((tmp_path / "shards").iterdir())) == 2
         assert db.check() == type(db.check())(2, 2, ())
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            "CREATE VIEW more AS WITH RECURSIVE c(k) AS (SELECT 1 UNION ALL SELECT k + 1 FROM c) SELECT k FROM c",
+            "the view 'more'",
+        ),
+        ("CREATE TRIGGER late AFTER INSERT ON object BEGIN DELETE FROM object; END", "the trigger 'late'"),
+        ("UPDATE meta SET value = '-2' WHERE key = 'schema'", "schema version '-2'"),
+        ("UPDATE meta SET value = 'new' WHERE key = 'schema'", "schema version 'new'"),
+        (f"UPDATE meta SET value = '{'9' * 5000}' WHERE key = 'schema'", "schema version '99"),
+        ("UPDATE meta SET value = '99' WHERE key = 'schema'", "schema version 99, expected at most"),
+    ],
+)
+def test_a_file_that_computes_by_itself_or_has_no_version_is_refused(
+    tmp_path: Path, change: str, said: str
+) -> None:
+    with open_database(tmp_path / "db") as db:
+        db.add(make_object(6))
+    with contextlib.closing(sqlite3.connect(tmp_path / "db" / "objects.sqlite")) as file:
+        file.execute(change)
+        file.commit()
+    with pytest.raises(DatabaseError) as caught:
+        open_database(tmp_path / "db")
+    assert said in str(caught.value)
+    assert len(str(caught.value)) < 300

@@ -91,3 +91,8 @@ def test_the_shape_is_that_of_the_better_fit() -> None:
         assert merged.primitive is good.primitive
         assert merged.deformation_shape_m is good.deformation_shape_m
     assert merge_tags(none, none).primitive is None
+    # A better fit without a measured depth does not take away the other's.
+    bare = HapticTag(primitive=Primitive(PrimitiveKind.LINE, np.zeros(3), np.eye(3), 0.95))
+    for merged in (merge_tags(bare, bad), merge_tags(bad, bare)):
+        assert merged.primitive is bare.primitive
+        assert merged.deformation_shape_m is bad.deformation_shape_m

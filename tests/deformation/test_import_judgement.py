@@ -601,3 +601,24 @@ def test_the_fan_of_a_lid_holds_the_rim_as_a_fine_one_does(tmp_path: Path) -> No
         found.append(float(dual_tip_map(box.model(), tips)[0]))
     assert found[1] == pytest.approx(found[0], rel=0.01)
     assert found[2] < 0.97 * found[0]
+
+
+def test_a_shallow_box_is_divided_by_its_height(tmp_path: Path) -> None:
+    """Below its lid the dents are short: twelve triangles give the stiffness of a mesh with edges of up to 2.5 mm."""
+    coarse = trimesh.creation.box((0.2, 0.15, 0.05))
+    fine = trimesh.Trimesh(*trimesh.remesh.subdivide_to_size(coarse.vertices, coarse.faces, 2.5e-3))
+    found, place = [], np.array([0.1, 0.0, 0.045])
+    for name, mesh in (("coarse", coarse), ("fine", fine)):
+        mesh.apply_translation([0, 0, 0.025])
+        mesh.merge_vertices()
+        mesh.export(tmp_path / f"{name}.stl")
+        box = import_container(tmp_path / f"{name}.stl", wall=WallProperties(thickness_m=WALL_m))
+        points = box.mesh.vertices_m
+        near = np.flatnonzero(np.linalg.norm(points - place, axis=1) < 0.006)
+        stiffness = np.full(len(points), np.nan)
+        tips = opposing_points(box.mesh, near, axis_point_m=box.axis_point_m)
+        stiffness[near] = dual_tip_map(box.model(), tips)
+        value, at_m = nearest_value(points, box.surface_faces, stiffness, place)
+        assert np.linalg.norm(at_m - place) < 1e-5
+        found.append(float(value))
+    assert found[0] == pytest.approx(found[1], rel=0.04)

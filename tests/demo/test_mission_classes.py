@@ -12,8 +12,7 @@ from visuohaptic.core.objects import HEIGHTS
 from visuohaptic.deformation.shapes import ContainerDescription, load_container
 from visuohaptic.deformation.shapes.variants import container_outline, draw_variants
 from visuohaptic.deformation.shells.fourier_shell import RevolutionShell, pinch_stiffness
-from visuohaptic.demo.bottle import NECK_M, training_objects
-from visuohaptic.demo.hand_chapters import MOUTH, mission_classes
+from visuohaptic.demo.bottle import MOUTH, NECK_M, mission_classes, training_objects
 from visuohaptic.recognition import TouchReading
 from visuohaptic.recognition.touch import update_belief
 from visuohaptic.recognition.touch.nuisances import MOUTH_REACH

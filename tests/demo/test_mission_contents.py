@@ -55,8 +55,10 @@ def test_the_contents_are_told_whatever_the_wall(closed: bool, fill: float, scal
 
 def test_places_are_where_the_states_differ_most_and_apart() -> None:
     model = model_of(table_bottle(np.random.default_rng(21)))
-    heights = model.heights_m()
+    heights = list(dict.fromkeys(model.heights_m()))
     assert len(heights) >= 2
+    # Each again from the side, later than the first time.
+    assert sorted(model.heights_m()) == sorted(2 * heights)
     assert np.diff(np.sort(heights)).min() > 1.5 * model.height_m / 16
     # The soft waist allows the deepest squeeze; the firmest place allows the least.
     soft, firm = (model.force_N(z, np.array([1e-3]), closed=False)[0] for z in (heights[0], heights[-1]))

@@ -22,7 +22,7 @@ PROPERTIES = {
     "mass_kg", "friction", "static_ratio", "static_friction_N", "dynamic_friction_N", "movable", "fixed", "fill",
     "closed", "wall_m", "stiffness_N_per_m",
 }  # fmt: skip
-MEASURED = {"known", "belief", "contents", "curve", "tag", "felt", "surface", "axes"}
+MEASURED = {"known", "remembered", "belief", "contents", "curve", "tag", "felt", "surface", "axes"}
 #: Calls that compare with the truth, and functions that make a world or judge one.
 COMPARED, APART = {"Claim", "Measure"}, {"_world", "tag_claims", "_against_truth", "default_tags"}
 

@@ -72,3 +72,58 @@ def test_contributing_names_files_and_functions_that_exist():
     existing = {name for names in found for name in names}
     for name in re.findall(r"`([a-z]+(?:_[a-z]+)+)(?:\(\w*\))?`", text):
         assert name in existing, name
+
+
+def _links(text: str) -> list[str]:
+    """Targets in the text of a page, without what is code."""
+    prose = re.sub(r"^(\s*)(```|~~~).*?^\s*\2\s*$|`[^`\n]*`", "", text, flags=re.MULTILINE | re.DOTALL)
+    found = re.findall(r"\]\(\s*<?([^)\s>]+)", prose) + re.findall(
+        r"^\[[^\]^]+\]:\s*(\S+)", prose, re.MULTILINE
+    )
+    return [one for one in found if not re.match(r"[a-z+.-]+:", one)]
+
+
+def _anchors(text: str) -> set[str]:
+    """Names of the headings of a page, as its table of contents makes them."""
+    titles = re.findall(
+        r"^#+ +(.+?)\s*#*$", re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL), re.MULTILINE
+    )
+    seen: set[str] = set()
+    for title in titles:
+        slug = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", title).replace("`", "").replace("*", "")
+        slug = re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", slug).strip().lower())
+        count = sum(re.fullmatch(rf"{re.escape(slug)}(_\d+)?", one) is not None for one in seen)
+        seen.add(f"{slug}_{count}" if count else slug)
+    return seen
+
+
+def test_every_relative_link_leads_to_a_page_of_the_site():
+    """The site is built from ``docs`` alone: what a page links must lie there, with the heading it names."""
+    sys.path.insert(0, str(ROOT / "docs"))
+    try:
+        from hooks import notebook_page, on_page_markdown
+    finally:
+        sys.path.pop(0)
+    docs = ROOT / "docs"
+    pages = {path.with_suffix(".md"): notebook_page(path) for path in docs.glob("notebooks/*.ipynb")}
+    for path in docs.rglob("*.md"):
+        text = path.read_text(encoding="utf-8")
+        pages[path] = text if "<!-- commands -->" in text else on_page_markdown(text)
+    wrong = []
+    for page, text in pages.items():
+        for target in _links(text):
+            name, _, anchor = target.partition("#")
+            path = (page.parent / name).resolve() if name else page
+            inside = path.is_relative_to(docs) and (path in pages or path.is_file())
+            # Headings of the API and of verbs are made when the site is built.
+            made = path.parent.name == "api" or path.name == "cli.md"
+            if not inside or (anchor and not made and anchor not in _anchors(pages.get(path, ""))):
+                wrong.append(f"{page.relative_to(ROOT)}: {target}")
+    assert not wrong
+
+
+def test_every_relative_link_of_the_repository_leads_to_a_file():
+    for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md"):
+        text = (ROOT / name).read_text(encoding="utf-8")
+        missing = [one for one in _links(text) if not (ROOT / one.partition("#")[0]).exists()]
+        assert not missing, name

@@ -321,6 +321,9 @@ def test_a_camera_is_chosen_by_a_part_of_its_name(monkeypatch: pytest.MonkeyPatc
         DeviceError, match="no camera named 'none'; found: camera:0 'Inner', camera:7 'Wide Cam'"
     ):
         _camera_drivers.choose("none", CameraSettings(), uvc_only=False)
+    for which in ("\u00b2", "9" * 5000):  # digits that are no number, and no number of a device
+        with pytest.raises(DeviceError, match=r"^no camera named .{1,60}; found: camera:0"):
+            _camera_drivers.choose(which, CameraSettings(), uvc_only=False)
 
 
 def test_a_camera_that_is_not_there_lists_those_that_are(monkeypatch: pytest.MonkeyPatch) -> None:

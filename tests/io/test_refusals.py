@@ -131,6 +131,8 @@ def _pgm(path: Path, pixels: bytes) -> Path:
 
 
 PLY = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n{}end_header\n{}\n"
+MANY_PARTS = b'{"meshes": [{"primitives": [' + b'{"attributes": {}},' * 10_000 + b'{"attributes": {}}]}]}'
+PACKED = b'{"extensionsRequired": ["KHR_draco_mesh_compression"]}'
 TWO_PARENTS = b'{"nodes": [{"children": [2]}, {"children": [2]}, {}]}'
 
 
@@ -184,7 +186,14 @@ TWO_PARENTS = b'{"nodes": [{"children": [2]}, {"children": [2]}, {}]}'
         (lambda at: load_mesh(_written(at / "m.dae", b"<!DOCTYPE a>")), "defines XML entities, which COLLADA does not need"),
         (lambda at: load_mesh(_written(at / "m.dae", b"<instance_node" * 10_001)), "nested instances, expected at most"),
         (lambda at: load_mesh(_written(at / "m.glb", _glb(TWO_PARENTS))), "nodes: a node has two parents, expected a tree"),
+        (lambda at: load_mesh(_written(at / "m.glb", _glb(b'{"nodes": [{"children": [0]}]}'))), "nodes: a node is below itself"),
+        (lambda at: load_mesh(_written(at / "m.glb", _glb(b'{"nodes": [{}, {"children": [2]}, {"children": [1]}]}'))), "below itself"),
         (lambda at: load_mesh(_written(at / "m.glb", _glb(b'{"accessors": [{"count": 1e9}]}'))), "more elements than fit"),
+        (lambda at: load_mesh(_written(at / "m.glb", _glb(MANY_PARTS))), "has 10001 parts of meshes, expected at most 10000"),
+        (lambda at: load_mesh(_written(at / "m.glb", _glb(b'{"buffers": [{"uri": "../key.bin"}]}'))), "buffers: refers to '../key.bin', expected the data in"),
+        (lambda at: load_mesh(_written(at / "m.glb", _glb(b'{"bufferViews": [{"buffer": 0, "byteOffset": -4}]}'))), "outside of the file"),
+        (lambda at: load_mesh(_written(at / "m.glb", _glb(b'{"bufferViews": [{"buffer": 0, "byteLength": 9}]}'))), "outside of the file"),
+        (lambda at: load_mesh(_written(at / "m.glb", _glb(PACKED))), "compressed by KHR_draco_mesh_compression; export it without"),
         (lambda at: load_mesh(_written(at / "m.glb", _glb(b'{"nodes": [' + b"{}," * 10_000 + b"{}]}"))), "has 10001 nodes"),
         (lambda at: recover(_written(at / "t.csv", b"a,b\n1,2\n")), "does not end with .part; name the new file with --out"),
         (lambda at: recover(_written(at / "t.csv.part", b"a,b\n"), _written(at / "t.csv", b"")), "exists; name a new file"),

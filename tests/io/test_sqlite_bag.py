@@ -148,7 +148,7 @@ def test_a_damaged_bag_gives_what_is_whole(tmp_path: Path) -> None:
         other.execute("CREATE TABLE a (b)")
     strange = SqliteBag(tmp_path / "other.db3")
     assert list(strange.messages()) == []
-    assert "no such table" in str(strange.damage)
+    assert "has no table" in str(strange.damage)
 
 
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
@@ -295,3 +295,15 @@ def test_a_full_disk_is_told_in_one_line_and_leaves_no_bag_that_looks_whole(
     (message,), _ = Victim.start(work).end()
     assert message.startswith(f"{tmp_path / 'copy' / 'copy_0.db3'}: cannot be written")
     assert not (tmp_path / "copy" / "metadata.yaml").exists()
+
+
+def test_messages_without_end_are_no_bag(tmp_path: Path) -> None:
+    """A view has the columns of the table, and as many rows as it likes: sorting them would fill the disk."""
+    rows = "WITH RECURSIVE c(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM c) SELECT id, 1 topic_id, id timestamp, x'00' data FROM c"
+    with sqlite3.connect(tmp_path / "view.db3") as bag:
+        bag.execute("CREATE TABLE topics(id, name, type, serialization_format)")
+        bag.execute("INSERT INTO topics VALUES (1, '/x', 'std_msgs/msg/String', 'cdr')")
+        bag.execute(f"CREATE VIEW messages AS {rows}")
+    found = SqliteBag(tmp_path / "view.db3")
+    assert list(found.messages()) == []
+    assert found.damage.chunks == ["view.db3: has no table messages, expected a bag of rosbag2"]

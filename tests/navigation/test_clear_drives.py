@@ -14,7 +14,7 @@ from tests.worlds.floor_scenes import random_rooms
 from tests.worlds.real_floors import room_scene
 from visuohaptic.navigation.grid.cost_grid import cell_distance
 from visuohaptic.navigation.planning import make_plan
-from visuohaptic.navigation.planning.search import SearchLimits, build_search_domain, search_domain
+from visuohaptic.navigation.planning.search import SearchLimits, build_search_domain
 from visuohaptic.navigation.planning.search._travel_kernels import segment_cost
 from visuohaptic.navigation.planning.search.push_states import needed_clearance
 from visuohaptic.navigation.planning.search.search_domain import CLEAR_SLACK_M
@@ -126,14 +126,3 @@ def test_straight_drives_keep_clear_of_every_body_wherever_it_was_moved():
         np.testing.assert_array_equal(found[decided], (among_walls & (gaps >= radius))[decided])
         beside += int((among_walls & (gaps < radius) & (gaps > 0.0)).sum())
     assert beside > 100
-
-
-def test_lattices_that_are_forgotten_are_computed_again(monkeypatch):
-    domain = build_search_domain(problem_of(described(random_rooms(2), 0.05)))
-    sets = np.eye(len(domain.bodies), dtype=bool)
-    kept = [domain.lattice_with(5.0 * one[:, None] * np.ones(2)).copy() for one in sets]
-    monkeypatch.setattr(search_domain, "MAX_STILL_NODES", 2 * domain.lattice.size)
-    for one, before in zip(sets, kept, strict=True):
-        domain.still.pop(tuple(np.flatnonzero(one).tolist()), None)
-        np.testing.assert_array_equal(domain.lattice_with(5.0 * one[:, None] * np.ones(2)), before)
-        assert len(domain.still) * domain.lattice.size <= 3 * domain.lattice.size

@@ -142,10 +142,12 @@ def test_a_robot_keeps_off_the_border_as_off_an_unknown_cell_beyond_it():
     assert grid_layers(room, SpeedLimits(0.3), unknown_is_free=True).reachable.all()
 
 
-@pytest.mark.parametrize("reach", [3.5, SWEPT_REACH, SWEPT_REACH + 0.5])
+@pytest.mark.parametrize("reach", [3.5, 3.6, SWEPT_REACH, SWEPT_REACH + 0.5])
 @pytest.mark.parametrize("outside_blocks", [True, False])
 def test_a_limited_reach_clips_the_distances(reach: float, outside_blocks: bool) -> None:
     blocked = np.random.default_rng(0).random((600, 210)) < 3e-5  # more rows than are swept at a time
+    # Cells whose distance matters four rows on, and one that does up to the reach, on both sides of what is swept at a time.
+    blocked[[252, 259, 511 - 4, 512 + 3], [40, 90, 140, 190]] = True
     whole = cell_distance(blocked, outside_blocks=outside_blocks)
     near = cell_distance(blocked, reach, outside_blocks=outside_blocks)
     assert blocked.any()

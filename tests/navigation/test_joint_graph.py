@@ -8,6 +8,7 @@ import json
 import networkx
 import numpy as np
 import pytest
+import shapely
 from scipy.sparse.csgraph import dijkstra
 
 from visuohaptic.core import Estimate, HapticTag, InputError, Primitive, PrimitiveKind
@@ -123,8 +124,13 @@ def test_glass_closes_edges(scene):
     assert len(node.neighbours) == 0
     assert not np.isfinite(joint.edges()[1][0])
     assert np.isfinite(graph.edge_cost_s[0])
-    # The safety region is where the robot would touch it.
+    # The safety region is where the robot would touch it: cells of regions whose middle is nearer than its radius, by shapely.
     assert int(cell[0]) * problem.map.shape[1] + int(cell[1]) in node.region
+    rows, columns = np.nonzero(regions.seed >= 0)
+    middles_m = problem.map.world_from_cell(np.column_stack([rows, columns]))
+    gap_m = shapely.distance(shapely.Polygon(glass.outline_m), shapely.points(middles_m))
+    expected = (rows * problem.map.shape[1] + columns)[gap_m < ROBOT.radius_m]
+    assert sorted(node.region.tolist()) == expected.tolist()
 
 
 def test_a_wing_is_known_by_constant_rotation_and_a_plane():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,8 +14,10 @@ from shapely import affinity
 from visuohaptic.core import HapticTag
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.planning import off_centre_rollouts as drives
+from visuohaptic.navigation.planning.off_centre_push import _missed
 from visuohaptic.navigation.planning.search import _travel_kernels, build_search_domain
 from visuohaptic.navigation.planning.search._travel_kernels import UNITS
+from visuohaptic.navigation.planning.search.push_ends import TRACKING_M, end_errors
 from visuohaptic.navigation.planning.search.push_states import Deadline
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem, RobotModel
 from visuohaptic.navigation.pushing.quasi_static import STEP_M
@@ -144,3 +147,39 @@ def test_pushes_afterwards_are_those_that_walls_leave_room_for(domain):
     # Along a wall the faces on its side are out of reach, in the corner those of two sides.
     assert free > by_x > corner > 0
     assert free > by_y > corner
+
+
+def test_a_drive_in_the_open_mostly_ends_as_it_was_simulated(domain):
+    """Samples differ by friction and place only; of the shortest drives most end within 5 cm and .3 rad of the nominal pose."""
+    always = Deadline.after(1e9)
+    found = drives.rollouts(domain, 0.02, {"box"}, always)
+    shortest = sorted(found, key=lambda one: one.length_m)[:3]
+    missed = [_missed(one, always, opens=False) for one in shortest]
+    assert max(missed) < 0.5
+    assert _missed(shortest[0], Deadline.after(0.0), opens=False) == 1
+
+
+def test_drives_keep_the_room_that_is_asked_for(domain):
+    (body,) = domain.bodies
+    assert body.kept_clear is body.outline
+    wider = replace(body, room=3.0).kept_clear
+    gap = shapely.distance(shapely.Polygon(body.outline), shapely.points(wider))
+    np.testing.assert_allclose(gap, 3.0, rtol=0.01)
+    assert shapely.Polygon(wider).contains(shapely.Polygon(body.outline))
+
+
+def test_the_ends_of_a_push_are_those_of_its_simulation_up_to_its_whole_length(domain):
+    """Of one simulation all shorter pushes are read; the longest one is its last row, and lengths between are between rows."""
+    end_errors(domain, 0, 0, 20.0)
+    _, reach_m, poses = domain.ends[0, 0]
+    stand_off_m, ahead = domain.robot.stand_off_m, domain.bodies[0].push(0).direction
+    noise = TRACKING_M * np.random.default_rng(0).standard_normal((len(poses), 2))
+    count = poses.shape[1] - 1
+    for row, share in ((count, 0.0), (count - 1, 0.0), (count - 2, 0.25)):
+        length_m = (row + share) / count * reach_m - stand_off_m
+        ends = end_errors(domain, 0, 0, length_m / CELL_M, len(poses))
+        after = poses[:, min(row + 1, count)]
+        expected = (1 - share) * poses[:, row] + share * after - np.array([*(length_m * ahead), 0.0])
+        expected[:, :2] += noise
+        np.testing.assert_allclose(ends, expected, atol=1e-12)
+    assert domain.ends[0, 0][1] == pytest.approx(reach_m)

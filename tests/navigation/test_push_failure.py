@@ -265,3 +265,20 @@ def test_a_push_oblique_to_a_face_declares_the_rotation_of_its_object(seed):
         sigma_rad = np.sqrt(covariance[2, 2])
         assert abs(turn_rad) > 3.0 * sigma_rad
         assert abs(physics.pose(0)[1] - turn_rad) < 2.0 * sigma_rad
+
+
+def test_the_load_is_at_most_on_feet_at_the_corners_or_on_a_rim():
+    """Their distance from the centre by that of uniform pressure, rms: 2 for a triangle, sqrt(3) for a square, sqrt(2) for a disc."""
+    triangle = np.array([[0.0, 0.0], [0.4, 0.1], [0.1, 0.5]])
+    for model, ratio in (
+        (PushModel.patch(triangle), 2.0),
+        (PushModel.patch(BOX), np.sqrt(3.0)),
+        (PushModel.disc(0.2), np.sqrt(2.0)),
+    ):
+        still = PushUncertainty(centre_m2=1e-12 * np.eye(2))
+        _, supports, _ = still.samples(model, (0.0, 0.0, 0.0), np.random.default_rng(0), 400)
+        away = np.sqrt(((supports - model.centre_m) ** 2).sum(axis=2) @ model.load)
+        uniform = np.sqrt(model.load @ ((model.support_m - model.centre_m) ** 2).sum(axis=1))
+        # Of 400 even samples, the largest is within a hundredth of the end of the range, which the model's points have to 1 %.
+        assert away.min() / uniform == pytest.approx(1.0, abs=0.02)
+        assert away.max() / uniform == pytest.approx(ratio, rel=0.02)

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 import shapely
-from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from shapely import Point, Polygon
@@ -23,7 +19,6 @@ from visuohaptic.navigation.planning.search._travel_kernels import (
     string_pull,
     travel_field,
 )
-from visuohaptic.navigation.planning.search.cell_paths import thinned
 from visuohaptic.navigation.pushing._outline_kernels import disc_touches_at, distance_patch, polygon_distance
 
 from .plan_scenes import box
@@ -267,24 +262,3 @@ def test_cells_shared_with_a_wall_stay_its_own_where_its_face_or_a_closed_door_t
     lost = own & ~cells
     assert (cells <= own).all()
     assert (lost <= drawn(shapely.union_all([door]).boundary.buffer(0.01))).all()
-
-
-def test_a_thinned_path_keeps_its_ends_and_all_cells_at_a_corner():
-    """Around the end of a wall: between the points that are kept the way is free, or they are neighbours."""
-    free = np.ones((30, 40), bool)
-    free[:15, 20] = False
-    clearance = distance_transform_edt(free).astype(np.float32)
-    up, over = np.arange(6, 18), np.arange(18, 23)
-    cells = (
-        [(17.5, y + 0.5) for y in up] + [(x + 0.5, 17.5) for x in over] + [(22.5, y + 0.5) for y in up[::-1]]
-    )
-    for length, block in itertools.product(range(14, len(cells) + 1), (6, 8, 9)):
-        path = np.array(cells)[:length]
-        kept = thinned(SimpleNamespace(block=block, radius=RADIUS, slow=SLOW), clearance, path)
-        np.testing.assert_array_equal(kept[[0, -1]], path[[0, -1]])
-        assert len(kept) < len(path)
-        for a, b in itertools.pairwise(kept):
-            places = np.linspace(a, b, 50)
-            row, column = np.floor(places[:, 1]).astype(int), np.floor(places[:, 0]).astype(int)
-            # Distances to the centre of the nearest wall cell, which vary by half a diagonal within a cell.
-            assert np.hypot(*(b - a)) < 1.5 or clearance[row, column].min() > RADIUS - 0.71

@@ -8,6 +8,7 @@ from benchmarks._forecasts import calibration_by_chance, calibration_error
 
 from visuohaptic.core import InputError
 from visuohaptic.deformation.shapes import class_names, load_container
+from visuohaptic.recognition import HapticClassifier
 from visuohaptic.recognition.data import (
     CurveCoefficients,
     FeatureSet,
@@ -120,9 +121,22 @@ def test_a_known_object_is_called_unlike_its_class_as_rarely_as_said() -> None:
         gaussian = int(rng.choice(np.flatnonzero(kept)))
         root = np.linalg.cholesky(model.covariance[gaussian][np.ix_(place, place)] + np.diag(noise))
         drawn = model.mean[gaussian, place] + root @ rng.standard_normal(len(place))
-        refused += belief_of(model, log_likelihood(model, place, drawn, noise)).answer == UNKNOWN
+        refused += belief_of(model, log_likelihood(model, place, drawn, noise), len(place)).answer == UNKNOWN
     # The Gaussians of a class are almost scaled copies of each other: as many as stated, to 4 standard deviations of the count.
     assert abs(refused - 20) < 4 * np.sqrt(20)
+
+
+def test_correlated_values_count_as_fewer_independent_ones() -> None:
+    """With errors of a common correlation, a shift of all values is as unlikely as one of n / (1 + (n - 1) r) values."""
+    correlation = 0.06
+    model = fit_model(synthetic(30), settings=ModelSettings(correlation=correlation))
+    for count in (1, 10, 31):
+        errors = (1 - correlation) * np.eye(count) + correlation
+        square = np.ones(count) @ np.linalg.solve(errors, np.ones(count))
+        assert model.temperature_of(count) == pytest.approx(count / square)
+    # The classifier of simulated classes counts so: after ten touches, log odds are half of what independent errors would give.
+    trained = HapticClassifier().fit(synthetic(12)).model()
+    assert trained.temperature_of(20) / trained.temperature == pytest.approx(2.14, rel=0.05)
 
 
 def test_an_outline_is_evidence_with_errors_that_neighbours_share(model: HapticModel) -> None:
@@ -141,7 +155,7 @@ def test_an_outline_is_evidence_with_errors_that_neighbours_share(model: HapticM
     both = np.zeros((len(place), len(place)))
     both[:14, :14], both[14:, 14:] = errors, np.diag(noise)
     at_once = belief_of(
-        model, log_likelihood(model, place, np.append(np.log(width), value), both)
+        model, log_likelihood(model, place, np.append(np.log(width), value), both), len(place)
     ).probability
     seen = with_outline(model, outline, declared)
     found = update_belief(seen, [touch(8, "y"), touch(13, "y")])

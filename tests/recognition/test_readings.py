@@ -11,6 +11,7 @@ from visuohaptic.deformation.maps import curve_coefficients
 from visuohaptic.recognition.data import (
     CurveCoefficients,
     TouchNoise,
+    TouchReading,
     check_curve,
     fit_curve,
     read_curves,
@@ -301,3 +302,11 @@ def test_places_by_their_fraction_of_the_height(tmp_path: Path) -> None:
     path = tmp_path / "curves.csv"
     path.write_text("at,side,force_N,deformation_m,curve\n" + "".join(rows))
     assert [one.height for one in read_curves(path)] == list(places.values())
+
+
+@pytest.mark.parametrize("key", ["width_m", "object_height_m"])
+def test_millimetres_are_no_metres(key: str) -> None:
+    """Tables and hands are less than 3 m wide: a finger's breadth in millimetres is more."""
+    assert getattr(TouchReading(8, "x", (None, None), **{key: 2.9}), key) == pytest.approx(2.9)
+    with pytest.raises(InputError, match=f"found {key} 3.1, expected metres"):
+        TouchReading(8, "x", (None, None), **{key: 3.1})

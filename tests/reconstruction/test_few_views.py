@@ -49,7 +49,7 @@ def test_twice_the_views_of_a_ring_are_no_less_evidence():
     # Neighbours that are all within 25 degrees look at what is behind a glass through that glass.
     rng = np.random.default_rng([9, 0])
     table = random_table(rng)
-    frames = cast(table, ring(60, turn_rad=rng.uniform(0, 6)), rng, dropout=0.77, pose_sigma=(0.0005, 0.001))
+    frames = cast(table, ring(40, turn_rad=rng.uniform(0, 6)), rng, dropout=0.77, pose_sigma=(0.0005, 0.001))
     half, whole = (reconstruct(some, grid=GRID, refine=False) for some in (frames[::2], frames))
     assert judged(table, half.regions) == judged(table, whole.regions) == (2, 0)
     # The weights of independent views add up to the same, within a tenth; before, a fifth was lost.

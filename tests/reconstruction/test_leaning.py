@@ -14,8 +14,14 @@ from visuohaptic.reconstruction.body_completion import BodyCompletion
 from visuohaptic.reconstruction.completion import load_hole_regions
 from visuohaptic.reconstruction.fusion import SpaceGrid
 from visuohaptic.reconstruction.mesh import SurfaceMesh
-from visuohaptic.reconstruction.transparency import UprightBody, find_regions, save_regions
-from visuohaptic.reconstruction.transparency.outline_fit import OutlineView, leaning
+from visuohaptic.reconstruction.transparency import (
+    UprightBody,
+    find_regions,
+    outline_rings,
+    save_regions,
+)
+from visuohaptic.reconstruction.transparency.outline_fit import OutlineView
+from visuohaptic.reconstruction.transparency.outline_rings import settled
 from visuohaptic.reconstruction.transparency.ray_readings import DROPPED, SAME
 
 from .test_outline_fit import AXIS_M, CAMERA, HIGH_M, LOW_M, NOISE, RADIUS_M, fit, hit
@@ -49,7 +55,7 @@ def test_a_leaning_body_is_told_and_its_axis_follows(lean_m):
     views = seen(lean_m, 3)
     upright = fit(views, np.array([-0.06, -0.11, 0.06]), np.array([0.1, 0.05, 0.16]))
     assert upright is not None
-    body = leaning(views, upright, 0.02)
+    body = settled(views, upright, 0.02)
     # Half a window is 14 mm at the ends of an outline with two sides in twelve views; a lean has the error of both ends.
     assert np.array(body.lean_m) == pytest.approx(np.array(lean_m), abs=0.015)
     assert np.linalg.norm(body.axis_m - AXIS_M) < 0.006
@@ -66,8 +72,10 @@ def test_a_leaning_body_is_told_and_its_axis_follows(lean_m):
     away_m = np.append(AXIS_M - np.array(lean_m), points_m[0, 2])
     assert not body.contains(away_m[None]).any()
     inside_m = body.points_m(0.01)
-    high, low = (inside_m[k, :2].mean(axis=0) for k in (inside_m[:, 2] > 0.13, inside_m[:, 2] < 0.08))
-    assert (high - low) @ np.array(lean_m) > 0.5 * np.dot(lean_m, lean_m)
+    high, low = (inside_m[k].mean(axis=0) for k in (inside_m[:, 2] > 0.13, inside_m[:, 2] < 0.08))
+    # Ends at right angles to the axis take from the one side of each slice what they leave on the other.
+    part = (high - low)[2] / (body.height_m[1] - body.height_m[0])
+    assert (high - low)[:2] @ np.array(lean_m) > 0.5 * part * np.dot(lean_m, lean_m)
 
 
 def test_an_axis_beyond_its_ends_has_the_deviation_of_place_and_lean_together():
@@ -90,8 +98,29 @@ def test_upright_bodies_are_said_to_lean_as_rarely_as_stated():
     for seed in range(12):
         views = seen((0.0, 0.0), seed)
         body = UprightBody(AXIS_M, np.full(2, 0.002), (RADIUS_M, RADIUS_M), 0.002, (LOW_M, HIGH_M), 90.0)
-        leans += any(leaning(views, body, 0.02).lean_m)
+        leans += any(settled(views, body, 0.02).lean_m)
     assert leans <= 2
+
+
+def test_a_ridge_of_likelihood_is_the_deviation_of_the_place():
+    """Where bodies from one place to another are as likely, the deviation is that of a uniform distribution; a factor widens a peak."""
+
+    def ridge(shape_m: np.ndarray) -> float:
+        over = np.maximum(np.abs(shape_m[:1] - 0.05) - 0.03, 0.0).sum() + np.abs(shape_m[1:] - 0.05).sum()
+        return -50.0 + (float(over) / 1e-3) ** 2
+
+    aside = np.array([0.03, *[0.05] * 5])
+    draws = outline_rings._draws(ridge, [np.full(6, 0.05), aside], 1.0)
+    assert draws[:, 0].mean() == pytest.approx(0.05, abs=0.012)
+    assert draws[:, 0].std() == pytest.approx(0.06 / np.sqrt(12), rel=0.3)
+    places = [np.full(6, 0.05)]
+    narrow, wide = (
+        outline_rings._draws(lambda s: -50.0 + 0.5 * float(((s - 0.05) ** 2).sum()) / 4e-6, places, factor)
+        for factor in (1.0, 0.25)
+    )
+    # Of 24 shapes moved 133 times, about every tenth move is independent: 300 of each.
+    assert narrow.std(axis=0).mean() == pytest.approx(2e-3, rel=0.15)
+    assert wide.std(axis=0).mean() == pytest.approx(4e-3, rel=0.15)
 
 
 def test_a_lean_is_saved_and_no_wall_is_completed_around_an_upright_axis(tmp_path):

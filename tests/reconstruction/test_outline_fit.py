@@ -17,9 +17,9 @@ from visuohaptic.reconstruction.transparency._outline_kernels import outline_sum
 from visuohaptic.reconstruction.transparency.body_pairs import disjoint_bodies, fit_pair, without_body
 from visuohaptic.reconstruction.transparency.evidence import EvidenceDetector
 from visuohaptic.reconstruction.transparency.outline_fit import (
+    Outlines,
     OutlineView,
     UprightBody,
-    _Outlines,
     body_evidence,
     fit_bodies,
 )
@@ -144,8 +144,8 @@ def test_a_search_is_repeated_on_both_sides_in_turns_until_it_gains_nothing(monk
         return SimpleNamespace(x=end, fun=cost(end))
 
     monkeypatch.setattr("scipy.optimize.minimize", step)
-    monkeypatch.setattr(_Outlines, "cost", lambda self, body, *_: 100.0 * body[0])
-    outlines, start, rest = object.__new__(_Outlines), np.full(6, 0.05), (0.0, np.zeros(3))
+    monkeypatch.setattr(Outlines, "cost", lambda self, body, *_: 100.0 * body[0])
+    outlines, start, rest = object.__new__(Outlines), np.full(6, 0.05), (0.0, np.zeros(3))
     outlines._told = ()
     assert outlines.search(start, *rest) == pytest.approx(np.full(6, 0.04))
     assert sides == [1]
@@ -212,7 +212,7 @@ def test_views_that_count_half_each_tell_no_more_than_one_and_few_views_less_tha
 def test_of_a_body_that_holds_the_camera_nothing_is_said():
     (view,) = views(np.random.default_rng(0), np.zeros(1), 0.5)
     around_eye = np.array([0.3, 0.0, 0.4, 0.4, 0.1, 0.4])
-    assert _Outlines([view], np.array([0.0, 0.0, 0.1])).log_likelihood(around_eye, 0.7).tolist() == [0.0]
+    assert Outlines([view], np.array([0.0, 0.0, 0.1])).log_likelihood(around_eye, 0.7).tolist() == [0.0]
 
 
 def test_a_part_is_one_region_where_its_body_is():
@@ -365,9 +365,7 @@ def test_the_search_of_a_body_is_the_downhill_simplex(opening):
     """Apart: that of scipy, on the same likelihood."""
     from scipy.optimize import minimize
 
-    outlines = _Outlines(
-        views(np.random.default_rng(3), np.linspace(0, 5, 9), 0.5), np.array([*AXIS_M, 0.08])
-    )
+    outlines = Outlines(views(np.random.default_rng(3), np.linspace(0, 5, 9), 0.5), np.array([*AXIS_M, 0.08]))
     bounds_m, start = np.array([0.01, 0.02, 0.12]), np.array([0.02, -0.03, 0.05, 0.045, 0.06, 0.09])
     simplex = np.vstack([start, start + 0.012 * np.diag([1, 1, 0.5, 0.5, -1, -1])])
     options = {"initial_simplex": simplex, "maxfev": 400, "xatol": 3e-4, "fatol": 1e-2}

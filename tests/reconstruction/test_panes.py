@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from visuohaptic.core import InputError
 from visuohaptic.reconstruction import reconstruct
+from visuohaptic.reconstruction.completion import load_glass_hulls
 from visuohaptic.reconstruction.fusion import SpaceGrid
 from visuohaptic.reconstruction.transparency.panes import pane_fit
 
@@ -45,6 +47,14 @@ def test_a_view_is_oblique_where_the_weakest_patches_lose_their_reading():
     assert 0.7 * passed(np.arccos(pane_fit._OBLIQUE)) == pytest.approx(0.5, abs=0.02)
     # Up to the first angle at which a pane may show, it takes 2 to 3 % more than at right angles.
     assert 0.02 < passed(0.0) - passed(pane_fit._ANGLES[0]) < 0.03
+
+
+def test_starts_are_two_first_steps_apart_at_most_and_panes_are_12_cm_at_least():
+    """Beyond two steps a simplex has to grow first; twice as near, each start would be searched twice."""
+    farthest_rad = 0.5 * np.pi / pane_fit._DIRECTIONS
+    assert farthest_rad == pytest.approx(2 * pane_fit._STEPS[3], rel=0.1)
+    # A rectangle that ends within the first step of the smallest one is what is left beside another part (the documented size).
+    assert 2 * (pane_fit._MIN_HALF_M + pane_fit._STEPS[4]) == pytest.approx(0.12, rel=0.05)
 
 
 def test_an_upright_pane_is_found_with_its_corners(tmp_path):
@@ -96,3 +106,31 @@ def test_without_enough_views_from_the_side_a_pane_is_not_claimed():
     found = reconstruct(seen(Table(cylinders=CAN, panes=(UPRIGHT,)), 8), grid=GRID)
     assert found.panes == ()
     assert "60 degrees from its normal" in found.search.text
+
+
+@pytest.mark.parametrize(
+    ("pane", "said"),
+    [
+        ({"sigma": "1e999"}, "panes.0.sigma: found inf, expected a finite number"),
+        ({"sigma": "1e308"}, "panes.0.corners: found NaN or infinity"),
+        (
+            {"corners": "[[2, 1, 0], [2, 1, 0], [2, 1, 0], [2, 1, 0]]"},
+            "panes.0.corners: its points span no volume",
+        ),
+        (
+            {"corners": "[[1e300, 0, 0], [1e300, 1, 0], [1e300, 1, 1], [1e300, 0, 1]]"},
+            "panes.0.corners: found 1e+300",
+        ),
+        ({"corners": "[[2, 1, 0], [2, 2, 0], [2, 2, 1]]"}, "panes.0.corners"),
+    ],
+)
+def test_a_pane_that_is_none_is_refused_by_its_file_and_number(tmp_path, pane, said):
+    corners = "[[2, 1, 0], [2, 2, 0], [2, 2, 1], [2, 1, 1]]"
+    fields = ", ".join(
+        f'"{name}": {text}' for name, text in ({"corners": corners, "sigma": "0.01"} | pane).items()
+    )
+    path = tmp_path / "regions.json"
+    path.write_text(f'{{"clusters": [], "panes": [{{{fields}}}]}}')
+    with pytest.raises(InputError) as caught:
+        load_glass_hulls(path)
+    assert str(caught.value).startswith(f"{path}: {said}")

@@ -7,7 +7,9 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,11 +17,12 @@ import pytest
 from tests.patience import PATIENCE_S
 from visuohaptic.cli.main import main
 from visuohaptic.core import InputError
+from visuohaptic.core.camera import Camera
 from visuohaptic.core.files import save_yaml
 from visuohaptic.io.ros import ros_messages as messages
 from visuohaptic.rigs import VirtualSensor
-from visuohaptic.ros import Bridge, BridgeConfig, RosNode, RosOptions
-from visuohaptic.ros.bridge_config import NodeSection
+from visuohaptic.ros import Bridge, BridgeConfig, RosNode, RosOptions, SensorChannel
+from visuohaptic.ros.bridge_config import NodeSection, SensorSection
 from visuohaptic.ros.wire import message_type
 from visuohaptic.simulation.foam import PressShape, SensorRig, press
 
@@ -195,3 +198,44 @@ def test_the_file_of_the_documentation_is_one() -> None:
     config = BridgeConfig.model_validate(yaml.safe_load(block))
     assert config.sensors[0].name == "foam"
     assert message_type("geometry_msgs/msg/WrenchStamped").type_hash() in text
+
+
+class _HeldReader:
+    """A sensor that does not return from its first image until it is let go."""
+
+    def __init__(self) -> None:
+        self.topics: dict[str, str] = {}
+        self.camera = Camera.simple(8, 8, 70.0)
+        self.reads, self.go, self.closed = threading.Event(), threading.Event(), False
+
+    def blank(self, *_: object) -> None:
+        self.reads.set()
+        self.go.wait(PATIENCE_S)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_a_sensor_that_does_not_answer_does_not_hold_up_the_end(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The node is not kept from ending, says so, and does not take the reader from the thread that uses it."""
+    monkeypatch.setattr("visuohaptic.core.resources.WAIT_S", 0.05)
+    quiet = SimpleNamespace(close=lambda: None)
+    node = SimpleNamespace(resolve=lambda name: name, subscribe=lambda *_: quiet, now_s=lambda: 0.0)
+    reader, stop = _HeldReader(), threading.Event()
+    section = SensorSection(name="foam", config="sensor.yaml", image=IMAGE)
+    channel = SensorChannel(node, section, reader, 0.001, stop, pytest.fail)
+    channel.start()
+    assert reader.reads.wait(PATIENCE_S)
+    stop.set()
+    assert not channel.join()
+    channel.close()
+    assert not reader.closed
+    assert [record.message for record in caplog.records] == 2 * [
+        "sensor foam: still computing after 0.05 s; its result is dropped"
+    ]
+    reader.go.set()
+    assert until(channel.join)
+    channel.close()
+    assert reader.closed

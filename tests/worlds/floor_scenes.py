@@ -10,11 +10,13 @@ import shapely
 from .maps import Body, Robot, World, at, bar, box, disc, ell, place_bodies, walled
 
 __all__ = [
-    "blind_corridor", "campus", "closed_room", "doors_in_series", "idle_objects", "narrow_gap", "off_centre", "plank", "random_body", "random_rooms",
+    "CENTRE_M", "blind_corridor", "campus", "closed_room", "doors_in_series", "idle_objects", "narrow_gap", "off_centre", "plank", "random_body", "random_rooms",
     "six_boxes", "small_room",
 ]  # fmt: skip
 
 DOOR_M = 0.9
+#: Standard deviation of the mass of a body from its centroid, along x and y, in :func:`off_centre` [m].
+CENTRE_M = 0.01
 
 
 def _rng(kind: int, seed: int) -> np.random.Generator:
@@ -266,7 +268,7 @@ def off_centre(seed: int) -> World:
     turn = 0.0 if rng.random() < 0.5 else float(rng.uniform(-np.pi, np.pi))
     outline, round_m = _shape(rng, 0.38, 0.44)
     outline = at(outline @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]), 3.2, 2.0)
-    offset = rng.normal(0.0, 0.01, 2)
+    offset = rng.normal(0.0, CENTRE_M, 2)
     body = replace(
         _body("thing", outline, round_m, rng), centre_offset_m=(float(offset[0]), float(offset[1]))
     )

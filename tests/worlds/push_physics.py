@@ -17,7 +17,7 @@ import shapely
 
 from .maps import GRAVITY_M_S2, Body, Robot
 
-__all__ = ["FloorPhysics"]
+__all__ = ["CONTACT_FRICTION", "FloorPhysics", "feet_of"]
 
 #: Height of the contact with the robot [m]: low, so that pushing moves little load from foot to foot.
 PUSH_HEIGHT_M = 0.02
@@ -181,6 +181,15 @@ def _wall(wall: shapely.Polygon) -> str:
     )
 
 
+def feet_of(body: Body) -> np.ndarray:
+    """Feet of a body about its centroid [m]: below its corners, or six below its rim."""
+    if body.round_m:
+        angle = np.arange(6) * np.pi / 3
+        return (body.round_m - INSET_M) * np.column_stack([np.cos(angle), np.sin(angle)])
+    inner = shapely.Polygon(body.outline_m - body.centre_m).buffer(-INSET_M, join_style="mitre")
+    return np.array(inner.exterior.coords)[:-1]
+
+
 def _body(body: Body) -> str:
     centre = body.centre_m
     outline = body.outline_m - centre
@@ -190,8 +199,6 @@ def _body(body: Body) -> str:
             f'<geom type="sphere" pos="0 0 {h}" size="{body.round_m:.6f}" mass="0" contype="2" conaffinity="2" '
             f'friction="{WALL_FRICTION} 0 0" solref="0.008 1"/>'
         )
-        angle = np.arange(6) * np.pi / 3
-        feet = (body.round_m - INSET_M) * np.column_stack([np.cos(angle), np.sin(angle)])
     else:
         inner = shapely.Polygon(outline).buffer(-EDGE_M, join_style="mitre")
         ring = np.array(inner.exterior.coords)
@@ -200,7 +207,7 @@ def _body(body: Body) -> str:
             f'mass="0" contype="2" conaffinity="2" friction="{WALL_FRICTION} 0 0" solref="0.008 1"/>'
             for a, b in pairwise(ring)
         )
-        feet = np.array(shapely.Polygon(outline).buffer(-INSET_M, join_style="mitre").exterior.coords)[:-1]
+    feet = feet_of(body)
     feet_text = "".join(
         f'<geom type="sphere" pos="{x:.6f} {y:.6f} {FOOT_M}" size="{FOOT_M}" mass="0" contype="1" conaffinity="1" '
         f'priority="1" friction="{body.friction} 0 0" solref="0.01 1"/>'

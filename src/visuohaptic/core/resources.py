@@ -1,4 +1,4 @@
-"""Context managers: resources held during a ``with`` block (device, file, thread), and BLAS limited to one thread; reuse of memory.
+"""Context managers: resources held during a ``with`` block (device, file, thread), and BLAS limited to one thread; memory.
 
 Starting threads for a matrix of fifty rows costs more than the computation, up to a hundred times
 on a busy machine. It is better to distribute objects and grasps over cores.
@@ -6,11 +6,21 @@ on a busy machine. It is better to distribute objects and grasps over cores.
 
 from __future__ import annotations
 
+import logging
+import math
+import os
+import threading
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
+from pathlib import Path, PurePosixPath
 from typing import Any, Self
+
+_log = logging.getLogger(__name__)
+
+#: Time-out for a thread that was asked to end [s]; the search of a travel ends within 6 s.
+WAIT_S = 8.0
 
 
 class Closing(ABC):
@@ -27,6 +37,27 @@ class Closing(ABC):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def end_thread(thread: threading.Thread) -> bool:
+    """Wait until a thread has ended that was asked to; one that a device or a network holds is left behind, and logged.
+
+    Parameters
+    ----------
+    thread
+        May be the calling one, which ends later by itself.
+
+    Returns
+    -------
+    bool
+        It is not running any more.
+    """
+    if thread is threading.current_thread():
+        return False
+    thread.join(WAIT_S)
+    if thread.is_alive():
+        _log.error("%s: still computing after %g s; its result is dropped", thread.name, WAIT_S)
+    return not thread.is_alive()
 
 
 @contextmanager
@@ -73,3 +104,42 @@ def reuse_memory() -> None:
     mallopt(_M_ARENA_MAX, 1)
     mallopt(_M_MMAP_THRESHOLD, max_block)
     mallopt(_M_TRIM_THRESHOLD, 2 * max_block)  # the ratio that glibc itself keeps
+
+
+def memory_bytes(root: Path = Path("/")) -> float:
+    """Memory that this process may use: that of the machine, or less where a container or a service is limited.
+
+    Parameters
+    ----------
+    root
+        Where ``proc`` and ``sys`` are mounted.
+
+    Returns
+    -------
+    float
+        The smallest limit [bytes]; infinite where the system reports none, as Windows.
+    """
+    try:
+        least: float = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        least = math.inf
+    groups = ""
+    with suppress(OSError, ValueError):
+        groups = (root / "proc/self/cgroup").read_text(encoding="utf-8")
+    mounted = root / "sys/fs/cgroup"
+    for line in groups.splitlines():
+        # cgroups(7): ID:CONTROLLERS:PATH, without controllers in version 2. Every group above counts; inside a container the
+        # path may be that of the host, and the container's own group is mounted at the top.
+        _, controllers, path = line.split(":", 2) if line.count(":") >= 2 else ("", "none", "")
+        if "memory" in controllers.split(","):
+            top, name = mounted / "memory", "memory.limit_in_bytes"
+        elif not controllers:
+            top, name = mounted, "memory.max"
+        else:
+            continue
+        group = PurePosixPath(path.lstrip("/"))
+        for above in (group, *group.parents):
+            # No such file, or ``max``: no limit.
+            with suppress(OSError, ValueError):
+                least = min(least, int((top / above / name).read_text(encoding="ascii")))
+    return least

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 import sqlalchemy as sa
 
-from ..core.errors import DatabaseError
+from ..core.errors import DatabaseError, brief
 
 _METADATA = sa.MetaData()
 
@@ -106,14 +108,25 @@ def version_of(connection: sa.Connection, where: str) -> int:
         Of the database.
     where
         Name of the database, for errors.
+
+    Raises
+    ------
+    DatabaseError
+        Its version is no number, or its file has views or triggers, which may compute without end.
     """
+    if connection.dialect.name == "sqlite":
+        words = "SELECT type, name FROM sqlite_master WHERE type NOT IN ('table', 'index')"
+        if found := connection.execute(sa.text(words)).first():
+            raise DatabaseError(f"{where}: has the {found[0]} {brief(found[1])}, expected tables only")
     if not sa.inspect(connection).has_table("meta"):
         return 0
     found = connection.execute(meta.select().where(meta.c.key == "schema")).first()
-    try:
-        return int(found.value) if found is not None else 0
-    except ValueError as error:
-        raise DatabaseError(f"{where}: is not a database of objects ({error})") from error
+    version = "0" if found is None else str(found.value)
+    if not re.fullmatch("[0-9]{1,9}", version):
+        raise DatabaseError(
+            f"{where}: found schema version {brief(version)}, expected that of a database of objects"
+        )
+    return int(version)
 
 
 def migrate(connection: sa.Connection, where: str, upto: int = VERSION) -> None:

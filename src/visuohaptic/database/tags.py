@@ -23,8 +23,8 @@ def merge_tags(first: HapticTag, second: HapticTag) -> HapticTag:
     """Merge the tags of two sets of explorations of the same object.
 
     Means are weighted by the number of samples, the spread is the scatter
-    over all samples, counters are added; the shape is taken from the tag whose
-    primitive has the higher score. An object that moved once is not fixed; one that
+    over all samples, counters are added; primitive and shape are those of the tag whose
+    primitive has the higher score, of the tags that have them. An object that moved once is not fixed; one that
     fell once may fall.
 
     Parameters
@@ -39,16 +39,15 @@ def merge_tags(first: HapticTag, second: HapticTag) -> HapticTag:
 
     bounds = [b for b in (first.min_static_friction_N, second.min_static_friction_N) if b is not None]
     fixed = either(first.fixed, second.fixed, any_true=False)
-    score_1 = first.primitive.score if first.primitive else -1.0
-    score_2 = second.primitive.score if second.primitive else -1.0
-    shape = second if score_2 > score_1 or (first.deformation_shape_m is None) else first
+    best = sorted((first, second), key=lambda tag: -tag.primitive.score if tag.primitive else 1.0)
+    shapes = (tag.deformation_shape_m for tag in best if tag.deformation_shape_m is not None)
     estimates = {name: _merge(getattr(first, name), getattr(second, name)) for name in _ESTIMATES}
     return HapticTag(
         **estimates,
         # An object that has moved invalidates the bound.
         min_static_friction_N=max(bounds) if bounds and fixed is not False else None,
-        primitive=first.primitive if score_1 >= score_2 else second.primitive,
-        deformation_shape_m=shape.deformation_shape_m,
+        primitive=best[0].primitive,
+        deformation_shape_m=next(shapes, None),
         fixed=fixed,
         falls=either(first.falls, second.falls, any_true=True),
         explored=first.explored + second.explored,

@@ -30,7 +30,7 @@ from ..tasks.mobile.doorway_objects import doorways, heading_across, join_sides
 from ..tasks.mobile.floor_outline import SIDE_M, FloorOutline, fit_outlines
 from ..tasks.mobile.travel import expected_duration_s, map_with_footprints
 from .judge import Claim
-from .results import ChapterResult, Illustration, Measure, done, failed
+from .results import ChapterResult, Illustration, Measure, counted, done, failed
 from .story import Mission
 
 #: Distance between two scans [m].
@@ -216,7 +216,7 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
             mission.log(f"  new object at ({x:.2f}, {y:.2f}) m, {100 * one.size_m[0]:.0f} cm wide, {shape}")
     claims = [_place_claim(mission, one) for one, _ in known.obstacles]
     return done(
-        f"{len(known.obstacles)} objects block every path to the table",
+        f"{counted(len(known.obstacles), 'object blocks', 'objects block')} every path to the table",
         *claims,
         Measure("new objects that block the path", len(known.obstacles)),
         map_picture(

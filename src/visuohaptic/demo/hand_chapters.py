@@ -9,17 +9,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float
 
-from ..core import Estimate, Frame
+from ..core import Frame
 from ..core.objects import HEIGHTS
-from ..deformation.shapes.container import load_container
-from ..deformation.shapes.variants import nearest_variant
 from ..recognition.touch import map_of_outline, map_of_oval, smooth_errors, stiffness_samples
 from ..recognition.touch.belief import with_outline
-from ..recognition.touch.contents import FILLINGS, SCALE, ContentsModel, wall_from_stiffness
-from ..recognition.touch.haptic_model import UNKNOWN, HapticModel, fit_model
-from ..recognition.touch.nuisances import ModelSettings
+from ..recognition.touch.contents import FILLINGS, ContentsModel, wall_from_stiffness
+from ..recognition.touch.haptic_model import UNKNOWN
 from ..sensing.beam.tracked import TrackedBeam
 from ..sensing.foam.sensor import FoamSensor
 from ..tasks import Hand, LiftPlan, Place, RememberedContainer, SqueezeSettings, grasp_and_lift
@@ -33,9 +29,17 @@ from ..tasks.manipulation.classify import (
 )
 from ..tasks.manipulation.contents_task import LIFT_M_S, ContentsFinding, identify_contents, weigh
 from ..tasks.manipulation.foam_finger import FoamFingerOnDrive
-from .bottle import CUPS, GROUPS, PLACE, ROUND, TableBottle, container_of_outline, training_objects
+from .bottle import (
+    CUPS,
+    HEIGHT_SIGMA_M,
+    PLACE,
+    ROUND,
+    TableBottle,
+    container_of_class,
+    mission_classes,
+)
 from .judge import Claim
-from .probe_chapters import HEIGHT_SIGMA_M
+from .probe_chapters import complete_the_bottle, identify
 from .report import belief_figure, grasp_figure
 from .results import ChapterResult, Illustration, Measure, counted, done, failed
 from .served import REST, WEIGHTS, hand_truth, place_bottle, robot_at_table
@@ -51,14 +55,9 @@ if TYPE_CHECKING:
 #: (``benchmarks.table_bottles``) four were misclassified with 0.995, three with 0.998. Known objects need two
 #: squeezes, unknown ones up to a dozen.
 CONFIDENCE, MIN_SQUEEZES, MAX_SQUEEZES = 0.998, 2, 12
-#: The gripper's limit, above the strongest squeeze [N].
-MAX_GRIP_N = 60.0
-#: Repeatability of the arm, of its data sheet [m].
-REPEAT_M = 2e-4
-#: A free mouth instead of a held one lowers the simulated stiffness of bottles and smoothie bottles at the highest place by
-#: a factor of exp(2.2) (root mean square); training has held ones, half of the objects on the table are open: 2.2 / sqrt(2).
-MOUTH = 1.55
-#: Margin around an outline for the position of its axis, and maximum opening of the hand [m].
+#: The gripper's limit, above the strongest squeeze [N], and repeatability of the arm, of its data sheet [m].
+MAX_GRIP_N, REPEAT_M = 60.0, 2e-4
+#: Margin around an outline for its axis, and maximum opening of the hand [m].
 CLEAR_M, MAX_OPEN_M = 0.003, 0.11
 #: Classes of the classifier, including the unknown class.
 CLASSES = 6
@@ -103,7 +102,7 @@ def hand_of_mission(mission: Mission) -> tuple[Any, Hand]:
 
 
 def recognise_the_bottle(mission: Mission) -> ChapterResult:
-    """Squeeze at the most informative location until the class is certain, then once more, with high force, for the contents.
+    """Squeeze where it is most informative until the class is certain, then firmly for the contents; a known container first so.
 
     Parameters
     ----------
@@ -112,6 +111,15 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     """
     known, bottle = mission.known, place_bottle(mission)
     _, hand = hand_of_mission(mission)
+    contents: ContentsFinding | None = None
+    more: tuple[Claim, ...] = ()
+    if (remembered := mission.known_bottle) is not None:
+        contents = _contents(mission, hand, remembered.wall_m)
+        if not identify(mission, known.touched_m):
+            contents, completed = None, complete_the_bottle(mission)
+            if not completed.done:
+                return completed
+            more = completed.claims
     found, history = _classified(mission, hand)
     ranked = _report_classes(mission, found)
     if not found.ending.success and not (
@@ -122,20 +130,20 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     seems = "it is" if found.ending.success else "undecided, most probably it is"
     called = f"{seems} {'like none of the classes that are known' if found.best == UNKNOWN else f'{article} {found.best}'}"
     # After another squeeze it continues with the most probable class, without claiming it: the measurements correct the map.
-    model_wall_m = _take_class(known, found.best)
+    known.class_name = found.best
+    known.class_model = container_of_class(found.best, known.outline_m, known.squash)
     if known.squash < 1.0:
         return _weigh_the_oval(mission, found, called, belief_figure(history, found.curves[-1]))
     if known.class_model.base.shape != "circle":
         return failed(f"it is taken for {found.best}, whose contents cannot be identified in this way")
-    stiffness = [(curve.place.height_m, curve.stiffness_N_per_m) for curve in known.curves]
-    wall = wall_from_stiffness(known.outline_m, stiffness, model_wall_m)
-    model = ContentsModel(known.outline_m, wall, outline_sigma_m=known.outline_sigma_m)
-    known.wall_m, begin_s = wall, hand.arm.pose()[0]
-    contents = identify_contents(hand, model, _foot_m(known), _open_m(known))
-    mission.record_cost(hand.arm.pose()[0] - begin_s, len(contents.curves))
+    if contents is None:
+        stiffness = [(curve.place.height_m, curve.stiffness_N_per_m) for curve in known.curves]
+        contents = _contents(
+            mission, hand, wall_from_stiffness(known.outline_m, stiffness, float(known.class_model.wall[0]))
+        )
     parts = [
         Measure("squeezes for the class", len(known.curves)),
-        Measure("wall [mm]", 1e3 * wall, 1e3 * bottle.wall_m),
+        Measure("wall [mm]", 1e3 * known.wall_m, 1e3 * bottle.wall_m),
         Illustration(
             belief_figure(history, contents.curves[-1]),
             "Probability of the classes, and the last squeeze, which determines the lid",
@@ -144,18 +152,26 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     if contents.lid == UNKNOWN or contents.mass_kg is None:
         return failed(f"{called}, but its contents are not identified: {contents.why}", *parts)
     known.belief = replace(known.belief, closed=contents.belief["closed"], filled=contents.posterior.filled)
-    known.firm_curves = tuple(contents.curves)
-    # An uncertain lid is not claimed: an open wall is softer, and the grasp is planned for it.
+    # An uncertain lid is not claimed: the grasp is planned for an open wall, which is softer.
     known.closed = contents.confident and contents.lid == "closed"
     known.fill, (known.mass_kg, known.mass_sigma_kg) = contents.fill[0], contents.mass_kg
     if mission.memory is not None:
-        _keep_the_bottle(
-            mission, found.belief[found.best], wall, contents.lid if contents.confident else UNKNOWN
-        )
-    gentle = counted(len(known.curves), "gentle squeeze")
+        _keep_the_bottle(mission, found.belief[found.best], contents)
+    gentle = f", {counted(len(known.curves), 'gentle squeeze')}" if known.curves else ""
     lid = "" if contents.confident else "whether it is closed stays undecided: "
-    why = f"{called} (probability {found.belief[found.best]:.2f}, {gentle}), {lid}{contents.why}"
-    return done(why, *_contents_claims(found, contents, bottle), *parts)
+    why = f"{called} (probability {found.belief[found.best]:.2f}{gentle}), {lid}{contents.why}"
+    return done(why, *_contents_claims(found, contents, bottle), *more, *parts)
+
+
+def _contents(mission: Mission, hand: Hand, wall_m: float) -> ContentsFinding:
+    """Squeeze firmly and weigh, until lid and filling are known."""
+    known, begin_s = mission.known, hand.arm.pose()[0]
+    known.wall_m = wall_m
+    model = ContentsModel(known.outline_m, wall_m, outline_sigma_m=known.outline_sigma_m)
+    found = identify_contents(hand, model, _foot_m(known), _open_m(known))
+    known.firm_curves += tuple(found.curves)
+    mission.record_cost(hand.arm.pose()[0] - begin_s, len(found.curves))
+    return found
 
 
 def _classified(mission: Mission, hand: Hand) -> tuple[Classification, list[Mapping[str, float]]]:
@@ -174,22 +190,17 @@ def _classified(mission: Mission, hand: Hand) -> tuple[Classification, list[Mapp
         squeezes=MAX_SQUEEZES,
         squeeze=SqueezeSettings(object_m=_foot_m(known), open_m=_open_m(known)),
     )
-    found = classify_by_squeezing(hand, squeezer, settings)
+    felt = () if known.readings else known.firm_curves
+    found = classify_by_squeezing(hand, squeezer, settings, felt)
     if known.squash < 1.0:
         likely = {name: p for name, p in found.belief.items() if name not in NO_ROUND}
         found = replace(
             found, belief={n: OVAL_RIGHT * p + (1.0 - OVAL_RIGHT) * (1.0 - p) for n, p in likely.items()}
         )
-    known.curves += found.curves
+    known.curves += found.curves[len(felt) :]
     known.belief = replace(known.belief, classes=found.belief)
-    mission.record_cost(hand.arm.pose()[0] - begin_s, len(found.curves))
+    mission.record_cost(hand.arm.pose()[0] - begin_s, len(found.curves) - len(felt))
     return found, squeezer.history()
-
-
-def mission_classes() -> HapticModel:
-    """Prior knowledge of the classes, for a calibrated arm and measured heights."""
-    settings = ModelSettings(pose_m=HEIGHT_SIGMA_M, poses=(1.0,), mouth=MOUTH, simulate_unknown=False)
-    return fit_model(training_objects(), GROUPS, settings=settings)
 
 
 def _odds(mission: Mission) -> dict[str, float]:
@@ -203,22 +214,26 @@ def _odds(mission: Mission) -> dict[str, float]:
     return {one.class_name: (CLASSES - 1) * probability / (1.0 - probability)}
 
 
-def _keep_the_bottle(mission: Mission, probability: float, wall_m: float, lid: str) -> None:
+def _keep_the_bottle(mission: Mission, probability: float, contents: ContentsFinding) -> None:
     known, before = mission.known, mission.known_bottle
     assert mission.memory is not None
+    sigma_m: Any = known.outline_sigma_m if before is None else before.sigma_m
+    if known.outline_errors is not None:
+        sigma_m = known.outline_m[:, 0] * np.sqrt(np.diag(known.outline_errors))
     one = RememberedContainer(
         before.id if before is not None else "", known.class_name, probability, known.outline_m,
-        known.outline_sigma_m, lid, known.fill,
+        sigma_m, contents.lid if contents.confident else UNKNOWN, known.fill, known.wall_m,
     )  # fmt: skip
-    mission.memory.store_bottle(one, Estimate(wall_m, SCALE * wall_m))
+    mission.memory.store_bottle(one)
 
 
 def _contents_claims(found: Classification, contents: ContentsFinding, bottle: TableBottle) -> list[Claim]:
     assert contents.mass_kg is not None
     lid = "closed" if bottle.closed else "open"
-    lid_claim = Claim("lid", "bottle", contents.lid, lid, probability=contents.belief[contents.lid])
     return [
-        *[lid_claim] * contents.confident,
+        *[Claim("lid", "bottle", contents.lid, lid, probability=contents.belief[contents.lid])][
+            : contents.confident
+        ],
         *_squeeze_claims(found, contents.mass_kg, bottle),
         Claim("fill", "bottle", contents.fill[0], bottle.fill, sigma=contents.fill[1]),
     ]
@@ -274,17 +289,6 @@ def _report_classes(mission: Mission, found: Classification) -> str:
     return classes
 
 
-def _take_class(known: Known, name: str) -> float:
-    """Store the class with its nearest variant, or the outline itself if it is unknown or oval; returns its wall [m]."""
-    known.class_name, variant = name, None
-    if name != UNKNOWN:
-        variant = nearest_variant(load_container(GROUPS.get(name, (name,))[0]), known.outline_m)
-    if variant is None or known.squash < 1.0:
-        variant = container_of_outline(known.outline_m, known.squash, variant)
-    known.class_model = variant
-    return float(known.class_model.wall[0])
-
-
 def grasp_the_bottle(mission: Mission) -> ChapterResult:
     """Plan on the stiffness of the measured outline, corrected by all squeezes; grasp and lift.
 
@@ -309,7 +313,10 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
     finger, wrist, truth = next(iter(robot.camera)), next(iter(robot.load_camera)), hand_truth(mission)
     deformed_mm, truly_mm = 1e3 * held.deformation_m, 1e3 * truth["deformation_m"]
     # The gripper may end with another force than the planned one: expected is what this force does.
-    scale_mm = 1e3 * held.force_N / best.force_N
+    scale_mm, angle = 1e3 * held.force_N / best.force_N, lift.place.angle_rad - mission.known.wide_rad
+    squashed = math.hypot(
+        math.cos(angle), mission.known.squash * math.sin(angle)
+    )  # in the plane of the fingers
     parts = (
         Measure("mass [kg]", mission.known.mass_kg, place_bottle(mission).container.mass_kg),
         Measure("force of each finger, needed at least [N]", best.needed_N),
@@ -322,7 +329,7 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
         Measure("deformation of one side, measured [mm]", deformed_mm, truly_mm),
         Measure("lifted [m]", lift.lift_m if held.ending.success else 0.0, truth["lifted_m"]),
         Illustration(
-            grasp_figure(plan, lift, _between_fingers(mission.known, lift), held.ending.success),
+            grasp_figure(plan, lift, mission.known.outline_m * (squashed, 1.0), held.ending.success),
             "Grasp score and stiffness of the container with the grasp (circles), and the lifted bottle",
         ),
         Illustration(finger.image, "The camera on the finger sees its foam, in the end"),
@@ -332,12 +339,6 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
         return failed(f"{held.ending.outcome}: {held.ending.why}", *parts)
     lifted = truth["lifted_m"] > 0.8 * lift.lift_m and not truth["fallen"]
     return done(f"lifted: {held.ending.why}", Claim("grip", "bottle", True, lifted), *parts)
-
-
-def _between_fingers(known: Known, lift: LiftPlan) -> Float[np.ndarray, "k 2"]:
-    """Outline in the plane of the fingers: half of the width between them, and the height."""
-    angle = lift.place.angle_rad - known.wide_rad
-    return known.outline_m * (math.hypot(math.cos(angle), known.squash * math.sin(angle)), 1.0)
 
 
 def _planned(known: Known) -> tuple[GraspPlan, float]:
@@ -353,8 +354,11 @@ def _planned(known: Known) -> tuple[GraspPlan, float]:
     if known.squash < 1.0:
         surface, deviations = map_of_oval(model, known.belief.closed, known.fill)
     else:
+        errors = known.outline_errors
+        if errors is None or known.belief.transparent < 0.5:  # where it was seen or known
+            errors = smooth_errors(known.outline_m, known.outline_sigma_m)
         heights_m, logs = stiffness_samples(
-            known.outline_m, _outline_errors(known), known.wall_m, known.belief.closed,
+            known.outline_m, errors, known.wall_m, known.belief.closed,
             height_sigma_m=HEIGHT_SIGMA_M, widths_m=[(one.place.height_m, one.surface_m) for one in squeezed],
         )  # fmt: skip
         surface, deviations = map_of_outline(
@@ -379,13 +383,6 @@ def _planned(known: Known) -> tuple[GraspPlan, float]:
         arm_cost=lambda grasp: math.inf if grasp.rim or grasp.first_m[2] >= TOP * model.height_m else 0.0,
     )
     return plan, scale
-
-
-def _outline_errors(known: Known) -> Float[np.ndarray, "k k"]:
-    """Covariance of the errors of the log radii: of the completion, or smooth with the expected error where it was seen or known."""
-    if known.outline_errors is not None and known.belief.transparent > 0.5:
-        return known.outline_errors
-    return smooth_errors(known.outline_m, known.outline_sigma_m)
 
 
 def _lift_plan(best: Grasp, height_m: float, known: Known) -> LiftPlan:

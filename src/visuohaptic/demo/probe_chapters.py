@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
 
 from ..core.camera.frame import Frame
 from ..io.depth.depth_sequence import DepthFrame
@@ -19,8 +18,8 @@ from ..reconstruction.completion.outline import SLICE_M, axial_part, measured_ou
 from ..sensing.beam import TrackedBeam, compliance
 from ..tasks.framework import Capsule, KnownObstacles, Supervisor
 from ..tasks.manipulation.complete import CompleteSettings, CompletionByTouch, complete_by_touch
-from ..tasks.memory import TOUCHED_M, RememberedContainer, recognise_container
-from .bottle import PLACE
+from ..tasks.memory import recognise_container
+from .bottle import HEIGHT_SIGMA_M, PLACE
 from .judge import Claim
 from .report import depth_picture, forces_figure, outline_figure
 from .results import ChapterResult, Illustration, Measure, counted, done, failed
@@ -36,16 +35,10 @@ if TYPE_CHECKING:
 LOW, HIGH, VOXEL_M = (-0.3, -0.3, -0.02), (0.3, 0.3, 0.32), 0.006
 #: Stopping criterion of the completion [m], and maximum number of probed lines.
 BOUND_M, MAX_TOUCHES = 0.0015, 16
-#: Number of lines that verify a known outline, and of those after which it is recognised if the camera sees too little of it:
-#: with radii as measured, two that agree leave a probability of 0.978, three of 0.997.
-CONFIRMING, RECOGNISING = 2, 3
 #: Above this expected error the outline is not used.
 MAX_ERROR_M = 0.010
 #: Minimum height of probing above the table: the tip is a few millimetres thick [m].
 FLOOR_M = 0.008
-#: Standard deviation of the height of an outline [m]: rms of eight transparent containers of open houses .37 mm (mean +.07), of
-#: two opaque ones .25 mm; of six bottles of the office .21 mm (+.06; ``benchmarks.completed_outlines --seeds open --count 6``).
-HEIGHT_SIGMA_M = 4e-4
 #: The probe's rod, vertical above its tip [m].
 ROD_M, ROD_RADIUS_M = 0.15, 0.0025
 #: Nothing else stands within this distance of the middle of the table [m].
@@ -173,7 +166,8 @@ def _find_the_opaque(mission: Mission, found: Reconstruction, picture: Illustrat
     outline = measured_outline(surface, foot, REACH_M)
     # Two slices may miss: a band without a wall is transparent, whether it is found or not.
     if not len(outline) or np.diff(outline[:, 1]).max() > 2.5 * SLICE_M:
-        return failed("no view contradicts another: nothing transparent was found", picture)
+        there = "what stands there is not seen whole" if len(outline) else "nothing stands there"
+        return failed(f"no view contradicts another: nothing transparent was found, and {there}", picture)
     known.outline_m, known.bottle_at_m, known.outline_sigma_m = outline, foot, SURFACE_M
     known.outline_errors = seen_errors(outline)
     known.belief = replace(known.belief, transparent=MISSED)
@@ -228,19 +222,22 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
     completion = _visible(mission)
     surface, before_m, foot = completion.visual, completion.expected_error_m(), completion.axis_m
     seen = measured_outline(surface, foot, REACH_M)
-    touched, touches = _probe_or_recall(mission, completion, seen)
-    contacts = _radial(touches, foot)
-    mission.log(f"  {len(contacts)} contacts on {len(touches)} lines: {touched.ending.why}")
+    # The foot and the top of a measured outline repeat the slices next to them.
+    known.seen = seen[1:-1], float(seen[-1, 1] if len(seen) else surface.vertices_m[:, 2].max())
+    touched = _probe(mission, completion, lambda touches: identify(mission, _radial(touches, foot)))
+    contacts = _radial(touched.touches, foot)
+    mission.log(f"  {len(contacts)} contacts on {len(touched.touches)} lines: {touched.ending.why}")
     if not (touched.ending.success or touched.ending.outcome == "touches_used"):
         return failed(f"{touched.ending.outcome}: {touched.ending.why}")
-    if mission.known_bottle is not None:
+    if (recalled := mission.known_bottle) is not None:
         # The outline is part of the prior probability of its class.
-        outline, error_m, radial = mission.known_bottle.outline_m, mission.known_bottle.sigma_m, None
+        outline, error_m, errors = recalled.outline_m, float(np.sqrt(np.mean(recalled.sigma_m**2))), None
     else:
         if len(contacts) < 3:
             return failed(f"{touched.ending.outcome}: {touched.ending.why}; only {len(contacts)} contacts")
         whole = measured_outline(axial_part(completion.completed(), foot, REACH_M), foot, REACH_M)
-        outline, error_m, radial = _joined(whole, seen), touched.error_m, completion.radial
+        outline, error_m = _joined(whole, seen), touched.error_m
+        errors = None if completion.radial is None else completion.radial.ring_errors(outline)
     if not len(outline) or error_m > MAX_ERROR_M:
         return failed(
             f"after {len(contacts)} contacts the outline is still expected to be {1e3 * error_m:.1f} mm off"
@@ -248,14 +245,20 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
     known.outline_m, known.bottle_at_m, known.outline_sigma_m = outline, np.asarray(foot), error_m
     # It is touched where nothing is seen: search and touch would have to fail.
     known.belief = replace(known.belief, transparent=1.0 - MISSED * (1.0 - known.belief.transparent))
-    known.outline_errors = None if radial is None else radial.ring_errors(outline)
+    known.outline_errors = errors
     rms_m = bottle.outline_error_m(outline)
     seen_rms_m = bottle.outline_error_m(seen) if len(seen) else None
     missed = "" if error_m <= BOUND_M else f", where {1e3 * BOUND_M:.1f} mm were requested"
+    how, sure = f"{counted(len(contacts), 'contact')} complete the outline", math.nan
+    if recalled is not None:
+        sure, missed = mission.known_bottle_probability, ""
+        how = (
+            f"{recalled.id} of an earlier visit (probability {sure:.2f}, {counted(len(contacts), 'contact')})"
+        )
     return done(
-        f"{len(contacts)} contacts complete the outline: {1e3 * outline[-1, 1]:.0f} mm high, up to "
-        f"{2e3 * outline[:, 0].max():.0f} mm wide, expected error {1e3 * error_m:.1f} mm{missed}",
-        Claim("shape", "bottle", 0.0, rms_m, sigma=error_m),
+        f"{how}: {1e3 * outline[-1, 1]:.0f} mm high, up to {2e3 * outline[:, 0].max():.0f} mm wide, "
+        f"expected error {1e3 * error_m:.1f} mm{missed}",
+        Claim("shape", "bottle", 0.0, rms_m, sigma=error_m, probability=sure),
         Claim("height", "bottle", float(outline[-1, 1]), bottle.height_m, sigma=HEIGHT_SIGMA_M),
         Measure("expected error of the missing part, before touching [m]", before_m),
         Measure("expected error of the missing part, after [m]", error_m),
@@ -276,51 +279,27 @@ def _joined(
     return np.vstack([seen_m, completed_m[gap]])[np.argsort(np.append(seen_m[:, 1], completed_m[gap, 1]))]
 
 
-def _probe_or_recall(
-    mission: Mission, completion: Completion, seen_m: Float[np.ndarray, "k 2"]
-) -> tuple[CompletionByTouch, tuple[Touch, ...]]:
-    """Probe until the container is recognised as one of an earlier visit, or its outline is known; all touches in order."""
-    foot, lines = completion.axis_m, MAX_TOUCHES * (1 + mission.attempt)
-    known = [] if mission.memory is None else mission.memory.bottles()
-    # The foot and the top of a measured outline repeat the slices next to them.
-    seen = seen_m[1:-1], float(seen_m[-1, 1] if len(seen_m) else completion.visual.vertices_m[:, 2].max())
-    _recall(mission, seen, known, _radial((), foot))
-    recalled = mission.known_bottle is not None
-    touched = _probe(mission, completion, CONFIRMING if recalled else RECOGNISING if known else lines)
-    touches = touched.touches
-    if known and not recalled:
-        _recall(mission, seen, known, _radial(touches, foot))
-    confirmed = mission.known_bottle is not None and _confirmed(mission, touched, foot)
-    if confirmed or not (recalled or (known and not touched.ending.success)):
-        return touched, touches
-    touched = _probe(mission, completion, lines)
-    return touched, touches + touched.touches
+def identify(mission: Mission, touched_m: Float[np.ndarray, "n 2"]) -> bool:
+    """Whether the container is one of an earlier visit, by sight, contacts, and the widths of all squeezes.
 
-
-def _recall(
-    mission: Mission,
-    seen: tuple[Float[np.ndarray, "k 2"], float],
-    known: Sequence[RememberedContainer],
-    touched_m: Float[np.ndarray, "n 2"],
-) -> None:
-    """Whether the object on the table, with the visible slices and the height, is known from an earlier visit."""
-    if match := recognise_container(*seen, known, touched_m):
-        mission.known_bottle, mission.known_bottle_probability = match
+    Parameters
+    ----------
+    mission
+        Receives the stored container, or ``None``.
+    touched_m
+        Radius and height of the contacts [m].
+    """
+    known, before = mission.known, mission.known_bottle
+    known.touched_m = touched_m
+    stored = [] if mission.memory is None else mission.memory.bottles()
+    felt_m = [(one.surface_m, one.place.height_m) for one in (*known.curves, *known.firm_curves)]
+    match = recognise_container(*known.seen, stored, np.vstack([touched_m, np.reshape(felt_m, (-1, 2))]))
+    mission.known_bottle, mission.known_bottle_probability = match or (None, 0.0)
+    if match and (before is None or match[0].id != before.id):
         mission.log(f"  it looks like {match[0].id}, a {match[0].class_name} (probability {match[1]:.2f})")
-
-
-def _confirmed(mission: Mission, touched: CompletionByTouch, foot_m: np.ndarray) -> bool:
-    """Whether the contacts agree with the stored outline; otherwise it is another container."""
-    known = mission.known_bottle
-    assert known is not None
-    radius, height = _radial(touched.touches, foot_m).T
-    off = radius - np.interp(height, known.outline_m[:, 1], known.outline_m[:, 0])
-    sigma = math.hypot(known.sigma_m, TOUCHED_M)
-    if len(off) and float(np.sum((off / sigma) ** 2)) < chi2.isf(0.01, len(off)):
-        return True
-    mission.log(f"  its side is not where that of {known.id} is: it is another one")
-    mission.known_bottle = None
-    return False
+    elif before is not None and not match:
+        mission.log(f"  its side is not where that of {before.id} is: it is another one")
+    return match is not None
 
 
 def _visible(mission: Mission) -> Completion:
@@ -341,7 +320,9 @@ def _visible(mission: Mission) -> Completion:
     )
 
 
-def _probe(mission: Mission, completion: Completion, touches: int) -> CompletionByTouch:
+def _probe(
+    mission: Mission, completion: Completion, enough: Callable[[Sequence[Touch]], bool]
+) -> CompletionByTouch:
     """Touch the true bottle; the force is read from images of the rod."""
     sensor, sigma_N = mission.known.probe, mission.known.probe_sigma_N
     sensor.reset()
@@ -349,7 +330,7 @@ def _probe(mission: Mission, completion: Completion, touches: int) -> Completion
     across = float(compliance(sensor.sensor.setup.beam, 1.0)[1, 1])
     settings = CompleteSettings(
         bound_m=BOUND_M,
-        touches=touches,
+        touches=MAX_TOUCHES * (1 + mission.attempt),
         touch_N=8 * sigma_N,
         blocked_N=max(1.0, 16 * sigma_N),
         top_m=float(completion.visual.vertices_m[:, 2].max()),
@@ -368,12 +349,13 @@ def _probe(mission: Mission, completion: Completion, touches: int) -> Completion
             completion,
             settings,
             T_base_visual=PLACE,
+            enough=enough,
         )
         mission.record_cost(robot.arm.pose()[0], len(touched.touches))
     return touched
 
 
-def _radial(touches: tuple[Touch, ...], foot_m: np.ndarray) -> Float[np.ndarray, "n 2"]:
+def _radial(touches: Sequence[Touch], foot_m: np.ndarray) -> Float[np.ndarray, "n 2"]:
     """Radius and height of the contacts [m]."""
     contacts = [one.contact_m for one in touches if one.contact_m is not None]
     points = PLACE.inverse().apply(np.array(contacts).reshape(-1, 3))

@@ -69,6 +69,9 @@ class Known:
     objects: tuple[MovableObject, ...] = ()  #: with footprints and measured tags
     arrived: bool = False  #: at the table
     belief: ContainerBelief = field(default_factory=ContainerBelief)  #: about the container on the table
+    #: slices of the container that the camera sees, radius and height, and height of its top [m]
+    seen: tuple[Float[np.ndarray, "k 2"], float] = field(init=False)
+    touched_m: Float[np.ndarray, "n 2"] = field(init=False)  #: radius and height of the probe's contacts
     probe_sigma_N: float = field(init=False)  #: of the beam sensor's force
     probe: TrackedBeam = field(init=False)  #: the beam sensor, zeroed
     squash: float = 1.0  #: ratio of the widths of its cross-section, as seen; 1: round
@@ -350,7 +353,8 @@ def _attempt(chapter: Chapter, mission: Mission) -> ChapterResult:
     mission.attempt = 0
     return replace(
         second,
-        reason=f"{second.reason}; that was the second attempt, {chapter.otherwise}, after: {first.reason}",
+        reason=f"{second.reason}; that was the second attempt, {chapter.otherwise}"
+        + (f", after: {first.reason}" if first.reason != second.reason else ""),
         pictures=first.pictures + second.pictures,
     )
 

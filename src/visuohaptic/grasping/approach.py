@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from ..core.errors import InputError
 from ..core.objects import StiffnessMap
+from ..core.ranges import finite_array
 from .force import GripperModel
 
 #: Elevations of the approach above the horizontal, in the order tried [rad]: from the side to from above.
@@ -80,9 +81,11 @@ def scene_points(
     Raises
     ------
     InputError
-        No point is near the object, or the surfaces there are too large for the memory.
+        A number is not finite, no point is near the object, or the surfaces there are too large for the memory.
     """
-    points = (vertices_m - T_scene_object[:3, 3]) @ T_scene_object[:3, :3]
+    points = (finite_array(name, vertices_m, None, 3, least=0) - T_scene_object[:3, 3]) @ T_scene_object[
+        :3, :3
+    ]
     low, high = extent_m[0] - SCENE_REACH_m, extent_m[1] + SCENE_REACH_m
     pieces, corners = [points], points[faces]
     while len(corners):

@@ -12,6 +12,7 @@ from ..core import InputError, from_dict, to_dict
 from ..core.files import check_target, load_json, write_text
 from .data import FeatureSet, SqueezedObject, TouchProtocol, load_feature_set, save_feature_set
 from .touch import HapticModel, ModelSettings, class_statistics, fit_model, learn_from_curves, with_prior
+from .touch.nuisances import CORRELATION
 from .trees import ClassificationTree, load_tree, tree_mapping
 
 #: Temperature, log odds and tail of a :class:`.HapticModel`.
@@ -42,7 +43,9 @@ class Classifier:
             Visual prior by answer; uniform by default.
         """
         if use_width not in self.fitted:
-            settings = ModelSettings(use_width=use_width)
+            # Real readings of the classes contain the errors of their simulation.
+            alike = 0.0 if self.squeezed else CORRELATION
+            settings = ModelSettings(use_width=use_width, correlation=alike)
             warm, odds, tail = self.calibration[0 if use_width else 1]
             model = self._learn(settings)
             self.fitted[use_width] = replace(model, temperature=warm, unknown_log_odds=odds, tail=tail)

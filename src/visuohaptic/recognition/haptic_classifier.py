@@ -24,6 +24,7 @@ from .data import SqueezedObject, Touch, TouchReading, read_curves, read_squeeze
 from .data.data_set import FeatureSet, join_feature_sets, load_feature_set
 from .touch import HapticModel, ModelSettings, calibrate, fit_model, touch_gains
 from .touch.belief import contradicted_assumption, update_belief
+from .touch.nuisances import CORRELATION
 from .trees.tree import train_tree
 from .trees.tree_nodes import SCHEMES, ClassificationTree, mean_touches, next_touch
 
@@ -337,7 +338,8 @@ def _trained_tree(
 def _calibrated(
     used: FeatureSet, groups: Mapping[str, Sequence[str]], seed: int, *, use_width: bool
 ) -> HapticModel:
-    model = fit_model(used, groups, settings=ModelSettings(use_width=use_width))
+    settings = ModelSettings(use_width=use_width, correlation=CORRELATION)
+    model = fit_model(used, groups, settings=settings)
     return calibrate(model, used, np.random.default_rng(seed))
 
 

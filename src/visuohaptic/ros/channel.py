@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..core import BaseState, DeviceError, Frame, StaleFrameError
+from ..core.resources import end_thread
 from ..sensing.readers.sensor_reader import SensorReader
 from .bridge_config import SensorSection
 from .frames import TopicFrames
@@ -90,17 +91,19 @@ class SensorChannel:
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Start to measure with the next image; may be called again after :meth:`join`."""
+        """Start to measure with the next image; may be called again after a successful :meth:`join`."""
         self.frames.discard()
         self._thread = threading.Thread(target=self._run, name=f"sensor {self.report.name}", daemon=True)
         self._thread.start()
 
-    def join(self) -> None:
-        """Wait until the current image is processed, after ``stop`` was set."""
+    def join(self) -> bool:
+        """Wait until the current image is processed, after ``stop`` was set; returns whether it was, in time."""
         if self._thread is not None:
             self.frames.interrupt()
-            self._thread.join()
+            if not end_thread(self._thread):
+                return False
             self._thread = None
+        return True
 
     def _run(self) -> None:
         try:
@@ -141,9 +144,10 @@ class SensorChannel:
     def close(self) -> SensorReport:
         """Close the channel, after ``stop`` was set; returns its image statistics."""
         self.frames.close()
-        self.join()
+        ended = self.join()
         if self._latest is not None:
             self._latest.close()
-        self.reader.close()
+        if ended:  # otherwise the thread still uses it
+            self.reader.close()
         self.report.left_out, self.report.damaged = self.frames.left_out, self.frames.damaged
         return self.report

@@ -63,6 +63,20 @@ def test_a_gap_at_the_end_of_the_strip_is_bounded_from_one_side() -> None:
     assert np.isfinite(found.delta_m).all()
 
 
+def test_an_inaccurate_edge_beside_a_gap_is_bounded_by_the_foam_beside_it() -> None:
+    """The edge of a shadow that crosses the front of foam at rest is 3 +- 1 mm behind it, and foam cannot form that step."""
+    delta, sigma, hidden = np.zeros(K), SIGMA.copy(), np.isin(np.arange(K), (41, 42, 43))
+    delta[40], sigma[40] = 3e-3, 1e-3
+    found = fill_gaps(GEOMETRY, delta, sigma, SIGMA, 0.0 * SIGMA, ~hidden)
+    apart = np.minimum(np.arange(40, 44) - 39, 44 - np.arange(40, 44)) * (GEOMETRY.s_m[1] - GEOMETRY.s_m[0])
+    # 10 um e^(x / 3 mm) from the nearest point of either side that is known to 10 um.
+    np.testing.assert_allclose(found[4][40:44], 1e-5 * np.exp(apart / 3e-3), rtol=1e-6)
+    assert np.abs(found[0]).max() <= found[4].max()
+    # A step that is measured accurately is a question of what the edge is, not of where the foam is.
+    delta[40], sigma[40] = 1e-4, 1e-5
+    assert fill_gaps(GEOMETRY, delta, sigma, SIGMA, 0.0 * SIGMA, ~hidden)[0][40] == delta[40]
+
+
 def test_two_points_are_bridged_and_not_hidden() -> None:
     delta = 0.004 * np.exp(-np.maximum(np.abs(GEOMETRY.s_m) - 0.01, 0.0) / 0.006)
     found = filled(delta, np.isin(np.arange(K), (45, 46)))

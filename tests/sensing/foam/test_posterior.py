@@ -12,8 +12,7 @@ import pytest
 from scipy.special import ndtr
 
 from visuohaptic.sensing.foam._chain_kernels import FOAM, edge_crossing, filter_runs, join, place_odds
-from visuohaptic.sensing.foam._light_kernels import fit_light
-from visuohaptic.sensing.foam._posterior_kernels import shadow_odds
+from visuohaptic.sensing.foam._posterior_kernels import fit_light, shadow_odds
 from visuohaptic.sensing.foam._texture_kernels import (
     COV_PRESSED,
     COV_REST,

@@ -9,6 +9,9 @@ from jaxtyping import UInt8
 
 from ..errors import InputError
 
+#: Frame rate of the usual camera, where none is stated [Hz].
+USUAL_RATE_Hz = 30.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:

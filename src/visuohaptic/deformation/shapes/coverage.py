@@ -8,12 +8,12 @@ from jaxtyping import Float, Int
 from ...core.errors import InputError
 from ...core.geometry import area_vectors
 from ...io.meshes.mesh_state import MeshState, face_parts, inspect_mesh
-from .resample import Wall
+from .resample import ANGLES, Wall
 
 #: Sample points on the mesh: a fraction of one half has the standard error 0.5 / sqrt(10 000) = 0.5 %.
 SAMPLES = 10_000
-#: Heights and angles at which the wall is sampled.
-LEVELS, ANGLES = 200, 96
+#: Heights at which the wall is sampled.
+LEVELS = 200
 #: Maximum height above ground without a closed wall, as a fraction of a container's height; a handle is at most 1.6
 #: times as long as the radius of the container.
 LEGS, LONGEST_REACH = 0.1, 2.6

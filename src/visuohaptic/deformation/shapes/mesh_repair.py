@@ -34,6 +34,8 @@ MOUTH_BELOW, MOUTH_WIDTH = 0.05, 0.2
 #: A wall that is displaced by this fraction of its thickness is 0.4 % stiffer: waves of amplitude a add ``t a^2 / 2`` to
 #: the second moment ``t^3 / 12`` of a strip.
 MOVED_FRACTION = 0.025
+#: Edges of divided triangles are at most this fraction of the height over :data:`EDGES_ROUND`.
+SHALLOW = 4.0
 #: Factor by which the residual of ``_noise`` exceeds the noise of a vertex with six neighbours.
 RESIDUAL = 1.36
 
@@ -134,7 +136,8 @@ def repair_mesh(state: MeshState, thickness_m: float, around: int) -> tuple[Mesh
         vertices, faces = _filled(vertices, faces, holes)
         notes.append(f"{len(holes)} holes of up to {max(map(len, holes))} edges closed")
     tolerance, length = MOVED_FRACTION * thickness_m, _round_m(vertices) / around
-    limit = _round_m(vertices) / EDGES_ROUND
+    # On a shallow wall, a dent reaches from the foot to the lid.
+    limit = min(_round_m(vertices), SHALLOW * float(np.ptp(vertices[:, 2]))) / EDGES_ROUND
     moved, before = 0.0, len(faces)
     state = _state(state, vertices, faces)
     bound = (

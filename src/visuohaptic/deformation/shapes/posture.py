@@ -13,9 +13,10 @@ from ...core.geometry import area_vectors, so3_exp
 from ...io.meshes.mesh import TriangleMesh
 from ...io.meshes.mesh_state import MeshState, inspect_mesh
 from .mesh_repair import FOOT_FRACTIONS
+from .quantities import UNITS
 
 #: Metres per unit, the usual ones first.
-UNITS = {"m": 1.0, "mm": 1e-3, "cm": 0.01, "dm": 0.1, "in": 0.0254}
+_UNITS = {name: UNITS["length"][name] for name in ("m", "mm", "cm", "dm", "in")}
 #: Bounds of the largest extent of a hand-held container [m].
 SMALLEST_m, LARGEST_m = 0.03, 0.6
 #: Ratio of the two smallest eigenvalues of the normals above which a mesh has a distinct axis, and its maximum tilt.
@@ -91,23 +92,23 @@ def _metres_per_unit(
     """The unit of length [m] as given, as stated, or one in which it is as large as a container; and notes."""
     extent = float(np.ptp(used, axis=0).max())
     if unit is not None:
-        check_choice("unit", UNITS, unit)
-        extent_m = extent * UNITS[unit]
+        check_choice("unit", _UNITS, unit)
+        extent_m = extent * _UNITS[unit]
         doubt = f"the largest extent is {extent_m:.4g} m with the unit {unit}, of a container {SMALLEST_m:g} to {LARGEST_m:g} m"
-        return UNITS[unit], [] if SMALLEST_m <= extent_m <= LARGEST_m else [doubt]
+        return _UNITS[unit], [] if SMALLEST_m <= extent_m <= LARGEST_m else [doubt]
     # Exporters write one metre whatever the unit is; another one is used if it makes a container.
     if stated_m not in (None, 1.0) and SMALLEST_m <= extent * stated_m <= LARGEST_m:
         return stated_m, [f"unit as stated in the file: {stated_m:g} m"]
-    possible = [name for name, size in UNITS.items() if SMALLEST_m <= extent * size <= LARGEST_m]
+    possible = [name for name, size in _UNITS.items() if SMALLEST_m <= extent * size <= LARGEST_m]
     if not possible:
-        problem = f"the largest extent is {extent:.4g}: no container in {', '.join(UNITS)}"
+        problem = f"the largest extent is {extent:.4g}: no container in {', '.join(_UNITS)}"
         raise InputError(where, problem, field="mesh", remedy="give the unit with --unit")
     name, *others = possible
     guess = f"unit taken as {name}: the largest extent is {extent:.4g}"
     if others:
-        sizes = ", ".join(f"{1e3 * extent * UNITS[one]:.3g} mm with --unit {one}" for one in others)
-        guess += f", {1e3 * extent * UNITS[name]:.3g} mm; it would be {sizes}"
-    return UNITS[name], [] if name == "m" else [guess]
+        sizes = ", ".join(f"{1e3 * extent * _UNITS[one]:.3g} mm with --unit {one}" for one in others)
+        guess += f", {1e3 * extent * _UNITS[name]:.3g} mm; it would be {sizes}"
+    return _UNITS[name], [] if name == "m" else [guess]
 
 
 def _stood_up(state: MeshState) -> tuple[MeshState, list[str]]:

@@ -31,6 +31,7 @@ from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from ...core import Camera, InputError, Pose
+from ...core.camera.frame import USUAL_RATE_Hz
 from ...core.files import (
     checked_model,
     image_size,
@@ -55,8 +56,6 @@ from .poses import StampedPose, number_rows, poses_of_rows, read_poses, stamped_
 _log = logging.getLogger(__name__)
 
 LAYOUTS = ("arm", "apc", "cleargrasp", "plain", "sequence")
-#: Assumed period of images without timestamps [s].
-_PERIOD_S = 1.0 / 30.0
 _NUMBER = re.compile(r"(\d+)")
 
 
@@ -352,7 +351,7 @@ def _frames(found: _Layout, target: Path, skipped: list[str]) -> Iterator[DepthF
             (target / "color").mkdir(parents=True, exist_ok=True)
             shutil.copyfile(color, target / "color" / f"{index - 1:06d}{color.suffix}")
         assert stamped.pose is not None
-        time_s = stamped.t_s if np.isfinite(stamped.t_s) else (index - 1) * _PERIOD_S
+        time_s = stamped.t_s if np.isfinite(stamped.t_s) else (index - 1) / USUAL_RATE_Hz
         yield DepthFrame(time_s, depth_m, None, stamped.pose, found.camera, index - 1)
     if not index:
         raise InputError(target, f"no image of the source can be used; the first: {skipped[0]}")

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import logging
 import math
-import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -29,6 +28,7 @@ from jaxtyping import Float, Float32, UInt8
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from ...core import POSITIVE, Camera, InputError, Pose, check_numbers, load_yaml_model, read_image
+from ...core.resources import memory_bytes
 from ..image_folder import natural, seconds_in
 from ._conventions import check_conventions, compared
 from .depth_images import DEPTH_SUFFIXES, DepthEncoding, read_depth
@@ -94,14 +94,6 @@ class SequenceFile(BaseModel):
     invalid: Annotated[list[int], Field(max_length=16)] = [0, 65535]  #: values that mean "not measured"
     min_depth_m: Annotated[FiniteFloat, Field(ge=0)] = 0.05  #: nearer values are ignored
     max_depth_m: Annotated[FiniteFloat, Field(gt=0)] = 20.0  #: farther values are ignored
-
-
-def _memory_bytes() -> float:
-    """Memory of this machine; infinite where the system does not report it, as Windows."""
-    try:
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, OSError, ValueError):
-        return math.inf
 
 
 class DepthSequence:
@@ -262,17 +254,17 @@ class DepthSequence:
         Raises
         ------
         InputError
-            ``every`` is not positive, the frames would not fit into the memory of the machine, or none can be used.
+            ``every`` is not positive, the frames would not fit into the memory that this process may use, or none can be used.
         """
         check_numbers("DepthSequence.load", POSITIVE, every=every)
         count, pixels = len(range(0, len(self.paths), every)), self.camera.width * self.camera.height
         needed = count * pixels * _PIXEL_BYTES
-        memory = _memory_bytes()
+        memory = memory_bytes()
         if needed > memory:
             raise InputError(
                 self.folder,
                 f"{count} images of {self.camera.width} x {self.camera.height} need {needed * 1e-9:.1f} GB of memory, "
-                f"expected at most the {memory * 1e-9:.1f} GB of this machine",
+                f"expected at most the {memory * 1e-9:.1f} GB that this process may use",
                 remedy=f"read one of {math.ceil(every * needed / memory)} images (--every)",
             )
         return list(self._frames(every))

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
-from ...core import Camera, DeviceError
+from ...core import Camera, DeviceError, brief
+from ...core.camera.frame import USUAL_RATE_Hz
 from .camera_backend import CameraBackend, CameraSettings, FoundCamera, time_s
 
 _log = logging.getLogger(__name__)
@@ -104,11 +105,11 @@ def choose(which: str, settings: CameraSettings, *, uvc_only: bool) -> CameraBac
         return UvcBackend(uvc, which, settings)
     if uvc_only:
         _log.warning("pupil-labs-uvc is not installed: OpenCV reads the camera, time stamps are less exact")
-    if not which.isdigit():
+    if not re.fullmatch("[0-9]{1,4}", which):
         found = find()
         match = [c for c in found if which.lower() in c.name.lower()]
         if not match:
-            raise DeviceError(f"no camera named {which!r}; found: {_listed(found)}")
+            raise DeviceError(f"no camera named {brief(which)}; found: {_listed(found)}")
         which = match[0].address.partition(":")[2]
     return OpenCvBackend(int(which), settings)
 
@@ -138,7 +139,7 @@ class UvcBackend:
             match = [d for d in devices if self._which.lower() in str(d.get("name", "")).lower()]
         if not match:
             found = [FoundCamera(f"camera:{n}", str(d.get("name", "")), "") for n, d in enumerate(devices)]
-            raise DeviceError(f"no camera {self._which!r}; found: {_listed(found)}")
+            raise DeviceError(f"no camera {brief(self._which)}; found: {_listed(found)}")
         try:
             self._capture = self._uvc.Capture(match[0]["uid"])
             self._set_mode()
@@ -164,7 +165,7 @@ class UvcBackend:
             raise DeviceError(
                 f"the camera has no mode {requested.width} x {requested.height}; it has {listed}"
             )
-        rate = requested.rate_Hz or 30.0
+        rate = requested.rate_Hz or USUAL_RATE_Hz
         self._capture.frame_mode = min(modes, key=lambda m: (abs(m.fps - rate), -m.width * m.height))
 
     def _set_controls(self) -> None:

@@ -19,7 +19,7 @@ _log = logging.getLogger(__name__)
 #: ``realsense:`` or ``orbbec:SERIAL``; ``camera:0`` and ``uvc:NAME``; a bare number; a device file; the address of a stream.
 _DEPTH = re.compile(r"(?:realsense|orbbec)(?=:|$)")
 _LIVE = re.compile(r"(?:(?P<driver>uvc|camera):)?(?P<which>.+)")
-_BARE = re.compile(r"\d+|/dev/video\d+|(?:rtsps?|rtmp|udp|tcp|https?)://.+")
+_BARE = re.compile(r"[0-9]{1,4}|/dev/video\d+|(?:rtsps?|rtmp|udp|tcp|https?)://.+")
 
 
 class LiveSource(Closing):

@@ -127,6 +127,9 @@ class SqliteBag(McapFile):
     def _topics(self, bag: sqlite3.Connection, base: int) -> dict[int, tuple[str, str, int, int]]:
         """Id -> name, type, channel and schema; each part of a split bag has its own ids."""
         tables = {name for (name,) in bag.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        if missing := {"topics", "messages"} - tables:
+            # A view by this name may have rows without end.
+            raise ValueError(f"has no table {min(missing)}, expected a bag of rosbag2")
         texts: dict[str, tuple[str, str]] = {}
         if "message_definitions" in tables:
             words = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"

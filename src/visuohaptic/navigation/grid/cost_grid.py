@@ -211,7 +211,7 @@ def cell_distance(
     distance = np.zeros(blocked.shape, np.float32)
     swept = reach <= SWEPT_REACH
     # Obstacles beyond the rows around a band are out of reach.
-    rows, margin = (_BAND_ROWS, math.ceil(reach) + 1) if swept else (len(blocked), 0)
+    rows, margin = (_BAND_ROWS, math.ceil(reach)) if swept else (len(blocked), 0)
     for first in range(0, len(blocked), rows):
         low, last = max(first - margin, 0), first + rows
         band = np.ascontiguousarray(blocked[low : last + margin])

@@ -51,9 +51,9 @@ class MapperSettings:
 
     def __post_init__(self) -> None:
         if not (0 < self.resolution_m <= 1 and self.hit > 0 > self.miss and self.bound > self.hit):
-            raise InputError(
-                "MapperSettings", f"found {self}, expected resolution 0..1 m, hit > 0 > miss, bound > hit"
-            )
+            found = f"resolution {self.resolution_m:g} m, hit {self.hit:g}, miss {self.miss:g}, bound {self.bound:g}"
+            expected = "a resolution above 0 up to 1 m, hit > 0 > miss, bound > hit"
+            raise InputError("MapperSettings", f"found {found}, expected {expected}")
 
 
 class OccupancyMapper:

@@ -157,7 +157,7 @@ class _Builder:
 
         rows, columns = self.map.shape
         outline = grid_from_world(self.map, kind.outline_m)
-        patch, r0, c0 = distance_patch(outline, self.radius + 1.0)
+        patch, r0, c0 = distance_patch(outline, self.radius)
         rr, cc = np.argwhere(patch < self.radius).T + np.array([[r0], [c0]])
         on_map = (rr >= 0) & (rr < rows) & (cc >= 0) & (cc < columns)
         cells = (rr * columns + cc)[on_map].astype(np.int32)

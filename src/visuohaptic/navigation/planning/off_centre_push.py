@@ -24,14 +24,11 @@ from .off_centre_rollouts import Rollout, contacts_after, drive_of, fits, opens_
 from .replanning import after_push
 from .search.domain_builder import build_search_domain
 from .search.drives import pull_string
-from .search.push_states import Deadline
+from .search.push_states import Deadline, SearchLimits
 from .search.search_domain import world_from_grid
 
 #: Maximum number of simulated candidates, and number of samples of the uncertain parameters for each.
 MAX_PLANS, SAMPLES = 6, 12
-#: Budget without a time limit [s].
-UNLIMITED_S = 1e9
-
 
 #: A drive to the start of a push, if it is elsewhere, and the push: start, contact, end and retreat of the robot's centre.
 Tasks = tuple[Task, ...]
@@ -58,7 +55,8 @@ def plan_off_centre_pushes(
     among
         Ids of the objects that may be pushed; all by default.
     deadline
-        Time limit: a half of the time is for the simulations, the other half for what the pushes lead to.
+        Time limit, by default that of a search: a half of the time is for the simulations, the other half for what the
+        pushes lead to.
 
     Returns
     -------
@@ -76,7 +74,7 @@ def plan_off_centre_pushes(
             "plan_off_centre_pushes", f"found a margin of {margin_m} m, expected 0 to the robot's radius"
         )
     domain = build_search_domain(problem)
-    deadline = deadline or Deadline.after(UNLIMITED_S)
+    deadline = deadline or Deadline.after(SearchLimits().budget_s)
     among = {obj.id for obj in problem.objects} if among is None else among
     ends = rollouts(domain, margin_m, among, deadline.earlier(0.5 * deadline.left_s))
     opening = [end for end in ends if not deadline.passed and opens_passage(end, end.pose)]

@@ -15,8 +15,6 @@ from .push_model import PushModel
 BACK_M = (0.0, 0.04, 0.08, 0.16, 0.32)
 #: Maximum depth of the rim in the outline at the start (m).
 INSIDE_M = 1e-3
-#: Maximum factor of the load's distance from its centre: the bottom of a disc rests on its rim.
-RIM = math.sqrt(2.0)
 #: Parameters of a sample: contact friction, load, scale of the centre of friction, its x and y, position x and y, yaw.
 NUMBERS = 8
 #: Standard deviation of the centre of friction from the centroid along either axis, relative to the lever of the bottom:
@@ -29,7 +27,7 @@ CENTRE_FRACTION, CENTRE_NUMBERS = 0.05, 6
 class PushUncertainty:
     """Uncertain parameters of a simulated push; standard deviations except for the friction.
 
-    The load distribution is uncertain, too: from uniform over a flat bottom to all on its rim, or on feet there.
+    The load distribution is uncertain, too: from uniform over a flat bottom to all on feet at its corners, or on a rim.
     """
 
     #: Half range of the uniformly distributed contact friction. By default from zero to twice
@@ -71,7 +69,7 @@ class PushUncertainty:
         even = np.clip(even, 1e-9, 1.0 - 1e-9)
         normal = ndtri(even[:, 3:])
         friction = model.contact_friction + self.contact_friction * (2.0 * even[:, 0] - 1.0)
-        spread = 1.0 + (RIM - 1.0) * even[:, 1, None, None]
+        spread = 1.0 + (_on_corners(model) - 1.0) * even[:, 1, None, None]
         away = (model.support_m - model.centre_m) * spread
         if self.centre_m2 is None:
             half = 0.5 * CENTRE_NUMBERS
@@ -89,6 +87,20 @@ class PushUncertainty:
         return np.maximum(0.0, friction), support, poses
 
 
+def _on_corners(model: PushModel) -> float:
+    """Factor of the load's distance from its centre (rms) if all of it is at the corners of the convex hull.
+
+    2 for a triangle, sqrt(3) for a square, sqrt(2) for a disc, which rests on its rim.
+    """
+    import shapely
+
+    corners = shapely.get_coordinates(shapely.MultiPoint(model.outline_m).convex_hull)
+    corners = corners[: max(len(corners) - 1, 1)]
+    away_m = np.hypot(*(corners - model.centre_m).T) + model.round_m
+    square_m2 = float(model.load @ ((model.support_m - model.centre_m) ** 2).sum(axis=1))
+    return max(math.sqrt(float(np.mean(away_m**2)) / max(square_m2, 1e-12)), 1.0)
+
+
 def sampled_pushes(
     model: PushModel,
     object_m: tuple[float, float, float],
@@ -98,7 +110,6 @@ def sampled_pushes(
     *,
     uncertainty: PushUncertainty | None = None,
     samples: int = 40,
-    skip: int = 0,
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n k 3"], Bool[np.ndarray, "n"]]:
     """Poses of an object before a push and along it, for samples of the uncertain parameters.
 
@@ -120,8 +131,6 @@ def sampled_pushes(
         Uncertainty of friction, load, centre of friction and pose.
     samples
         Number of samples.
-    skip
-        Number of initial samples that are not simulated, because their poses are known.
 
     Returns
     -------
@@ -134,9 +143,8 @@ def sampled_pushes(
     ahead = path[min(1, len(path) - 1), :2] - path[0, :2]
     ahead = ahead / max(float(np.hypot(*ahead)), 1e-9)
     paths = [path] + [np.vstack([path[:1] - np.array([*(back * ahead), 0.0]), path]) for back in BACK_M[1:]]
-    drawn = uncertainty.samples(model, object_m, rng, samples)
-    friction, supports, before = (values[skip:] for values in drawn)
-    along, blocked = before[:, None].repeat(len(path), axis=1), np.ones(samples - skip, dtype=bool)
+    friction, supports, before = uncertainty.samples(model, object_m, rng, samples)
+    along, blocked = before[:, None].repeat(len(path), axis=1), np.ones(samples, dtype=bool)
     trace = np.zeros((len(path) + 1, 8))
     gyration_m = np.maximum(np.sqrt((supports**2).sum(axis=2) @ model.load), 1e-3)
     for k, support in enumerate(supports):

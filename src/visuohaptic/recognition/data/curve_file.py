@@ -13,7 +13,7 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ...core.files import CsvRow, check_columns, read_csv
 from .places import HEIGHTS, SIDES
-from .readings import CurveCoefficients, TouchNoise, TouchReading, fit_curve
+from .readings import CurveCoefficients, MAX_SIZE_m, TouchNoise, TouchReading, fit_curve
 
 #: Files with more samples are rejected.
 MAX_SAMPLES = 1_000_000
@@ -195,6 +195,6 @@ def _size(row: CsvRow, key: str) -> float:
     if not row.get(key):
         return math.nan
     size = row.number(key)
-    if not 0 < size < 10:
-        raise row.problem(f"found {size:g}, expected 0 to 10 m", key)
+    if not 0 < size <= MAX_SIZE_m:
+        raise row.problem(f"found {size:g}, expected 0 to {MAX_SIZE_m:g} m", key)
     return size

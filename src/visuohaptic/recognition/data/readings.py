@@ -25,6 +25,8 @@ from ...core.objects import HEIGHTS, NOMINAL_N, LOW_m, NOMINAL_m
 
 #: False alarms of a curve: one in a thousand files of a hundred curves.
 FALSE_ALARM = 1e-5
+#: No gripper opens wider, and no container is higher [m]; 4 mm in millimetres are beyond it.
+MAX_SIZE_m = 3.0
 #: Power of the deformation in the force of a membrane.
 MEMBRANE = 3
 
@@ -108,6 +110,12 @@ class TouchReading:
             raise InputError(
                 "touch", f"found {self.axis}{self.height}, expected x or y and 1 to {HEIGHTS}", field="height"
             )
+        for key in ("width_m", "object_height_m"):
+            if (size := getattr(self, key)) > MAX_SIZE_m:
+                raise InputError(
+                    "touch", f"found {key} {size:g}, expected metres, up to {MAX_SIZE_m:g}", field=key,
+                    remedy="divide millimetres by 1000",
+                )  # fmt: skip
 
 
 def fit_curve(

@@ -75,7 +75,7 @@ def touch_gains(
     """
     rng = np.random.default_rng(0) if rng is None else rng
     read, model = evidence(model, readings), with_zeros(model, readings)
-    weight = belief_of(model, log_likelihood(model, *read)).weight
+    weight = belief_of(model, log_likelihood(model, *read), len(read[0])).weight
     use = np.flatnonzero(weight > 1e-3 * weight.max())
     weight = weight[use] / weight[use].sum()
     few = replace(model, answer_of=model.answer_of[use])
@@ -93,7 +93,8 @@ def touch_gains(
     drawn = np.minimum(np.searchsorted(np.cumsum(weight), pick), len(use) - 1)
     outcome = mean[drawn] + np.einsum("stij,sj->sti", root[drawn], fresh)
     white = np.einsum("vtij,svtj->svti", np.linalg.inv(root), outcome[:, None] - mean)
-    score = np.log(weight)[:, None] + (-0.5 * (white**2).sum(axis=3) - size) / model.temperature
+    warm = model.temperature_of(len(read[0]) + here.shape[1])
+    score = np.log(weight)[:, None] + (-0.5 * (white**2).sum(axis=3) - size) / warm
     after = np.exp(score - score.max(axis=1, keepdims=True)).transpose(0, 2, 1)
     entropy = _entropy(by_answer(after / after.sum(axis=2, keepdims=True), few)).mean(axis=0)
     gains = np.maximum(_entropy(by_answer(weight, few)) - entropy, 0.0)

@@ -69,7 +69,8 @@ def update_belief(model: HapticModel, readings: Sequence[TouchReading]) -> Belie
     readings
         Touches in any order; without any, the result is the prior.
     """
-    return belief_of(model, log_likelihood(with_zeros(model, readings), *evidence(model, readings)))
+    read = evidence(model, readings)
+    return belief_of(model, log_likelihood(with_zeros(model, readings), *read), len(read[0]))
 
 
 def evidence(
@@ -140,7 +141,8 @@ def log_likelihood(
     """
     fit, square = sequential_likelihood(model, place, value, noise, np.array([len(place)]))[0]
     fit = fit + _by_exemplars(model, fit, (place, value, noise))
-    each = model.temperature * model.unknown_log_odds / values_of(model.settings, JUDGED_TOUCHES)
+    judged = values_of(model.settings, JUDGED_TOUCHES)
+    each = model.temperature_of(judged) * model.unknown_log_odds / judged
     fit = np.where(model.part < 0, fit + each * len(place), fit)
     freedom = model.freedom + len(place)
     if not freedom:
@@ -285,7 +287,7 @@ def with_outline(
     noise = at.T @ errors @ at + WIDTH_VARIANCE * np.eye(len(level))
     read = FIRST_WIDTH + 2 * level, np.log(2.0 * outline_m[:, 0]) @ at, noise
     mean, covariance = condition(model, *read)
-    score = model.log_prior + log_likelihood(model, *read)[0] / model.temperature
+    score = model.log_prior + log_likelihood(model, *read)[0] / model.temperature_of(len(level))
     return replace(
         model,
         mean=mean,
@@ -315,7 +317,7 @@ def _whitened(
     return root[:, :count, :count], root[:, count, :count]
 
 
-def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"]) -> Belief:
+def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"], values: int) -> Belief:
     """Posterior probabilities from the likelihoods of the Gaussians; "unknown" includes what resembles none of them.
 
     Parameters
@@ -324,8 +326,10 @@ def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"]) -> Belie
         Of the candidates.
     likelihood
         See :func:`log_likelihood`.
+    values
+        Number of values that were read.
     """
-    score, beside = likelihood / model.temperature + model.log_prior
+    score, beside = likelihood / model.temperature_of(values) + model.log_prior
     foreign = model.answer_of == len(model.answers) - 1
     best = int(np.argmax(np.where(foreign, -np.inf, score)))
     # Skipped without readings, and for a closed set of classes (prior probability of "unknown" 0).

@@ -66,9 +66,8 @@ MAX_DEFORMATION_M = 0.007
 SCALE, BEND, ENCLOSED, ZERO_M = 0.4, 0.01, 0.12, 1e-4
 #: Standard deviations of the mean of a level: force [N] and surface [m].
 FORCE_N, SURFACE_M = 0.05, 3e-5
-#: Relative standard deviation of the wall's mass: the thickness is estimated from a stiffness that is proportional to about
-#: its square (SCALE / 2). Mass of a cap, which is not part of the outline [kg].
-WALL_MASS, CAP_KG = 0.2, 0.003
+#: Mass of a cap, which is not part of the outline [kg].
+CAP_KG = 0.003
 #: Minimum distance of two places, and margin at the foot, where the stiffness depends most on the height.
 APART, FOOT = 2, 4
 #: Gauss-Legendre nodes and weights for how far a lid holds the rim, from not at all to fully.
@@ -181,7 +180,8 @@ class ContentsModel:
         if filling != EMPTY:
             heap = FILLINGS[filling].kg_per_m3 * fill * float(self._body.below_m3[-1])
             sigma = FILLINGS[filling].sigma * heap
-        return self._body.wall_kg + heap, math.hypot(WALL_MASS * self._body.wall_kg, sigma, CAP_KG)
+        # The thickness is estimated from a stiffness that is proportional to about its square.
+        return self._body.wall_kg + heap, math.hypot(0.5 * SCALE * self._body.wall_kg, sigma, CAP_KG)
 
     def force_N(
         self,
@@ -211,27 +211,32 @@ class ContentsModel:
         return wall + air
 
     def heights_m(self) -> list[float]:
-        """Heights at which a lid changes the firmest squeeze most, best first and at a minimum distance [m]."""
+        """Heights of squeezes at a minimum distance, best first [m]: where a lid changes the firmest one most.
+
+        Each is there twice, the second time for a squeeze from the side: that may tell more than the next height.
+        """
         levels = [k for k in range(FOOT, HEIGHTS + 1) if k / HEIGHTS < NECK]
         heights = {k: (k - 0.5) / HEIGHTS * self.height_m for k in levels}
-        gain = {k: self._distance(z) for k, z in heights.items()}
+        gain = {k: self._distances(z) for k, z in heights.items()}
         found: list[int] = []
-        for k in sorted(levels, key=lambda level: -gain[level]):
+        for k in sorted(levels, key=lambda level: -gain[level][0]):
             if all(abs(k - other) >= APART for other in found):
                 found.append(k)
-        return [heights[k] for k in found]
+        gains = [(time, k) for time in (0, 1) for k in found]
+        return [heights[k] for time, k in sorted(gains, key=lambda one: -gain[one[1]][one[0]])]
 
-    def _distance(self, height_m: float) -> float:
-        """Squared Mahalanobis distance between closed and open: that of enclosed air, up to the deformation that an open
-        container reaches, and the mean of that of the slope."""
+    def _distances(self, height_m: float) -> tuple[float, float]:
+        """Squared Mahalanobis distance between closed and open in a squeeze, and what a second one there adds: that of enclosed
+        air, up to the deformation that an open container reaches, and, once, the mean of that of the slope."""
         rim = self._rim(height_m) ** 2 / 3.0 / float(self._slopes_covariance([height_m])[0, 0])
         d = np.linspace(0.0, MAX_DEFORMATION_M, 200)[1:]
         reached = d[self.force_N(height_m, d, closed=False, filling=EMPTY) <= FORCES_N[-1]]
         if len(reached) < 4:
-            return rim
+            return rim, 0.0
         at = np.linspace(0.0, reached[-1], len(FORCES_N) + 1)[1:]
         wall, air = self._body.force_N((True, EMPTY, 0.0), height_m, at)
-        return rim + float(air @ np.linalg.solve(_covariance(at, wall, air), air))
+        once, twice = (float(air @ np.linalg.solve(_covariance(at, wall, air, n), air)) for n in (1, 2))
+        return rim + once, twice - once
 
     def _rim(self, height_m: float) -> float:
         """Logarithm of the stiffness with a held rim by that with a free one."""
@@ -304,9 +309,13 @@ class ContentsModel:
 
 
 def _covariance(
-    d: Float[np.ndarray, "n"], linear: Float[np.ndarray, "n"], enclosed: Float[np.ndarray, "n"]
+    d: Float[np.ndarray, "n"],
+    linear: Float[np.ndarray, "n"],
+    enclosed: Float[np.ndarray, "n"],
+    curves: int = 1,
 ) -> Float[np.ndarray, "n n"]:
-    """Covariance of the forces of a curve, given its two parts [N^2]."""
+    """Covariance of the forces of a curve, or of the mean of several at one height, given their two parts [N^2]."""
     slope = (linear + 3.0 * enclosed) / d
-    unknown = np.stack([linear, BEND * linear * d / d.max(), ENCLOSED * enclosed, ZERO_M * slope])
-    return np.diag(FORCE_N**2 + (SURFACE_M * slope) ** 2) + unknown.T @ unknown
+    own = np.stack([linear, ZERO_M * slope])
+    common = np.stack([BEND * linear * d / d.max(), ENCLOSED * enclosed])
+    return (np.diag(FORCE_N**2 + (SURFACE_M * slope) ** 2) + own.T @ own) / curves + common.T @ common

@@ -77,13 +77,23 @@ class HapticModel:
     groups: Mapping[str, Sequence[str]]  #: name -> trained classes with this answer
     settings: ModelSettings
     protocol: TouchProtocol
-    temperature: float = 1.0  #: evidence is divided by this, see :mod:`.calibration`
+    temperature: float = 1.0  #: evidence of one value is divided by this, see :mod:`.calibration`
     #: Added to those of "unknown" after ten touches, in proportion before, see :mod:`.calibration`.
     unknown_log_odds: float = 0.0
     tail: float = 1.0  #: factor of the chi-square limit of known classes, see :mod:`.calibration`
     square: Float[np.ndarray, "c"] | float = 0.0  #: chi-square of an outline, see :func:`.with_outline`
     freedom: int = 0  #: number of its values
     exemplars: ExemplarDensity | None = None  #: of the trained classes, see :mod:`.exemplars`
+
+    def temperature_of(self, values: int) -> float:
+        """Divisor of the evidence of several values: with correlated errors, it is that of fewer independent ones.
+
+        Parameters
+        ----------
+        values
+            Number of values.
+        """
+        return self.temperature * (1.0 + self.settings.correlation * max(values - 1, 0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

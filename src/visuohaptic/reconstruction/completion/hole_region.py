@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -13,8 +13,6 @@ from pydantic import (
     ConfigDict,
     Field,
     FiniteFloat,
-    NonNegativeFloat,
-    PositiveFloat,
     ValidationError,
 )
 
@@ -148,6 +146,8 @@ class HoleRegion:
         return float(np.ptp(self.hull_m, axis=0).max())
 
 
+_Positive = Annotated[FiniteFloat, Field(gt=0)]
+_NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 _Pair = tuple[FiniteFloat, FiniteFloat]
 _Point = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
@@ -156,15 +156,15 @@ class _Cluster(BaseModel):
     model_config = ConfigDict(extra="ignore")
     hull: list[_Point] = Field(min_length=4, max_length=100_000)
     axis: _Pair | None = None
-    axis_sigma: tuple[NonNegativeFloat, NonNegativeFloat] | None = None
-    radius: tuple[PositiveFloat, PositiveFloat] | None = None
-    radius_sigma: NonNegativeFloat | None = None
+    axis_sigma: tuple[_NotNegative, _NotNegative] | None = None
+    radius: tuple[_Positive, _Positive] | None = None
+    radius_sigma: _NotNegative | None = None
     height: _Pair | None = None
     lean: _Pair = (0.0, 0.0)
     ends_sigma: tuple[_Pair, _Pair] | None = None
     evidence: FiniteFloat = 0.0
-    rings: list[tuple[FiniteFloat, PositiveFloat, PositiveFloat]] = Field(default=[], max_length=1000)
-    rings_sigma: NonNegativeFloat = 0.0
+    rings: list[tuple[FiniteFloat, _Positive, _Positive]] = Field(default=[], max_length=1000)
+    rings_sigma: _NotNegative = 0.0
 
     def body(self) -> UprightBody | None:
         """The upright body; ``None`` if the file lacks any of its entries."""
@@ -181,13 +181,14 @@ class _Cluster(BaseModel):
 class _Pane(BaseModel):
     model_config = ConfigDict(extra="ignore")
     corners: tuple[_Point, _Point, _Point, _Point]
-    sigma: PositiveFloat
+    sigma: _Positive
 
     def hull_m(self) -> Float[np.ndarray, "8 3"]:
         """Corners of the sheet, three standard deviations to both sides of it [m]."""
         corners = np.array(self.corners)
-        normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
-        side = 3 * self.sigma * normal / max(float(np.linalg.norm(normal)), 1e-12)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused as a hull
+            normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
+            side = 3 * self.sigma * normal / max(float(np.linalg.norm(normal)), 1e-12)
         return np.concatenate([corners - side, corners + side])
 
 
@@ -236,7 +237,8 @@ def load_glass_hulls(path: Path | str) -> list[Float[np.ndarray, "n 3"]]:
     if not found.clusters and not found.panes:
         raise InputError(path, "found no part and no pane", field="clusters", remedy="expected at least one")
     parts = [region.hull_m for region in _hole_regions(path, found)]
-    return [*parts, *(pane.hull_m() for pane in found.panes)]
+    panes = (_region(path, f"panes.{k}.corners", pane.hull_m()) for k, pane in enumerate(found.panes))
+    return [*parts, *(pane.hull_m for pane in panes)]
 
 
 def _load(path: Path | str) -> _RegionsFile:
@@ -251,10 +253,16 @@ def _load(path: Path | str) -> _RegionsFile:
 
 
 def _hole_regions(path: Path | str, found: _RegionsFile) -> list[HoleRegion]:
-    regions = []
-    for number, cluster in enumerate(found.clusters):
-        try:
-            regions.append(HoleRegion.of_points(np.array(cluster.hull), cluster.body()))
-        except InputError as error:
-            raise InputError(path, error.problem, field=f"clusters.{number}.hull") from error
-    return regions
+    return [
+        _region(path, f"clusters.{number}.hull", np.array(cluster.hull), cluster.body())
+        for number, cluster in enumerate(found.clusters)
+    ]
+
+
+def _region(
+    path: Path | str, field: str, points_m: np.ndarray, body: UprightBody | None = None
+) -> HoleRegion:
+    try:
+        return HoleRegion.of_points(points_m, body)
+    except InputError as error:
+        raise InputError(path, error.problem, field=field) from error

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from jaxtyping import Float, Float32
 
@@ -9,9 +11,11 @@ from ...core import InputError, Pose
 from ...io.depth.depth_sequence import DepthFrame
 from . import _fusion_kernels as kernels
 
+#: Tangent of the angle of incidence beyond which cameras have no reading.
+GRAZING_SLOPE = 4.0
 #: Voxels that are observed behind a surface, along a ray. They contain both ends of each edge of the grid that crosses it up to
-#: the incidence at which cameras still have readings (tangent 4, 1 / cos 4.1); behind the band they count if nothing else does.
-GRAZING_VOXELS = 4
+#: that incidence; behind the band they count if nothing else does.
+GRAZING_VOXELS = int(math.hypot(1.0, GRAZING_SLOPE))
 
 
 def checked_sizes(voxel_m: float, truncation_m: float | None) -> tuple[float, float, float]:

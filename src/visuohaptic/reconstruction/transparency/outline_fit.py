@@ -15,8 +15,8 @@ looks the same, so the height is estimated jointly with the axis if the likeliho
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations, product
 from typing import Any
 
@@ -34,22 +34,20 @@ _CORNERS = 16
 #: Probability that a window inside the outline shows no effect of the glass.
 _HIDDEN = 0.5
 #: Fraction of the radius inside which there is no evidence: 0 for a closed body, 0.7 for an open bowl (rim and wall only).
-_OPEN = (0.0, 0.7)
+OPEN = (0.0, 0.7)
 #: Initial steps of positions, radii and heights [m]; maximum evaluations; tolerances of size [m] and cost [nat].
-_STEP_M, _MAX_STEPS, _NEAR_M, _ALIKE = 0.012, 400, 3e-4, 1e-2
+STEP_M, _MAX_STEPS, _NEAR_M, _ALIKE = 0.012, 400, 3e-4, 1e-2
 #: Sides of the first simplex, in initial steps.
 _SIMPLEX = np.array([1, 1, 0.5, 0.5, -1, -1, 1, 1])
 #: Radii of the initial bodies around strong voxels, in initial steps.
-_RADII = (2, 3, 5)
+RADII = (2, 3, 5)
 #: Number of directions in which the axis of a bowl is tried from a fragment of its rim, and maximum number of initial bodies of
 #: each kind (the likeliest, apart from each other) from which the search starts.
-_TURNS, _SEARCHES = 8, 4
+TURNS, SEARCHES = 8, 4
 #: Radii of the rims of which a part may be the half, a quarter, a sixth or a tenth, in widths of the part: 1 / (2 sin(arc / 2)).
 _CHORDS = (0.5, 0.71, 1.0, 1.62)
-#: Tangents of the leans, in each of these directions, from which a leaning body is sought.
-_LEANS = (0.3, 0.6)
 #: Minimum radius and height of a body [m].
-_MIN_RADIUS_M, _MIN_HEIGHT_M = 0.01, 0.02
+MIN_RADIUS_M, MIN_HEIGHT_M = 0.01, 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,10 +110,17 @@ class OutlineView:
         return cls(*told, frame.T_world_camera.inverse().matrix[:3], (fx, fy, cx, cy), *sizes, weight)
 
 
-class _Outlines:
+class Outlines:
     """Cumulative row sums of the evidence of all views, for rays that end behind a place."""
 
     def __init__(self, views: Sequence[OutlineView], middle_m: Float[np.ndarray, "3"]) -> None:
+        """Sum the rows.
+
+        Parameters
+        ----------
+        views, middle_m
+            Views, and a place (3): rays that end in front of it are no evidence [m].
+        """
         self.matrices = np.array([view.matrix for view in views])
         reach = np.array([view.matrix[0] * view.baseline_m for view in views])
         self._motions = np.array([view.T_camera_world for view in views])
@@ -148,6 +153,15 @@ class _Outlines:
         """The body of maximum likelihood, by one local search, or until searches on both sides in turns, this one first, gain nothing.
 
         Seen from one side, a farther, higher and wider body looks almost the same: on this ridge a simplex collapses.
+
+        Parameters
+        ----------
+        best, opening
+            Start, as of :meth:`log_likelihood`.
+        bounds_m
+            See :meth:`cost`.
+        side
+            1 or -1: the first side of the searches in turns; 0: one local search.
         """
         from scipy.optimize import minimize
 
@@ -155,7 +169,7 @@ class _Outlines:
         options: dict[str, Any] = {"maxfev": _MAX_STEPS, "xatol": _NEAR_M, "fatol": _ALIKE}
         while gain > _ALIKE:
             options["initial_simplex"] = np.vstack(
-                [best, best + side * _STEP_M * np.diag(_SIMPLEX[: len(best)])]
+                [best, best + side * STEP_M * np.diag(_SIMPLEX[: len(best)])]
             )
             found = minimize(self.cost, best, (opening, bounds_m), "Nelder-Mead", options=options)
             best, side, before, least = found.x, -side, least, float(found.fun)
@@ -165,7 +179,12 @@ class _Outlines:
     def log_likelihood(self, body: Float[np.ndarray, "n"], opening: float) -> Float[np.ndarray, "views"]:
         """Log-likelihood ratio of a body (x, y of the axis, both radii, both heights, and a lean [m]) against no body, of each view [nat].
 
-        ``opening`` is the fraction of the radius inside which there is no evidence.
+        Parameters
+        ----------
+        body
+            See above (6 or 8).
+        opening
+            Fraction of the radius inside which there is no evidence.
         """
         found = self.inside(end_circles(body, _CORNERS))
         if opening > 0:
@@ -174,7 +193,13 @@ class _Outlines:
         return found
 
     def inside(self, corners_m: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "views"]:
-        """Sum of the evidence inside the outlines of the convex hull of points (p, 3) [m], of each view [nat]."""
+        """Sum of the evidence inside the outlines of the convex hull of points, of each view [nat].
+
+        Parameters
+        ----------
+        corners_m
+            Points (p, 3) [m].
+        """
         from ._outline_kernels import outline_sums
 
         found = np.empty(len(self.weights))
@@ -182,7 +207,13 @@ class _Outlines:
         return found
 
     def window_m(self, window_px: float, middle_m: Float[np.ndarray, "3"]) -> float:
-        """Width of a matching window at a point, median over the views [m]."""
+        """Width of a matching window at a point, median over the views [m].
+
+        Parameters
+        ----------
+        window_px, middle_m
+            Matching window in the thinned images [px], and the point (3) [m].
+        """
         return float(
             np.median(window_px * (self._motions[:, 2] @ np.append(middle_m, 1.0)) / self.matrices[:, 0])
         )
@@ -203,18 +234,18 @@ def fit_bodies(
         Evidence of each voxel (n) [nat].
     """
     bounds_m = body_bounds_m(points_m)
-    outlines = _Outlines(views, points_m[evidence.argmax()])
+    outlines = Outlines(views, points_m[evidence.argmax()])
     strong_m = points_m[evidence > 0.5 * evidence.max()]
-    starts = [(start, opening) for opening in _OPEN for start in _starts(strong_m, opening)]
-    starts += [(start, _OPEN[1]) for start in _rims(points_m.min(axis=0), points_m.max(axis=0))]
+    starts = [(start, opening) for opening in OPEN for start in _starts(strong_m, opening)]
+    starts += [(start, OPEN[1]) for start in _rims(points_m.min(axis=0), points_m.max(axis=0))]
     bodies: list[UprightBody] = []
     ends: list[tuple[np.ndarray, float]] = []
     for start, opening in _apart(sorted(starts, key=lambda one: outlines.cost(one[0], one[1], bounds_m))):
         # Recompute the row sums for this start: rays that end in front of it are no evidence.
-        outlines = _Outlines(views, np.array([*start[:2], 0.5 * (start[4] + start[5])]))
+        outlines = Outlines(views, np.array([*start[:2], 0.5 * (start[4] + start[5])]))
         best = outlines.search(start, opening, bounds_m)
         # Results nearer than half of the minimum radius belong to the same maximum.
-        if any(kind == opening and np.hypot(*(best - end)[:2]) < 0.5 * _MIN_RADIUS_M for end, kind in ends):
+        if any(kind == opening and np.hypot(*(best - end)[:2]) < 0.5 * MIN_RADIUS_M for end, kind in ends):
             continue
         best = outlines.search(best, opening, bounds_m, side=-1)
         ends.append((best, opening))
@@ -231,8 +262,8 @@ def body_bounds_m(points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3"]:
         Centres (n, 3) of the voxels of the part [m].
     """
     # A part is at least a twelfth of a rim, whose chord is half of the radius: wider bodies would include surrounding objects.
-    widest_m = max(2 * float(np.ptp(points_m, axis=0)[:2].max()), 4 * _MIN_RADIUS_M)
-    return np.array([_MIN_RADIUS_M, _MIN_HEIGHT_M, widest_m])
+    widest_m = max(2 * float(np.ptp(points_m, axis=0)[:2].max()), 4 * MIN_RADIUS_M)
+    return np.array([MIN_RADIUS_M, MIN_HEIGHT_M, widest_m])
 
 
 def fit_beside(
@@ -249,35 +280,22 @@ def fit_beside(
     bounds_m
         See :func:`body_bounds_m`.
     """
-    outlines = _Outlines(views, np.array([*start[:2], 0.5 * (start[4] + start[5])]))
-    best = outlines.search(start[:6], _OPEN[0], bounds_m, side=1)
-    return _bodies(outlines, best, _OPEN[0], bounds_m, views[0].window_px)
+    outlines = Outlines(views, np.array([*start[:2], 0.5 * (start[4] + start[5])]))
+    best = outlines.search(start[:6], OPEN[0], bounds_m, side=1)
+    return _bodies(outlines, best, OPEN[0], bounds_m, views[0].window_px)
 
 
 def _bodies(
-    outlines: _Outlines, best: np.ndarray, opening: float, bounds_m: np.ndarray, window_px: float
+    outlines: Outlines, best: np.ndarray, opening: float, bounds_m: np.ndarray, window_px: float
 ) -> list[UprightBody]:
     """The body at a maximum of the likelihood; none if it has no evidence or no maximum."""
-    covariance = _covariance(outlines, best, opening, window_px)
-    if (least := outlines.cost(best, opening, bounds_m)) >= 0 or covariance is None:
+    told = covariance(outlines, best, opening, window_px)
+    if (least := outlines.cost(best, opening, bounds_m)) >= 0 or told is None:
         return []
-    sigma = np.sqrt(np.diag(covariance))
+    sigma = np.sqrt(np.diag(told[0]))
     x, y, low_r, high_r, low_z, high_z = (float(value) for value in best[:6])
     place = np.array([x, y]), sigma[:2]
     return [UprightBody(*place, (low_r, high_r), float(sigma[2]), (low_z, high_z), -least)]
-
-
-def hull_evidence(
-    views: Sequence[OutlineView], middle_m: Float[np.ndarray, "3"]
-) -> Callable[[Float[np.ndarray, "p 3"]], Float[np.ndarray, "views"]]:
-    """Function of the corners (p, 3) of a convex body [m]: its log-likelihood ratio against no body, of each view [nat].
-
-    Parameters
-    ----------
-    views, middle_m
-        All views, and its middle (3): rays that end in front of it are no evidence [m].
-    """
-    return _Outlines(views, middle_m).inside
 
 
 def body_evidence(views: Sequence[OutlineView], body: UprightBody) -> Float[np.ndarray, "views"]:
@@ -288,46 +306,8 @@ def body_evidence(views: Sequence[OutlineView], body: UprightBody) -> Float[np.n
     views, body
         All views, and the body.
     """
-    outlines = _Outlines(views, np.array([*body.axis_m, np.mean(body.height_m)]))
-    return max((outlines.log_likelihood(body.shape_m, opening) for opening in _OPEN), key=np.sum)
-
-
-def leaning(views: Sequence[OutlineView], body: UprightBody, rate: float) -> UprightBody:
-    """The body with a lean, if its outlines contradict an upright one; the same body otherwise.
-
-    Parameters
-    ----------
-    views
-        All views, without the rays through other bodies.
-    body
-        Upright body of maximum likelihood.
-    rate
-        Probability with which an upright body is said to lean (Wald test of both components of the lean).
-    """
-    from scipy.stats import chi2
-
-    outlines = _Outlines(views, np.array([*body.axis_m, np.mean(body.height_m)]))
-    bounds_m = np.array([_MIN_RADIUS_M, _MIN_HEIGHT_M, 2 * max(body.radius_m)])
-    opening = min(_OPEN, key=lambda one: outlines.cost(body.shape_m, one, bounds_m))
-    # An upright cone is wide where a leaning one reaches to: from there alone, a search ends at half of the lean.
-    rise_m, turns = body.height_m[1] - body.height_m[0], 2 * np.pi * np.arange(_TURNS) / _TURNS
-    x, y, low_r, high_r, low_z, high_z, *_ = body.shape_m
-    straight = np.array([x, y, *[0.5 * (low_r + high_r)] * 2, low_z, high_z])
-    leans = rise_m * np.outer(_LEANS, [np.cos(turns), np.sin(turns)]).reshape(-1, 2, _TURNS)
-
-    def cost(shape_m: np.ndarray) -> float:
-        return outlines.cost(shape_m, opening, bounds_m)
-
-    starts = sorted((np.append(straight, lean) for ring in leans for lean in ring.T), key=cost)[:_SEARCHES]
-    best = min((outlines.search(one, opening, bounds_m, side=1) for one in (body.shape_m, *starts)), key=cost)
-    covariance, lean = _covariance(outlines, best, opening, views[0].window_px), best[6:]
-    if covariance is None or lean @ np.linalg.solve(covariance[3:, 3:], lean) < chi2.isf(rate, len(lean)):
-        return body
-    (found,) = _bodies(outlines, best, opening, bounds_m, views[0].window_px) or (body,)
-    # An end is the middle with half of the lean: of the joint covariance, by the delta method.
-    halves = [np.hstack([np.eye(2), np.zeros((2, 1)), sign * 0.5 * np.eye(2)]) for sign in (-1, 1)]
-    ends_m = np.sqrt([np.diag(half @ covariance @ half.T) for half in halves])
-    return replace(found, lean_m=(float(lean[0]), float(lean[1])), ends_sigma_m=ends_m)
+    outlines = Outlines(views, np.array([*body.axis_m, np.mean(body.height_m)]))
+    return max((outlines.log_likelihood(body.shape_m, opening) for opening in OPEN), key=np.sum)
 
 
 def _apart(starts: Sequence[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray, float]]:
@@ -336,7 +316,7 @@ def _apart(starts: Sequence[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray,
     for start, opening in starts:
         alike = [other for other, kind in chosen if kind == opening]
         near = (np.hypot(*(start - other)[:2]) < max(start[3], other[3]) for other in alike)
-        if len(alike) < _SEARCHES and not any(near):
+        if len(alike) < SEARCHES and not any(near):
             chosen.append((start, opening))
     return chosen
 
@@ -344,12 +324,12 @@ def _apart(starts: Sequence[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray,
 def _starts(strong_m: Float[np.ndarray, "n 3"], opening: float) -> list[Float[np.ndarray, "6"]]:
     """Initial bodies around the strong voxels of a part, with the height range of these voxels."""
     found = []
-    cell_m = 2 * _STEP_M
+    cell_m = 2 * STEP_M
     for axis in cell_m * np.unique(np.round(strong_m[:, :2] / cell_m), axis=0):
         away_m = np.hypot(*(strong_m[:, :2] - axis).T)
-        for radius in _STEP_M * np.array(_RADII):
+        for radius in STEP_M * np.array(RADII):
             near_m = strong_m[away_m < radius, 2]
-            low_z, high_z = near_m.min(), max(near_m.max(), near_m.min() + 2 * _MIN_HEIGHT_M)
+            low_z, high_z = near_m.min(), max(near_m.max(), near_m.min() + 2 * MIN_HEIGHT_M)
             foot = max(low_z, high_z - 0.5 * radius) if opening > 0 else low_z
             found.append(np.array([*axis, radius, radius, foot, high_z]))
     return found
@@ -359,16 +339,31 @@ def _rims(low_m: Float[np.ndarray, "3"], high_m: Float[np.ndarray, "3"]) -> list
     """Initial open bodies of whose rim the part is a half or a smaller fragment, see ``_CHORDS``."""
     middle, width_m = 0.5 * (low_m + high_m), float((high_m - low_m)[:2].max())
     found = []
-    for radius, turn in product(width_m * np.array(_CHORDS), np.arange(_TURNS) * 2 * np.pi / _TURNS):
+    for radius, turn in product(width_m * np.array(_CHORDS), np.arange(TURNS) * 2 * np.pi / TURNS):
         axis = middle[:2] + radius * np.array([np.cos(turn), np.sin(turn)])
         found.append(np.array([*axis, radius, radius, high_m[2] - 0.5 * radius, high_m[2]]))
     return found
 
 
-def _covariance(
-    outlines: _Outlines, body: Float[np.ndarray, "n"], opening: float, window_px: float
-) -> Float[np.ndarray, "k k"] | None:
-    """Covariance of x, y, the common radius and a lean [m2]; ``None`` where the likelihood has no maximum in one of them."""
+def covariance(
+    outlines: Outlines, body: Float[np.ndarray, "n"], opening: float, window_px: float
+) -> tuple[Float[np.ndarray, "k k"], float] | None:
+    """Covariance of x, y, the common radius and a lean [m2], and the factor of its log-likelihood ratios.
+
+    The covariance of a misspecified likelihood is larger than its inverse curvature; a likelihood ratio is multiplied by the inverse of the mean
+    eigenvalue of their quotient (Pauli, Racugno and Ventura 2011).
+
+    Parameters
+    ----------
+    outlines, body, opening
+        See :meth:`Outlines.log_likelihood`; the body is at a maximum.
+    window_px
+        Matching window in the thinned images [px].
+
+    Returns
+    -------
+    Covariance and factor; ``None`` where the likelihood has no maximum in one of them.
+    """
     middle_m = np.array([body[0], body[1], 0.5 * (body[4] + body[5])])
     step_m = 0.5 * outlines.window_m(window_px, middle_m)
     x, y, low_r, high_r, low_z, high_z, *lean = step_m * np.eye(len(body))
@@ -396,5 +391,5 @@ def _covariance(
             squares = (slopes / weights) @ slopes.T * independent / max(independent - count, 1.0)
             # Not below the covariance of the likelihood itself: a few views may agree by chance.
             found: np.ndarray = inverse @ squares @ inverse + inverse
-            return found[:known, :known]
+            return found[:known, :known], count / float(np.trace(curvature[:count, :count] @ found))
     return None

@@ -1,4 +1,9 @@
-"""Radius of an upright body at several heights, from the edges of its outlines.
+"""Place, lean and radii of a body, from the outlines of the rays that no other body explains.
+
+Seen from one side or in part, bodies along a curved ridge and at several maxima are almost as likely as the best: the place is the mean of the
+posterior distribution (stretch moves, Goodman and Weare 2010), whose log-likelihood is multiplied by a factor for its misspecification
+(:func:`.outline_fit.covariance`). A body leans if the likelihood ratio of its outlines, with the same factor, contradicts every upright one.
+Radii are those at several heights, from the edges of upright outlines.
 
 A wall of glass changes nearly all readings just inside of its outline, whatever its middle does, so the edge is that between two
 rates of changed readings, which are estimated from the sequence (expectation and maximisation over the edges). For a circle around the
@@ -11,21 +16,38 @@ only circles on the outline tell of the body. The second eye fails where its win
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from jaxtyping import Float
 
 from ..vessel_shapes import OutlineRings, UprightBody
 from .body_pairs import without_body
-from .outline_fit import OutlineView, leaning
+from .outline_fit import (
+    MIN_HEIGHT_M,
+    MIN_RADIUS_M,
+    OPEN,
+    RADII,
+    SEARCHES,
+    STEP_M,
+    TURNS,
+    Outlines,
+    OutlineView,
+    covariance,
+)
 from .regions import TransparentRegion
 
 #: Rates of changed readings outside and inside of an edge before they are estimated, in how many rounds, and their margin from 0 and 1.
 _RATES, _ROUNDS, _RARE = (0.05, 0.9), 3, 0.02
 #: Step of the radius in matching windows, and largest radius in those of the body.
 _RADIUS_STEP, _WIDER = 1 / 16, 2.0
+#: Tangents of the leans from which a leaning body is sought, about the middle and both ends of the upright one.
+_LEANS, _PIVOTS = (0.3, 0.6), (-0.5, 0.0, 0.5)
+#: Shapes that are moved together through their posterior distribution, their moves, of which the first third is not counted, and the deviation of
+#: the first of them from the maxima, about that of a good fit [m].
+_WALKERS, _MOVES, _JITTER_M = 24, 200, 2e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +92,7 @@ def with_rings(
     threshold: float,
     rate: float,
 ) -> tuple[TransparentRegion, ...]:
-    """Give each body its lean, or the radii of its outlines if it is upright, by the rays that miss all others.
+    """Give each body its place and lean, and the radii of its outlines if it is upright, by the rays that miss all others.
 
     Parameters
     ----------
@@ -81,7 +103,7 @@ def with_rings(
     foot_z_m, threshold
         As for :func:`outline_rings`.
     rate
-        As for :func:`.outline_fit.leaning`.
+        As for :func:`settled`.
     """
     found, bodies = [], [region.body for region in regions if region.body is not None]
     for region in regions:
@@ -89,11 +111,113 @@ def with_rings(
             left = views
             for other in bodies:
                 left = left if other is body else without_body(left, other.shape_m)
-            if not any((body := leaning(left, body, rate)).lean_m):
+            if not any((body := settled(left, body, rate)).lean_m):
                 body = replace(body, rings=outline_rings(left, body, foot_z_m, threshold))
             region = replace(region, body=body)
         found.append(region)
     return tuple(found)
+
+
+def settled(views: Sequence[OutlineView], body: UprightBody, rate: float) -> UprightBody:
+    """The expected body, upright unless its outlines contradict that, with its deviations.
+
+    Parameters
+    ----------
+    views
+        All views, without the rays through other bodies.
+    body
+        Upright body.
+    rate
+        Probability with which an upright body is said to lean.
+    """
+    outlines = Outlines(views, np.array([*body.axis_m, np.mean(body.height_m)]))
+    widest_m = max(2 * max(body.radius_m), STEP_M * RADII[-1])
+    bounds_m, window_px = np.array([MIN_RADIUS_M, MIN_HEIGHT_M, widest_m]), views[0].window_px
+    opening = min(OPEN, key=lambda one: outlines.cost(body.shape_m, one, bounds_m))
+
+    def cost(shape_m: np.ndarray) -> float:
+        return outlines.cost(shape_m, opening, bounds_m)
+
+    def ends(starts: Sequence[np.ndarray]) -> list[np.ndarray]:
+        found = [outlines.search(one, opening, bounds_m, side=1) for one in starts]
+        return sorted((one for one in found if cost(one) < 0), key=cost)
+
+    start = body.shape_m[:6]
+    leaning = ends([np.append(start, [0.0, 0.0]), *sorted(_leans(start), key=cost)[:SEARCHES]])
+    # A cone is wide where a leaning one reaches to: upright again, a lean that is none is often nearer to the maximum.
+    beside = [one[:6] for one in leaning[:1]]
+    upright = ends([start, *beside, *sorted(_widths(start), key=cost)[:SEARCHES]])
+    for maxima in (leaning, upright):
+        told = covariance(outlines, maxima[0], opening, window_px) if maxima else None
+        if told is None:
+            continue
+        # Twice the gain of two more parameters is chi-squared distributed with two degrees of freedom (Wilks 1938).
+        gain = cost(upright[0]) - cost(maxima[0]) if upright and maxima is leaning else np.inf
+        if told[1] * gain < -np.log(rate):
+            continue
+        draws = _draws(cost, maxima, told[1])
+        return _body(draws, -cost(maxima[0]))
+    return body
+
+
+def _leans(shape_m: np.ndarray) -> list[np.ndarray]:
+    """Leaning bodies from which the search starts, as wide at both ends."""
+    turns, rise_m = 2 * np.pi * np.arange(TURNS) / TURNS, shape_m[5] - shape_m[4]
+    x, y, low_r, high_r, low_z, high_z = shape_m
+    found = []
+    for tangent, turn, pivot in product(_LEANS, turns, _PIVOTS):
+        lean = tangent * rise_m * np.array([np.cos(turn), np.sin(turn)])
+        place = np.array([x, y]) + pivot * lean
+        found.append(np.array([*place, *[0.5 * (low_r + high_r)] * 2, low_z, high_z, *lean]))
+    return found
+
+
+def _widths(shape_m: np.ndarray) -> list[np.ndarray]:
+    """Upright bodies of other widths that have one side in common with a body, as high or reaching lower by as much as they are wider."""
+    x, y, low_r, high_r, low_z, high_z = shape_m
+    turns, found = 2 * np.pi * np.arange(TURNS) / TURNS, []
+    for radius, turn, lower in product(STEP_M * np.array(RADII), turns, (0.0, 1.0)):
+        wider = radius - 0.5 * (low_r + high_r)
+        place = np.array([x, y]) + wider * np.array([np.cos(turn), np.sin(turn)])
+        found.append(np.array([*place, radius, radius, low_z - lower * max(wider, 0.0), high_z]))
+    return found
+
+
+def _draws(
+    cost: Callable[[np.ndarray], float], maxima: Sequence[np.ndarray], factor: float
+) -> Float[np.ndarray, "n shape"]:
+    """Shapes drawn from their posterior distribution, with a uniform prior and the log-likelihood times a factor (stretch moves)."""
+    rng, size, half = np.random.default_rng(0), len(maxima[0]), _WALKERS // 2
+    places = np.resize(maxima, (_WALKERS, size))
+    places += np.where(
+        np.arange(_WALKERS) < len(maxima), 0.0, _JITTER_M * rng.standard_normal((size, _WALKERS))
+    ).T
+    costs, kept = np.array([cost(one) for one in places]), []
+    for step in range(_MOVES):
+        for own in (np.arange(half), np.arange(half, _WALKERS)):
+            stretch = 0.5 * (1 + rng.random(half)) ** 2
+            others = places[(rng.integers(half, size=half) + own[0] + half) % _WALKERS]
+            chance = rng.random(half)
+            for k, trial, far, limit in zip(
+                own, others + stretch[:, None] * (places[own] - others), stretch, chance, strict=True
+            ):
+                here = cost(trial)
+                if here < 0 and np.log(limit) < (size - 1) * np.log(far) + factor * (costs[k] - here):
+                    places[k], costs[k] = trial, here
+        if 3 * step >= _MOVES:
+            kept.append(places.copy())
+    return np.concatenate(kept)
+
+
+def _body(draws: Float[np.ndarray, "n shape"], evidence: float) -> UprightBody:
+    """The mean of drawn shapes with their deviations."""
+    x, y, low_r, high_r, low_z, high_z, *lean = draws.mean(axis=0).tolist()
+    sigma_m, radius_m = draws[:, :2].std(axis=0), float(draws[:, 2:4].mean(axis=1).std())
+    found = UprightBody(np.array([x, y]), sigma_m, (low_r, high_r), radius_m, (low_z, high_z), evidence)
+    if not lean:
+        return found
+    ends_m = np.array([(draws[:, :2] + part * draws[:, 6:]).std(axis=0) for part in (-0.5, 0.5)])
+    return replace(found, lean_m=(lean[0], lean[1]), ends_sigma_m=ends_m)
 
 
 def outline_rings(

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8, UInt16
 
 from ...io.depth.depth_sequence import DepthFrame
+from ..fusion._fusion_view import GRAZING_SLOPE
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from .view_geometry import back_motions, ideal_depth, intrinsics, motions
 
@@ -42,8 +43,6 @@ _WIDTH = 2.5
 _MANY = 8
 #: Number of views whose agreement is measured, minimum number of residuals, and maximum factor on the nominal noise.
 _PROBES, _MIN_RESIDUALS, _TRUSTED = 6, 1000, 4.0
-#: Tangent of the angle of incidence beyond which there is no reading.
-_GRAZING_SLOPE = 4.0
 #: Width of the median filter of predicted depths before edge detection [px].
 _MEDIAN_PX = 5
 #: Baselines that are compared on either side [m]: up to that of the known cameras (0.075) and of common ones (near 0.095). A step
@@ -149,7 +148,7 @@ class ViewDepth:
             # The smaller of the two one-sided differences: the larger one may be a depth step.
             slope = np.fmin(*both)
             moved_m = np.float32(noise.pixels(focal_px)) * slope
-            square += np.where(slope < _GRAZING_SLOPE / focal_px * depth_m, moved_m, np.float32(0)) ** 2
+            square += np.where(slope < GRAZING_SLOPE / focal_px * depth_m, moved_m, np.float32(0)) ** 2
         return cls(frame, depth_m, np.float32(noise.factor) * np.sqrt(square))
 
 
@@ -233,7 +232,7 @@ def _from_failures(
     known = smooth_m > 0
     nearest_m = cv2.erode(np.where(known, smooth_m, np.float32(1e3)), window)
     step_m = cv2.dilate(smooth_m, window) - nearest_m
-    steep_m = 2 * _GRAZING_SLOPE / focal_px * nearest_m
+    steep_m = 2 * GRAZING_SLOPE / focal_px * nearest_m
     # Unknown spots narrower than three pixels hide no edge.
     unknown = cv2.morphologyEx((predicted_m == 0).astype(np.uint8), cv2.MORPH_OPEN, window) > 0
     failing = unknown | (known & (step_m > np.maximum(2 * _WIDTH * noise.sigma_m(smooth_m), steep_m)))

@@ -20,12 +20,13 @@ from ...rigs.virtual_sensor import VirtualSensor
 from ...sensing.foam.sensor import FoamSensor
 from ...simulation.foam.rig import SensorRig
 from ...simulation.mobile import FoamPushWorld, SimulatedObstacle, SimulatedSensorCamera, box, cylinder, wall
+from ...simulation.mobile.platform import PlatformConfig
 from ...simulation.rendering.renderer import SceneRenderer
 from ...tasks import ExploreSettings, ExploreStep, explore_obstacle
 from ..output import Columns, Output
 
-#: Distance of the foam's undeformed front from the platform's centre [m], and the initial gap.
-FRONT_m, GAP_m = 0.19, 0.01
+#: Distance of the foam's undeformed front from the platform's centre, and the initial gap [m].
+FRONT_m, GAP_m = PlatformConfig().radius_m + PlatformConfig().strip.width_m, 0.01
 
 
 @dataclass(frozen=True, slots=True)

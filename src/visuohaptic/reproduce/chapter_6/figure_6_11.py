@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from ...core.objects import NOMINAL_N
 from ...report.style import draw_axes
 from .._curves import curves_of
 from ..output import Columns, Output
 
 NAMES = ("isana", "palmo", "cien", "smoothie")
-#: Nominal deformation [m] and force [N] of II.
-NOMINAL_m, NOMINAL_N = 0.003, 50.0
+#: Nominal deformation of II [m].
+NOMINAL_m = 0.003
 
 
 def run(out: Output) -> None:

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 from ...core import Closing, DeviceError, InputError, Pose
 from ...core.files.plain_json import dumps
+from ...core.resources import end_thread
 from ...io.ros import ros_messages as messages
 from ..transports.topic_node import Execute, RosPublisher, TopicNode
 from ..wire.graph import Qos
@@ -109,10 +110,6 @@ class Host:
         self._transforms.publish({"transforms": [stamped]})
 
 
-#: Time-out for the thread of a deactivated node [s]; the search of a travel ends within 6 s.
-WAIT_S = 8.0
-
-
 class Component(Closing):
     """One type of node. It is created when the node is configured, and closed when it is cleaned up.
 
@@ -181,9 +178,7 @@ class Worker(Component):
     def deactivate(self) -> None:
         if self._thread is not None:
             self._end.set()
-            self._thread.join(WAIT_S)
-            if self._thread.is_alive():
-                _log.error("%s: still computing after %g s; its result is dropped", self._thread.name, WAIT_S)
+            end_thread(self._thread)
             self._thread = None
 
     def close(self) -> None:

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from ...core import DeviceError, Pose
 from ...core.files.plain_json import dumps
+from ...core.resources import WAIT_S
 from ...io.ros import ros_messages as messages
 from ...navigation.planning.policies import make_plan
 from ...navigation.planning.search.push_states import SearchLimits
@@ -19,7 +20,7 @@ from ...navigation.problem import Plan, PlanningProblem
 from ..markers import arrow
 from ..transports.topic_node import Received
 from ..wire.graph import LATCHED
-from .component import WAIT_S, Status
+from .component import Status
 from .map_nodes import MapNode, MapParameters
 
 

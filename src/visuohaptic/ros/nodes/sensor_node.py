@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 from pydantic import Field
 
 from ...core.camera.model import Camera
+from ...core.errors import DeviceError
 from ...sensing.readers.sensor_reader import SensorReader
 from ...sensing.readers.template_reader import TemplateReader
 from ...tracking import TemplatePose, TemplateTracker, load_templates
@@ -64,6 +65,10 @@ class ImageNode(Component):
         """The sensor."""
 
     def activate(self) -> None:
+        if not self._channel.join():
+            raise DeviceError(
+                f"{self.host.node.name}: the last image is still being processed; activate it later"
+            )
         self._stop.clear()
         self._channel.start()
 

@@ -17,6 +17,7 @@ from typing import Any
 
 from ...core.errors import DeviceError, InputError, needs
 from ...core.files import MAX_HAND_BYTES, read_text
+from ...core.resources import end_thread
 from ..wire import Attachment, Field, MessageType, Shape, decode, encode, parse_definition
 from ..wire.graph import LATCHED, Entity, EntityKind, Qos, from_dds
 from .session import RosOptions, check_security, shown_error
@@ -238,8 +239,7 @@ class CycloneNode(TopicNode):
 
         def undeclare() -> None:
             end.set()
-            if threading.current_thread() is not thread:
-                thread.join()
+            end_thread(thread)
             self._endpoints[EntityKind.SUBSCRIPTION].remove(reader)
             self._announce()
 

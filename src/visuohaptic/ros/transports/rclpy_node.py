@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core.errors import InputError, VisuohapticError, needs
-from ...core.resources import Closing
+from ...core.resources import Closing, end_thread
 from ..wire import Attachment, MessageType
 from ..wire.graph import Entity, EntityKind, Qos, check_node
 from .session import RosOptions, shown_error
@@ -261,7 +261,7 @@ class RclpyProcess(Closing):
             return
         self._end.set()
         self._executor.wake()
-        self._thread.join()
+        end_thread(self._thread)
         self._executor.shutdown(timeout_sec=1.0)
         self.inner.destroy_node()
         self._context.try_shutdown()

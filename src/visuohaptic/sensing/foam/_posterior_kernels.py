@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from ...core.kernels import kernel
-from ._light_kernels import edge_ramp, fit_light, light_residuals, pixel_dependence, pixel_weights
+from ._light_kernels import beyond_edge
 
 #: Number of samples behind the edge that are compared with the zero image, and beyond the front at rest.
 BAND, AHEAD = 12, 4
@@ -24,6 +24,183 @@ NEAR = 5
 REFINED = 3
 #: Places of the front in a shadow that are tried are farther from that at rest by this factor, each.
 STRIDE = 1.3
+#: Correlation length limit of the residuals [samples].
+_LAGS = 10
+
+
+@kernel(nogil=True)
+def _solve(normal, right):
+    """Solve a small symmetric system by Cholesky with a ridge; its factor and the solution replace both."""
+    size = len(right)
+    for i in range(size):
+        normal[i, i] = normal[i, i] * (1.0 + 1e-6) + 1e-6
+        for j in range(i + 1):
+            value = normal[i, j]
+            for k in range(j):
+                value -= normal[i, k] * normal[j, k]
+            normal[i, j] = math.sqrt(max(value, 1e-9)) if i == j else value / normal[j, j]
+    for i in range(size):
+        for k in range(i):
+            right[i] -= normal[i, k] * right[k]
+        right[i] /= normal[i, i]
+    for i in range(size - 1, -1, -1):
+        for k in range(i + 1, size):
+            right[i] -= normal[k, i] * right[k]
+        right[i] /= normal[i, i]
+
+
+@kernel(nogil=True)
+def fit_light(now, template, over, out, surface, first, last, mean, transfer, shaded, normal, solution):
+    """Least-squares fit of the illumination of the template and of the surface beyond; returns the sum of squared residuals.
+
+    With ``shaded``: the template in one light up to the edge, in another, linearly varying light from there to the front
+    at rest, then the surface, which varies linearly; or, if ``shaded`` is 2, each in uniform light. Else the template up to
+    the edge, then the surface, both varying linearly.
+    """
+    tilt = 0.0 if shaded == 2 else 0.05
+    n00, n10, n11, n20, n21, n22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    n30, n31, n32, n33, n40, n41, n42, n43, n44 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    r0, r1, r2, r3, r4, square = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for lane in range(now.shape[0]):
+        for j in range(first, last + 1):
+            value = float(now[lane, j])
+            foam = mean + transfer * (template[lane, j] - mean)
+            p1, p0, tau = over[lane, j], out[lane, j], tilt * (j - first)
+            if shaded:
+                square += value * value
+                # Far from both edges only one of the terms is not zero.
+                if p1 == 0.0 and p0 == 0.0:
+                    n00 += foam * foam
+                    r0 += foam * value
+                    continue
+                if p0 == 0.0 and p1 == 1.0:
+                    b, c = foam, foam * tau
+                    n11, n21, n22 = n11 + b * b, n21 + b * c, n22 + c * c
+                    r1, r2 = r1 + b * value, r2 + c * value
+                    continue
+                inside = foam * (1.0 - p0)
+                a, b, d = inside * (1.0 - p1), inside * p1, surface[lane, j]
+                c, e = b * tau, d * tau
+            else:
+                a, b = foam * (1.0 - p1), surface[lane, j]
+                c, d, e = b * tau, a * tau, 0.0
+                square += value * value
+            n00 += a * a
+            n10 += a * b
+            n11 += b * b
+            n20 += a * c
+            n21 += b * c
+            n22 += c * c
+            n30 += a * d
+            n31 += b * d
+            n32 += c * d
+            n33 += d * d
+            n40 += a * e
+            n41 += b * e
+            n42 += c * e
+            n43 += d * e
+            n44 += e * e
+            r0 += a * value
+            r1 += b * value
+            r2 += c * value
+            r3 += d * value
+            r4 += e * value
+    normal[0, 0], normal[1, 0], normal[1, 1] = n00, n10, n11
+    normal[2, 0], normal[2, 1], normal[2, 2] = n20, n21, n22
+    normal[3, 0], normal[3, 1], normal[3, 2], normal[3, 3] = n30, n31, n32, n33
+    normal[4, 0], normal[4, 1], normal[4, 2], normal[4, 3], normal[4, 4] = n40, n41, n42, n43, n44
+    solution[0], solution[1], solution[2], solution[3], solution[4] = r0, r1, r2, r3, r4
+    _solve(normal, solution)
+    a, b, c, d, e = solution[0], solution[1], solution[2], solution[3], solution[4]
+    # The ridge does not contribute to the residuals.
+    square -= 2.0 * (a * r0 + b * r1 + c * r2 + d * r3 + e * r4)
+    square += a * a * n00 + b * b * n11 + c * c * n22 + d * d * n33 + e * e * n44
+    square += 2.0 * (a * (b * n10 + c * n20 + d * n30 + e * n40) + b * (c * n21 + d * n31 + e * n41))
+    return max(square + 2.0 * (c * (d * n32 + e * n42) + d * e * n43), 0.0)
+
+
+@kernel(nogil=True)
+def light_residuals(
+    now, template, over, out, surface, first, last, mean, transfer, solution, residual, texture
+):
+    """Sum of squared residuals of a shaded :func:`fit_light` beyond the edge, and their number.
+
+    Fills the residuals and the fitted texture of the template, zero elsewhere.
+    """
+    squares, count = 0.0, 0
+    for lane in range(now.shape[0]):
+        for j in range(first, last + 1):
+            residual[lane, j], texture[lane, j] = 0.0, 0.0
+            p1, p0, tau = over[lane, j], out[lane, j], (j - first) / 20.0
+            if p1 > 0.5:
+                foam = mean + transfer * (template[lane, j] - mean)
+                light = solution[0] * (1.0 - p1) + (solution[1] + solution[2] * tau) * p1
+                beyond = surface[lane, j] * (solution[3] + solution[4] * tau)
+                value = float(now[lane, j]) - light * foam * (1.0 - p0) - beyond
+                squares, count = squares + value * value, count + 1
+                residual[lane, j] = value
+                texture[lane, j] = light * (foam - mean) * (1.0 - p0)
+    return squares, count
+
+
+@kernel(nogil=True)
+def pixel_weights(line, taps, first, last):
+    """Fill the interpolation weights of each sample: position of a pixel and weight of the next one along the steeper axis
+    of the line, and the variance due to interpolation along the other axis [samples^2], which softens edges."""
+    lanes = taps.shape[1]
+    axis = 0 if abs(line[2]) > abs(line[3]) else 1
+    for lane in range(lanes):
+        away = (lane - 0.5 * (lanes - 1)) * line[5]
+        for j in range(first, last + 1):
+            u = (line[0] + j * line[4] * line[2] - away * line[3]) % 1.0
+            v = (line[1] + j * line[4] * line[3] + away * line[2]) % 1.0
+            part, other = (v, u) if axis else (u, v)
+            taps[0, lane, j] = j - part * line[2 + axis] / line[4]
+            taps[1, lane, j] = part
+            taps[2, lane, j] = other * (1.0 - other) * (line[3 - axis] / line[4]) ** 2
+    return line[2 + axis] / line[4]
+
+
+@kernel(nogil=True)
+def edge_ramp(over, at, slope, width, taps, apart, first, last):
+    """Fill the fraction of each sample that lies beyond a blurred edge, interpolated between pixels ``apart``."""
+    lanes = over.shape[0]
+    for lane in range(lanes):
+        x1 = at + (lane - 0.5 * (lanes - 1)) * slope
+        for j in range(first, last + 1):
+            scale = 1.0 / math.sqrt(2.0 * (width * width + taps[2, lane, j]))
+            away, part = (x1 - taps[0, lane, j]) * scale, taps[1, lane, j]
+            over[lane, j] = 0.5 * (
+                (1.0 - part) * beyond_edge(away) + part * beyond_edge(away - apart * scale)
+            )
+
+
+@kernel(nogil=True)
+def pixel_dependence(residual, texture, first, last):
+    """Factor by which correlation raises the variance of the sum of residual times texture over that of white noise.
+
+    Sum of the products of both autocorrelations over all lags (Bartlett), along the lines and across them.
+    """
+    lanes = residual.shape[0]
+    result, own, power = 1.0, 0.0, 0.0
+    for lane in range(lanes):
+        for j in range(first, last + 1):
+            own += residual[lane, j] ** 2
+            power += texture[lane, j] ** 2
+    if own * power <= 0.0:
+        return result
+    for across in range(2):
+        total = 1.0
+        for lag in range(1, lanes if across else _LAGS):
+            a, b = (lag, 0) if across else (0, lag)
+            one, other = 0.0, 0.0
+            for lane in range(lanes - a):
+                for j in range(first, last + 1 - b):
+                    one += residual[lane, j] * residual[lane + a, j + b]
+                    other += texture[lane, j] * texture[lane + a, j + b]
+            total += 2.0 * max(one * other / (own * power), 0.0)
+        result *= total
+    return result
 
 
 @kernel(nogil=True)
@@ -137,59 +314,42 @@ def shadow_odds(now, rest, lines, front, resting, slope, blur, smear, transfer, 
         edge_ramp(over, front[k], slope[k], blur, taps, apart, first, last)
         count, sharp = parallels * (last + 1 - first), math.hypot(blur, smear[k])
         result[k, 4] = beyond
+        given = first, last, mean, transfer
         if x0 - front[k] > 2.0 * EDGE * blur:
             width, best, floor = blur, 1e300, floors[0]
             for i in range(2):
-                fit = fit_light(
-                    now[k], template, over, out, floors[i], first, last, mean, transfer, 1, normal, solution
-                )
+                fit = fit_light(now[k], template, over, out, floors[i], *given, 1, normal, solution)
                 if fit < best:
                     best, floor = fit, floors[i]
             least = best
             for i in range(1, SOFT):
                 edge_ramp(over, front[k], slope[k], SOFTNESS**i * blur, taps, apart, first, last)
-                fit = fit_light(
-                    now[k], template, over, out, floor, first, last, mean, transfer, 1, normal, solution
-                )
+                fit = fit_light(now[k], template, over, out, floor, *given, 1, normal, solution)
                 if fit < least:
                     least, width = fit, SOFTNESS**i * blur
             result[k, 6] = 0.0
             if width > sharp:
                 edge_ramp(over, front[k], slope[k], sharp, taps, apart, first, last)
-                best = fit_light(
-                    now[k], template, over, out, floor, first, last, mean, transfer, 1, normal, solution
-                )
+                best = fit_light(now[k], template, over, out, floor, *given, 1, normal, solution)
                 noise = variance * count
                 result[k, 6] = 0.5 * count * math.log(max(best, noise) / max(least, noise))
-            given = template, over, out, floor, first, last, mean
+            shaded = template, over, out, floor, first, last, mean
             edge_ramp(over, front[k], slope[k], width, taps, apart, first, last)
-            fit_light(now[k], *given, 0.0, 1, normal, solution)
-            without, count = light_residuals(now[k], *given, 0.0, solution, left, texture)
-            fit_light(now[k], *given, transfer, 1, normal, solution)
-            with_texture, count = light_residuals(now[k], *given, transfer, solution, left, texture)
+            fit_light(now[k], *shaded, 0.0, 1, normal, solution)
+            without, count = light_residuals(now[k], *shaded, 0.0, solution, left, texture)
+            fit_light(now[k], *shaded, transfer, 1, normal, solution)
+            with_texture, count = light_residuals(now[k], *shaded, transfer, solution, left, texture)
             noise = variance * max(count, 1)
             result[k, 0] = 0.5 * count * math.log(max(without, noise) / max(with_texture, noise))
             result[k, 5] = pixel_dependence(left, texture, first, last)
             middle = 0.5 * (front[k] + x0)
             result[k, 2] = mean * (solution[1] + solution[2] * (middle - first) / 20.0)
             result[k, 3] = 100.0 * (solution[3] + solution[4] * (x0 - first) / 20.0)
-            span = first, last, mean, transfer
             result[k, 7] = _moved_odds(
-                now[k],
-                template,
-                over,
-                taps,
-                lines[k],
-                (x0, front[k], blur),
-                span,
-                variance,
-                body,
-                normal,
-                solution,
-                left,
-            )
+                now[k], template, over, taps, lines[k], (x0, front[k], blur), given, variance, body, normal,
+                solution, left,
+            )  # fmt: skip
         else:
-            given = first, last, mean, transfer
             # Foam that has moved: beyond it a body or the floor, with the shape of a blurred step or that of the front at rest;
             # and the better of them with the blur of its own motion.
             single, nearest = 1e300, 0

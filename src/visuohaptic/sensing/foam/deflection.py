@@ -114,8 +114,9 @@ def fill_gaps(
     point, and the bound for hidden points, see :class:`Deflection`.
 
     One or two points are interpolated from the shape of their neighbours. A load in a wider gap would also deflect the
-    adjacent foam: a point at a distance x from the last observed one, whose deflection is d +- sigma, is deflected by at most
-    (d + sigma) exp(x / l) with the shortest decay length l of free foam.
+    foam beside it: a point at a distance x from an observed one, whose deflection is d +- sigma, is deflected by at most
+    (d + sigma) exp(x / l) with the shortest decay length l of free foam. An edge that lies beyond that,
+    and is less accurate, is not that of the foam, as beside the edge of a shadow that crosses the front.
 
     Parameters
     ----------
@@ -131,6 +132,11 @@ def fill_gaps(
     hidden, kept = np.zeros(len(s_m)), np.empty(len(s_m), dtype=bool)
     total_m = np.hypot(sigma_m, uncertainty_m)
     drop_bridged(s_m, delta_m, total_m, seen, delta, error, kept)
+    held = np.where(kept, np.maximum(delta_m, 0.0) + total_m, np.inf)
+    drawn = held * np.exp(np.minimum(np.abs(s_m[:, None] - s_m) / (DECAY_PER_WIDTH * width_m), 500.0))
+    np.fill_diagonal(drawn, np.inf)
+    kept &= drawn.min(axis=1) >= np.minimum(np.abs(delta_m), total_m)
+    bound = np.minimum(drawn[:, kept].min(axis=1, initial=np.inf), 1.0)
     delta[kept], error[kept], seen = delta_m[kept], 0.0, kept
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (~seen).astype(np.int8), [0]])))
     for first, stop in zip(edges[::2], edges[1::2], strict=True):
@@ -143,14 +149,10 @@ def fill_gaps(
                 continue
             error[first] = 0.0
         sigma[gap], delta[gap] = 0.0, np.nan
-        hidden[gap] = np.inf
-        for k in ends:
-            drawn = (max(delta_m[k], 0.0) + total_m[k]) * np.exp(
-                np.abs(s_m[gap] - s_m[k]) / (DECAY_PER_WIDTH * width_m)
-            )
-            hidden[gap] = np.minimum(hidden[gap], np.minimum(drawn, 1.0))
+        hidden[gap] = bound[gap] if ends else np.inf
         if ends:
-            delta[gap] = np.interp(s_m[gap], s_m[ends], delta_m[ends])
+            between = np.interp(s_m[gap], s_m[ends], np.minimum(delta_m, bound)[ends])
+            delta[gap] = np.minimum(between, bound[gap])
     error = np.where(np.isfinite(hidden) & (hidden > 0.0), hidden, error)
     total = np.hypot(sigma, np.where(seen, uncertainty_m, error))
     noise = np.where(seen, np.minimum(noise_m, total), 0.0)

@@ -9,13 +9,13 @@ sqrt(2 pi) / 4 b d / C. Both errors are shared by neighbours, as far as these ag
 
 Near its place at rest, the front is compared with the zero image in the light that is seen beside it, within the blur of the lens
 (``_light_kernels.front_in_light``). This edge is shifted only by light that varies within the blur. The difference s from the other
-edge is subtracted, less that which its error e explains: ``(1 - e^2 / s^2) s`` (James and Stein). e is the scatter of the differences of
-edges in even light, what distinguishes neighbours, and what changes if the light is seen beside the front at rest or beside the
-displaced one. What the light beside the edge explains of its blur is no excess.
+edge is what light has shifted, with the probability that there is such light and the floor as at rest beyond the edge. Without light,
+s has the error e of edges in even light, and of light that is seen beside the front at rest or beside the displaced one; with it, it
+is as large as the blur b: the likelihood ratio is ``exp(s^2 / 2 e^2) / sqrt(1 + b^2 / e^2)``, for a point and the likelier one of its
+neighbours. What the light beside the edge explains of its blur is no excess.
 
-All of this supposes that the floor as at rest lies beyond the edge. If a body does, behind a narrow gap, its edge is shifted by that gap.
-The texture beyond distinguishes them: both shifts are weighed by the probability of the floor, and their scatter
-is error. Light that leaves less of the blur unexplained than the edge has without it is the more probable.
+If a body lies beyond the edge, behind a narrow gap, the edge is shifted by that gap. The texture beyond distinguishes them: both
+shifts are weighed by their probabilities, and their scatter is error.
 """
 
 from __future__ import annotations
@@ -40,9 +40,13 @@ _SHADOW_PART = 0.11
 BESIDE = 4
 #: Length of each of the two parts of the plateau between which the light is compared [px].
 _PLATEAU_PX = 4.0
-#: Half the length of a blurred edge, beside which light is seen: half a percent of its step lies outside.
-_EDGE_BLURS = 2.5
-#: Minimum number of edges at rest for estimating their scatter, to a fifth.
+#: Standard deviation by which pixels (1 / 12 px^2) and linear interpolation between them (1 / 6 px^2 on average) blur samples.
+_SAMPLE_PX = 0.5
+#: Prior probability of an edge in a shadow that begins beside it: one strip in a hundred has the edge of a shadow.
+SHADOWED = 0.01
+#: Half the length of a blurred edge: 1.4 % of its step lies outside.
+_EDGE_BLURS = 2.2
+#: Number of edges at rest for estimating their scatter, to a fifth.
 SCATTER_POINTS = 24
 #: An excess blur of more than this many standard deviations is attributed to a gap, such a change of light to a shadow: the
 #: false-alarm rate is one in forty edges at rest.
@@ -88,30 +92,28 @@ def measure_edges(
     raw = scale * (rest - strip.width_m + part * strip.encoded_m)
     excess = blur_excess_px2(strip, zero, np.abs(raw - last_m) / strip.pixel_m)
     unexplained = excess.copy()
-    lit, part_lit, uneven, floor = shift_by_light_px(strip, zero, unexplained)
+    lit, uneven, light = shift_by_light_px(strip, zero, unexplained)
     gap, gap_sigma = gap_shift_px(strip, zero, excess)
     # The edge before a gap is that between foam and floor, as at rest.
     to_floor = np.where(gap == 0.0, 0.0, encoded - strip.encoded_m)
     either = strip.pixel_m * gap + part * to_floor + strip.pixel_m * lit
-    raw = raw + scale * ((1.0 - floor) * either - strip.pixel_m * lit)
+    raw = raw + scale * ((1.0 - light) * either - strip.pixel_m * lit)
     noise = scale * strip.width_noise_m
-    kink = scale * np.hypot(edge_uncertainty_m(strip), strip.pixel_m * gap_sigma * np.sqrt(1.0 - floor))
-    # Derivative of the deflection by the fraction of the encoding's shift that is present. A penumbra may look like a gap: its
-    # edge is shifted as without one.
+    kink = scale * np.hypot(edge_uncertainty_m(strip), strip.pixel_m * gap_sigma * np.sqrt(1.0 - light))
+    # Derivative of the deflection by the fraction of the encoding's shift that is present.
     shift = scale * (strip.encoded_m - encoded * (1.0 - raw / width_m))
     encoding = math.hypot(math.sqrt(part * (1.0 - part)), _SHIFT_ERROR * part) * np.where(
         np.isfinite(shift), shift, 0.0
     )
     clean = strip.usable & (kink == 0.0)
     sigma = with_cancelled_texture(raw, scale * strip.width_sigma_m, noise, clean, strip.pixel_m)
-    light = strip.pixel_m * light_shift_px(
-        strip, zero, np.where((gap == 0.0) | (floor > 0.5), unexplained, np.nan), floor * part_lit, uneven
-    )
+    excess = np.where((gap == 0.0) | (light > 0.5), unexplained, np.nan)
+    light_m = strip.pixel_m * light_shift_px(strip, zero, excess, light, uneven)
     # The error of the zero reference is the same in every frame; it is not noise of this image.
-    systematic = np.hypot(kink, scale * np.hypot(zero.width_sigma_m, np.sqrt(floor * (1.0 - floor)) * either))
+    systematic = np.hypot(kink, scale * np.hypot(zero.width_sigma_m, np.sqrt(light * (1.0 - light)) * either))
     # Neighbours share the error of widths that were inferred at rest, and not that of kinks: over 640 pairs its correlation is -0.1.
     unclean = np.where(zero.inferred & zero.known, systematic, 0.0)
-    return MeasuredEdges(raw, sigma, noise, systematic, encoding, light, unclean)
+    return MeasuredEdges(raw, sigma, noise, systematic, encoding, light_m, unclean)
 
 
 def blur_excess_px2(
@@ -135,7 +137,7 @@ def blur_excess_px2(
 
 def shift_by_light_px(
     strip: ObservedStrip, zero: ZeroReference, excess_px2: Float[np.ndarray, "K"]
-) -> Float[np.ndarray, "4 K"]:
+) -> Float[np.ndarray, "3 K"]:
     """What the light beside each edge near the front at rest explains of its place.
 
     Parameters
@@ -148,13 +150,12 @@ def shift_by_light_px(
     Returns
     -------
     ndarray
-        Deflection that the light pretends [px], part of the difference that is ascribed to light, from 0 to 1, variance of
-        the deflection where it is [px^2], and probability that light on the floor as at rest has shifted the edge, (4, K).
+        Deflection that the light pretends [px], its variance [px^2], and the probability of light on the floor as at rest, (3, K).
     """
     if strip.stripe:
-        return np.zeros((4, len(excess_px2)))
+        return np.zeros((3, len(excess_px2)))
     found = np.full((7, len(excess_px2)), np.nan)
-    blur = np.hypot(zero.blur_ratio * strip.lens_px, PIXEL_PX)
+    blur = np.hypot(zero.blur_ratio * strip.lens_px, _SAMPLE_PX)
     seen = (strip.usable | strip.low_confidence) & ~zero.inferred  # also at rest
     front = np.where(seen, strip.front.position_px, np.nan)
     front_in_light(
@@ -162,28 +163,25 @@ def shift_by_light_px(
     )  # fmt: skip
     near, measured = np.isfinite(found[0]), np.isfinite(found[0] + excess_px2)
     if not measured.any():
-        return np.zeros((4, len(near)))
+        return np.zeros((3, len(near)))
     # The zero image has the blur of its own lens: the half of the edges with the less excess shows by how much that has changed.
     even = measured & (np.abs(excess_px2) <= quick_median(np.abs(excess_px2[measured])))
     remainder = found[1] - quick_median((found[1] - excess_px2)[even])
     shift = np.where(near, strip.rest_px - front - found[0], 0.0)
-    # Light is no matter of a single point, nor of the place beside which it is seen: what differs is error.
-    apart = np.diff(shift, prepend=np.inf, append=np.inf) ** 2
-    error = (1.4826 * quick_median(np.abs(shift[even]))) ** 2 + 0.5 * np.minimum(apart[:-1], apart[1:])
-    error += np.where(near, found[3], 0.0) ** 2
-    part = np.where(near, 1.0 - np.minimum(error / np.maximum(shift**2, 1e-12), 1.0), 0.0)
-    floor = _floor_probability(found[4], found[5], found[6], even, strip.front.contrast)
-    # Light that shifts an edge changes its blur, and without this light its blur is that at rest. The half with the less excess
-    # has a median of 0.32 standard deviations.
-    scatter = max(quick_median(np.abs(excess_px2[even])) / 0.32, 1e-3)
-    gain = np.where(measured, excess_px2**2 - remainder**2, 0.0) / scatter**2
-    floor /= 1.0 + np.exp(-np.clip(0.5 * gain, -40.0, 40.0))
-    excess_px2[measured] += (floor * part * (remainder - excess_px2))[measured]
+    scatter = max((1.4826 * quick_median(np.abs(shift[even]))) ** 2, 1e-12)
+    error = scatter + np.where(near, found[3] ** 2, 0.0)
+    odds = 0.5 * (shift**2 / error - np.log1p(blur**2 / error))
+    # Light is no matter of a single point.
+    beside = np.maximum(np.append(odds[1:], odds[-2]), np.append(odds[1], odds[:-1]))
+    odds = 2.0 * np.minimum(odds, beside) + math.log(SHADOWED)
+    light = _floor_probability(found[4], found[5], found[6], even, strip.front.contrast)
+    light *= np.where(near, 1.0 / (1.0 + np.exp(-np.clip(odds, -40.0, 40.0))), 0.0)
+    excess_px2[measured] += (light * (remainder - excess_px2))[measured]
     # Noise alone scatters about a straight line, too.
     uneven, chance = local_statistics(found[2])
     noise = quick_median(found[2, even])
     uneven = np.where(uneven - noise > _CHANCE_SIGMAS * chance, uneven**2 - noise**2, 0.0)
-    return np.stack([part * shift, part, uneven, floor])
+    return np.stack([shift, uneven, light])
 
 
 def _floor_probability(
@@ -267,30 +265,29 @@ def light_shift_px(
     excess_px2
         From :func:`blur_excess_px2`, as far as :func:`shift_by_light_px` leaves it; NaN where a gap explains it.
     lit, uneven_px2
-        Of :func:`shift_by_light_px`, the product of the second and the fourth row, and the third one.
+        Of :func:`shift_by_light_px`, the third row and the second one.
     """
     if strip.stripe:
         return np.zeros(len(strip.width_m))
     rest_px, step_px = strip.rest_px, strip.step_px[:, None]
     front = np.where(strip.usable, strip.front.position_px, np.nan)
-    local = [excess_px2]
-    blur = np.hypot(strip.lens_px, PIXEL_PX)
+    local, blur = [excess_px2], np.hypot(strip.lens_px, PIXEL_PX)
     ends = blur * 2.0 + _PLATEAU_PX * np.arange(3.0)
     for edges in (front[:, None] - ends[::-1], rest_px[:, None] + ends):
         now, rest = (mean_between(image, edges / step_px) for image in (strip.image, zero.image))
         with np.errstate(invalid="ignore", divide="ignore"):
             step = np.diff(now / rest, axis=1)[:, 0] * rest.mean(axis=1) / strip.front.contrast
         local.append(np.where(np.isfinite(step), step, np.nan))
-    (shadow, error), *steps = (local_statistics(values) for values in local)
-    # Values that neighbours have in common by chance are not attributed to light.
+    (shadow, error), *steps = (
+        local_statistics(values) for values in local
+    )  # not what they have in common by chance
     unlike = np.abs(shadow) > _CHANCE_SIGMAS * error
     variance = _SHADOW_PART / (1.0 - _SHADOW_PART) * np.where(unlike, np.abs(shadow) - error, 0.0)
     for step, error in steps:
         unlike = np.abs(step) > _CHANCE_SIGMAS * error
         variance += (1.0 - lit) * 0.125 * math.pi * blur**2 * np.where(unlike, step**2 - error**2, 0.0)
     variance += lit * uneven_px2
-    result: Float[np.ndarray, "K"] = np.sqrt(np.where(np.isfinite(variance), variance, 0.0))
-    return result
+    return np.asarray(np.sqrt(np.where(np.isfinite(variance), variance, 0.0)))
 
 
 def edge_uncertainty_m(strip: ObservedStrip) -> Float[np.ndarray, "K"]:

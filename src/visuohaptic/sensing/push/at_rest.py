@@ -29,7 +29,8 @@ COMPLIANCES_M_N, SCALE, PLACE_M = (1e-6, 1e-4, 3e-4, 1e-3), 0.006, 1.0
 STATIC_EXCESS, EXCESS_SIGMA = 0.2, 0.25
 #: Minimum probability of a rest phase that is reported.
 MIN_PROBABILITY = 0.02
-#: A uniform density over a step, blurred by noise, is at most one over (the step + this times the noise), as at a Gaussian's peak.
+#: A uniform density over a step, blurred by noise, is about one over (the step + this times the noise): exactly its peak without a
+#: step or without noise, up to 1.6 times less than the peak between.
 UNIFORM = float(np.sqrt(2.0 * np.pi))
 #: Minimum number of frames before contact for a noise estimate, and safety factor on it: these frames give the maximum
 #: of many noisy points, which scatters less than the mean of a few points that measures the deflection in contact.

@@ -31,12 +31,11 @@ import numpy as np
 from jaxtyping import UInt8
 
 from ...core import InputError, Motion, PlaneView, Reason, compose_2d, relative_2d, rotation_2d
+from ...core.camera.frame import USUAL_RATE_Hz
 from .obstacle_parallax import FaceCells, FramePair, ObstacleSettings, StripImage
 
 #: Number of comparisons per baseline: closer frames show the same pixels again.
 _COMPARISONS = 6
-#: Frames per minute of a typical camera: an upper bound of the number of comparisons.
-_FRAMES_PER_MINUTE = 1800.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,9 +90,9 @@ class ObstacleDetector:
         self._limit = math.log(1.0 / s.disturbed)
         # Faces of one cell, of two, four and so on: every face is covered by at least half.
         self._widths = tuple(2**k for k in range(shape[1].bit_length() - 1))
-        # Half of the alarms are those of single cells, a quarter of pairs, and so on.
+        # Every frame of the usual camera is compared. Half of the alarms are those of single cells, a quarter of pairs, and so on.
         self._thresholds = math.log(
-            shape[0] * shape[1] * _FRAMES_PER_MINUTE / s.alarms_per_minute
+            shape[0] * shape[1] * 60.0 * USUAL_RATE_Hz / s.alarms_per_minute
         ) + math.log(2.0) * np.arange(1, len(self._widths) + 1)
         self._needed = math.ceil(self._thresholds[0] / self._limit)
         self._step_m = self._cells.baseline_m / _COMPARISONS

@@ -18,7 +18,6 @@ from numba import prange
 from ...core.kernels import kernel
 
 _MAX_INTERFACES = 16
-_TURN = 2.0 * math.pi
 
 
 @kernel(inline="always")
@@ -55,8 +54,8 @@ def _segment_hit(segments, s, px, py, pz, dx, dy, dz, t_min, t_best):
         z = pz + t * dz
         if z < low or z > high or r0 + k * (z - z0) < 0.0:
             continue
-        if width < _TURN:
-            angle = (math.atan2(py + t * dy, px + t * dx) - first) % _TURN
+        if width < math.tau:
+            angle = (math.atan2(py + t * dy, px + t * dx) - first) % math.tau
             if angle > width:
                 continue
         t_best = t

@@ -55,7 +55,6 @@ class BayesSqueezer:
     odds: Mapping[str, float] = field(default_factory=dict)
     yaw_rad: float = 0.0
     readings: list[TouchReading] = field(default_factory=list)
-    _requested: tuple[int, str] = (0, "x")
     _missed: set[tuple[int, str]] = field(default_factory=set)  #: requested, but not felt
 
     def next_place(self) -> Place | None:
@@ -68,22 +67,22 @@ class BayesSqueezer:
         }
         if not gains:
             return None
-        self._requested = max(gains, key=lambda touch: gains[touch][0] / gains[touch][1])
-        self._missed.add(self._requested)
-        level, axis = self._requested
+        level, axis = max(gains, key=lambda touch: gains[touch][0] / gains[touch][1])
+        self._missed.add((level, axis))
         angle_rad = math.remainder(self.yaw_rad + (0.0 if axis == "x" else 0.5 * math.pi), math.pi)
         return Place((level - 0.5) / self.levels * self.height_m, angle_rad)
 
     def update(self, curve: SqueezeCurve) -> None:
-        """Update the posterior with the squeeze at the requested place; both sides of a pinch are one reading.
+        """Update the posterior with a squeeze; both sides of a pinch are one reading.
 
         Parameters
         ----------
         curve
-            Force against deformation there.
+            Force against deformation at the middle of a level, along one of both axes.
         """
-        level, axis = self._requested
-        self._missed.discard(self._requested)
+        level = round(curve.place.height_m / self.height_m * self.levels + 0.5)
+        axis = "x" if abs(math.cos(curve.place.angle_rad - self.yaw_rad)) > 0.5 else "y"
+        self._missed.discard((level, axis))
         self.readings.append(
             TouchReading(level, axis, (curve_fit(curve), None), 2.0 * curve.surface_m, self.height_m)
         )

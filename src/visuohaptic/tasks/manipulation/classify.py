@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Protocol
 
@@ -72,7 +72,10 @@ class Classification:
 
 
 def classify_by_squeezing(
-    hand: Hand, classifier: SqueezeClassifier, settings: ClassifySettings | None = None
+    hand: Hand,
+    classifier: SqueezeClassifier,
+    settings: ClassifySettings | None = None,
+    felt: Sequence[SqueezeCurve] = (),
 ) -> Classification:
     """Squeeze at the places requested by a classifier until a class reaches the confidence.
 
@@ -86,6 +89,8 @@ def classify_by_squeezing(
         Plans the places and updates the posterior.
     settings
         Stop criteria.
+    felt
+        Squeezes of the object that it does not know yet, as far as their forces are those of a squeeze here.
 
     Raises
     ------
@@ -94,18 +99,26 @@ def classify_by_squeezing(
     """
     require_members(classifier, SqueezeClassifier, "classify_by_squeezing", "classifier")
     settings = settings or ClassifySettings()
-    curves: list[SqueezeCurve] = []
+    curves = list(felt)
     traces: list[Trace] = []
     missed = 0
+    for one in felt:
+        kept = one.force_N <= settings.squeeze.forces_N[-1]
+        values = {name: getattr(one, name)[kept] for name in ("force_N", "deformation_m", "sigma_m")}
+        classifier.update(replace(one, **values))
 
     def result(success: bool, outcome: ClassifyOutcome, why: str) -> Classification:
         belief = dict(classifier.belief())
         best = max(belief, key=lambda name: belief[name]) if belief and curves else ""
         return Classification(Ending(success, outcome.value, why), best, belief, tuple(curves), tuple(traces))
 
-    while len(traces) < settings.squeezes:
-        place = classifier.next_place()
-        if place is None:
+    while True:
+        belief = classifier.belief()
+        best = max(belief, key=lambda name: belief[name])
+        if len(curves) >= settings.min_squeezes and belief[best] >= settings.confidence:
+            why = f"{best} with {belief[best]:.2f} after {len(curves)} squeezes"
+            return result(True, ClassifyOutcome.RECOGNISED, why)
+        if len(traces) >= settings.squeezes or (place := classifier.next_place()) is None:
             break
         done = squeeze(hand, [place], settings.squeeze)
         traces.append(done.trace)
@@ -120,14 +133,7 @@ def classify_by_squeezing(
         missed = 0
         curves.extend(done.curves)
         classifier.update(done.curves[0])
-        belief = classifier.belief()
-        best = max(belief, key=lambda name: belief[name])
-        if len(curves) >= settings.min_squeezes and belief[best] >= settings.confidence:
-            why = f"{best} with {belief[best]:.2f} after {len(curves)} squeezes"
-            return result(True, ClassifyOutcome.RECOGNISED, why)
     if not curves:
         return result(False, ClassifyOutcome.NOTHING_FELT, "no place could be measured")
-    belief = classifier.belief()
-    return result(
-        False, ClassifyOutcome.UNDECIDED, f"at best {max(belief.values()):.2f} after {len(curves)} squeezes"
-    )
+    why = f"at best {belief[best]:.2f} after {len(curves)} squeezes"
+    return result(False, ClassifyOutcome.UNDECIDED, why)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -197,10 +197,18 @@ class _Probing:
         Limits.
     base
         Frame of the visible surface in the base of the arm.
+    enough
+        Whether the touches so far suffice, whatever the expected error.
     """
 
-    def __init__(self, completion: Completion, settings: CompleteSettings, base: Pose) -> None:
-        self._completion, self._settings, self._base = completion, settings, base
+    def __init__(
+        self,
+        completion: Completion,
+        settings: CompleteSettings,
+        base: Pose,
+        enough: Callable[[Sequence[Touch]], bool],
+    ) -> None:
+        self._completion, self._settings, self._base, self._enough = completion, settings, base, enough
         self.touches: list[Touch] = []
         self.start_m = self.end_m = np.full(3, math.nan)
         self._planned = False
@@ -208,7 +216,7 @@ class _Probing:
 
     def _evaluate(self) -> None:
         self.error_m = self._completion.expected_error_m()
-        self.done = self._completion.done(self._settings.bound_m)
+        self.done = self._enough(self.touches) or self._completion.done(self._settings.bound_m)
 
     def plan(self) -> None:
         """Plan the next line, unless the task is complete."""
@@ -241,6 +249,7 @@ def complete_by_touch(
     settings: CompleteSettings | None = None,
     *,
     T_base_visual: Pose | None = None,
+    enough: Callable[[Sequence[Touch]], bool] = lambda touches: False,
 ) -> CompletionByTouch:
     """Touch an object where its surface is least certain, until the stop rule is met.
 
@@ -259,6 +268,8 @@ def complete_by_touch(
         Stop rule, speeds and limits.
     T_base_visual
         Pose of the frame of the visible surface in the base frame of the arm; identity by default.
+    enough
+        Whether the touches so far suffice, whatever the expected error: for an object that is recognised by them.
 
     Raises
     ------
@@ -291,7 +302,7 @@ def complete_by_touch(
     require_members(source, FrameSource, "complete_by_touch", "frame source", members=("__iter__",))
     settings = settings or CompleteSettings()
     task = CompleteTask(settings)
-    probing = _Probing(completion, settings, T_base_visual or Pose.identity())
+    probing = _Probing(completion, settings, T_base_visual or Pose.identity(), enough)
     pose, force_N = Pose.identity(), math.nan
 
     def observations() -> Iterator[ProbeObservation]:

@@ -102,9 +102,8 @@ def identify_contents(
         open_m=open_m,
         hold_frames=HOLD_FRAMES,
     )
-    # After all heights, repeat them from the side, where wall and noise differ.
     heights = model.heights_m()
-    places = [Place(z, angle) for angle in (0.0, 0.5 * math.pi) for z in heights]
+    places = [Place(z, 0.5 * math.pi * (z in heights[:k])) for k, z in enumerate(heights)]
     heaviest_kg = max(mass + 3.0 * sigma for mass, sigma in (model.mass_kg(1.0, name) for name in FILLINGS))
     curves: list[SqueezeCurve] = []
     why, found = "", ContentsFinding(model.posterior([]), [], None)

@@ -13,6 +13,9 @@ from ...core.ranges import POSITIVE, Ranged
 from ..framework import Ending, Rule, Trace
 from .hand import Hand, HandCommand, HandObservation, HandTask, Place, run_hand
 
+#: Fraction of the force over which its rise per closing is measured: several times the noise of a reading.
+RISE = 0.1
+
 
 class GraspState(StrEnum):
     """What the hand is doing."""
@@ -101,6 +104,7 @@ class GraspAndLiftTask(HandTask[GraspState]):
         self.force_N, self.deformation_m = 0.0, math.nan
         self._first_m = math.nan
         self._weak = 0
+        self._closing: list[tuple[float, float]] = []  #: opening [m] and force [N]
         self._unloaded_N: list[float] = []  #: load on the table [N]
         self._loaded_N: list[float] = []
 
@@ -164,7 +168,23 @@ class GraspAndLiftTask(HandTask[GraspState]):
             return self.halt()
         if seen.opening_m <= 1e-4:
             return self._fail(GraspOutcome.NOTHING_THERE, "closed without reaching the force")
-        return HandCommand(opening_m=0.0, finger_m_s=p.finger_m_s)
+        return HandCommand(opening_m=self._next_opening_m(seen), finger_m_s=p.finger_m_s)
+
+    def _next_opening_m(self, seen: HandObservation) -> float:
+        """Opening up to which to close until the next frame.
+
+        Of the way to the force, by its rise so far, one half, since walls and foam stiffen, and at least
+        the rise of half the resolution.
+        """
+        p, felt_N = self.plan, seen.force_N
+        self._closing.append((seen.opening_m, felt_N))
+        weaker = [one for one in self._closing if one[1] <= felt_N - RISE * p.force_N]
+        if not weaker:
+            return 0.0
+        opening_m, force_N = weaker[-1]
+        rise_N = 0.5 * max(p.force_N - felt_N, RISE * p.force_N)
+        way_m = (opening_m - seen.opening_m) * rise_N / (felt_N - force_N)
+        return max(0.0, seen.opening_m - way_m)
 
     def weighs(self, t_s: float) -> bool:
         """Read the load while the object is lifted, and before for as long with nothing between the fingers.
@@ -197,7 +217,7 @@ class GraspAndLiftTask(HandTask[GraspState]):
         super().go(state, why)
         if state is GraspState.OPEN and self._others:
             self.plan = self._others.pop(0)
-            self._weak, self._first_m, self.deformation_m = 0, math.nan, math.nan
+            self._weak, self._first_m, self.deformation_m, self._closing = 0, math.nan, math.nan, []
             self._unloaded_N, self._loaded_N = [], []
 
 

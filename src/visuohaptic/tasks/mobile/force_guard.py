@@ -10,6 +10,7 @@ from enum import StrEnum
 import numpy as np
 
 from ...core import POSITIVE, ForceProfile, check_numbers
+from ...core.camera.frame import USUAL_RATE_Hz
 from ...sensing.push.push_record import reaches_limit
 from ..framework.supervisor import CHECK_RATE_HZ, SafetyLimits
 from .explore_records import ExploreSettings
@@ -18,8 +19,8 @@ from .explore_records import ExploreSettings
 MEDIAN_OF = 5
 #: Maximum number of consecutive invalid readings before the sensor counts as failed: half a second at 50 Hz.
 MAX_UNREAD = 25
-#: Time to process the frame of a contact [s], at 30 Hz.
-READ_S = 1 / 30
+#: Time to process the frame of a contact [s].
+READ_S = 1.0 / USUAL_RATE_Hz
 #: Age of a reading at which the supervisor stops the motion, plus one check [s]: no command is needed beyond that.
 MAX_AGE_S = SafetyLimits().max_age_s + 1 / CHECK_RATE_HZ
 

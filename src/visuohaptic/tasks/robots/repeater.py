@@ -11,6 +11,7 @@ from typing import Any
 
 from ...core import FINITE, Closing, MobileBase, above, check_numbers
 from ...core.errors import DeviceError, InputError, VisuohapticError
+from ...core.resources import end_thread
 
 _log = logging.getLogger(__name__)
 
@@ -55,8 +56,7 @@ class Repeater:
     def close(self) -> None:
         """End the thread; may be called repeatedly."""
         self._end.set()
-        if threading.current_thread() is not self._thread:
-            self._thread.join()
+        end_thread(self._thread)
 
 
 class Repeated(Closing):

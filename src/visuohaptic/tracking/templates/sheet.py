@@ -95,7 +95,7 @@ def lay_out(items: Sequence[SheetItem], paper: str = "A4") -> tuple[PlacedItem, 
         if left + item.width_m > width - _MARGIN_M or top + place.height_m + _LABEL_M > bottom:
             raise InputError(
                 "sheet",
-                f"{item.label} ({1e3 * item.width_m:.0f} x {1e3 * place.height_m:.0f} mm) does not fit on {paper}",
+                f"{item.label} ({1e3 * item.width_m:.5g} x {1e3 * place.height_m:.5g} mm) does not fit on {paper}",
                 remedy="use fewer or smaller templates, or a larger paper",
             )
         placed.append(place)

@@ -49,7 +49,13 @@ def add_arguments(add: Any) -> None:
         "what it returns: a score, or a depth or disparity that sees the glass (default: %(default)s)",
         choices=("mask", "depth", "disparity"),
     )
-    add("--network-size", int, "width and height of its input [px] (default: those of the view)", nargs=2)
+    add(
+        "--network-size",
+        int,
+        "width and height of its input [px] (default: those of the view)",
+        nargs=2,
+        low=1,
+    )
     add("--no-refine", bool, "do not refine the poses")
     add("--sparse", bool, "fuse the surface everywhere, not only in the space of interest")
     add("--plot", Path, "figure of surface and transparent parts to write (.png, .pdf, .svg)")

@@ -29,6 +29,9 @@ def run(args: Any) -> dict[str, Any]:
     from ....database.exchange import export_objects
 
     with opened(args) as database:
-        ids = args.id or [one.id for one in database.summaries()]
+        known = [one.id for one in database.summaries()]
+        ids = list(dict.fromkeys(args.id)) or known
+        for one in set(ids) - set(known):
+            database.get(one)  # refused before anything is written
         count = export_objects((database.get(one) for one in ids), args.out, licence=args.licence)
     return {"folder": args.out, "exported": count}

@@ -34,8 +34,11 @@ def run(args: Any) -> dict[str, Any]:
             f"is not a database of objects, and neither is {database.shown_url(args.db)}",
             remedy="check both names, or add an object first",
         )
-    if "://" not in args.db + args.shared and Path(args.db).resolve() == Path(args.shared).resolve():
-        raise InputError(args.shared, "is the database of --db itself, expected another one")
+    folders = "://" not in args.db + args.shared
+    if args.db == args.shared or (folders and Path(args.db).resolve() == Path(args.shared).resolve()):
+        raise InputError(
+            database.shown_url(args.shared), "is the database of --db itself, expected another one"
+        )
     with opened(args, create=True) as local, database.open_database(args.shared) as shared:
         done = database.synchronise(local, shared)
         return {"shared": shared.where, "sent": done.sent, "received": done.received}

@@ -139,7 +139,7 @@ def _scene(args: Any, vertices_m: Any) -> Any:
     else:
         mesh = load_mesh(args.scene)
         points, faces = mesh.vertices * (mesh.unit_m or 1.0), mesh.faces
-    *place, yaw = args.place or (0.0, 0.0, 0.0, 0.0)
+    *place, yaw = core.finite_array("--place", args.place or (0.0, 0.0, 0.0, 0.0), 4)
     cos, sin = np.cos(np.radians(yaw)), np.sin(np.radians(yaw))
     pose = np.eye(4)
     pose[:2, :2], pose[:3, 3] = ((cos, -sin), (sin, cos)), place

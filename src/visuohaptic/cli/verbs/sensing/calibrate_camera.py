@@ -11,6 +11,7 @@ Example: visuohaptic calibrate camera photos/ --squares 9x6 --square-mm 25 --mar
 
 from __future__ import annotations
 
+import re
 from argparse import Namespace
 from contextlib import nullcontext, suppress
 from dataclasses import replace
@@ -42,11 +43,13 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Namespace) -> dict[str, Any]:
     """Detect, fit, write; returns what is printed."""
-    words = args.squares.lower().split("x")
-    if len(words) != 2 or not all(word.isdigit() for word in words):
-        raise core.InputError("--squares", f"found {args.squares!r}, expected COLUMNSxROWS, such as 9x6")
+    squares = re.fullmatch(r"([0-9]{1,4})x([0-9]{1,4})", args.squares.lower())
+    if squares is None:
+        raise core.InputError(
+            "--squares", f"found {core.brief(args.squares)}, expected COLUMNSxROWS, such as 9x6"
+        )
     marker = None if args.marker_mm is None else args.marker_mm * 1e-3
-    board = camera.Board(int(words[0]), int(words[1]), args.square_mm * 1e-3, marker, args.dictionary)
+    board = camera.Board(int(squares[1]), int(squares[2]), args.square_mm * 1e-3, marker, args.dictionary)
     views = []
     size = (0, 0)
     next_s = -float("inf")

@@ -18,7 +18,7 @@ from ...pushing._outline_kernels import extent, polygon_distance
 UNITS = 256
 FAR = np.int32(2**30)
 #: Minimum cost of a step: straight, at full speed, at an angle of 45 degrees to the gradient.
-MIN_STEP = 181
+MIN_STEP = int(UNITS / math.sqrt(2.0))
 
 
 @kernel

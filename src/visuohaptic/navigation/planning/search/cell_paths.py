@@ -1,16 +1,14 @@
-"""Paths over the cells of a layer, sampling of points along them, and fields of layers that change in places."""
+"""Paths over the cells of a layer, and sampling of points along them."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from jaxtyping import Int, Int32
+from jaxtyping import Int
 
-from ..arrays import Clearance, Field, Labels, Nodes, Path, Point, Shifts
+from ..arrays import Clearance, Field, Nodes, Path, Point, Shifts
 from . import _travel_kernels
 from ._push_search_kernels import descend
-from ._travel_kernels import FAR, UNITS, segment_cost
+from ._travel_kernels import FAR, UNITS
 from .search_domain import SearchDomain
 
 
@@ -89,27 +87,6 @@ def resampled(path: Path, count: int) -> Path:
     return np.column_stack([np.interp(places, along, path[:, axis]) for axis in (0, 1)])
 
 
-def thinned(domain: SearchDomain, clearance: Clearance, path: Path) -> Path:
-    """Points one block apart on a cell path; all of its cells where the straight line between them is not free.
-
-    Parameters
-    ----------
-    domain
-        Radius and speeds of the robot, edge length of a block.
-    clearance
-        Clearance of the layer [cells].
-    path
-        Cells from the layer's corner [cells].
-    """
-
-    kept = [0]
-    for last in range(domain.block, len(path) - 1 + domain.block, domain.block):
-        first, last = kept[-1], min(last, len(path) - 1)
-        cost = segment_cost(clearance, domain.radius, domain.slow, *path[first], *path[last], False, np.inf)
-        kept += [last] if np.isfinite(cost) else range(first + 1, last + 1)
-    return path[kept]
-
-
 def unclear_steps(
     domain: SearchDomain, shifts: Shifts, clearance: Clearance, cells: Path, low: Int[np.ndarray, "2"]
 ) -> Int[np.ndarray, "n 2"]:
@@ -137,59 +114,3 @@ def unclear_steps(
         k + 1 for k in tight.tolist() if not domain.clear_straight(shifts, middle[k], middle[k + 1][None])[0]
     ]
     return places[near]
-
-
-class KnownField(NamedTuple):
-    """A travel field over the lattice, and what it was computed from."""
-
-    clearance: Clearance
-    region: Labels  #: labels of the nodes that it costs extra to leave
-    charge: Int32[np.ndarray, "labels"]  #: of each label [units]
-    cost: Field  #: from every node to the goal [units]
-
-
-def changed_field(
-    domain: SearchDomain,
-    known: KnownField,
-    clearance: Clearance,
-    region: Labels,
-    charge: Int32[np.ndarray, "labels"],
-    targets: Nodes,
-) -> Field | None:
-    """Costs to the goal after a change in places; none where the goal itself is near a change.
-
-    A way that a change affects passes a changed node. Costs below those around all changed nodes stay, and only nodes
-    behind them are searched.
-
-    Parameters
-    ----------
-    domain
-        Radius and speeds of the robot.
-    known
-        The field before the change.
-    clearance, region, charge
-        Layers after the change, as in :class:`KnownField`.
-    targets
-        If given, the search ends when the costs of all of them are known.
-    """
-    import cv2
-
-    cost = known.cost.reshape(clearance.shape)
-    changed = (clearance != known.clearance) | (region != known.region)
-    changed |= charge[region] != known.charge[known.region]
-    around = cv2.dilate(changed.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    kept = cost < cost[around].min(initial=FAR)
-    behind = ~kept & (clearance >= domain.radius)
-    # A step depends on the two nodes before it: the kept nodes up to two steps from the others are its seeds.
-    rim = kept & (cv2.dilate(behind.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
-    if not kept.any():
-        return None
-    rest = targets[~kept.ravel()[targets]]
-    if not rim.any() or (targets.size and not rest.size):
-        return np.where(kept, cost, FAR).ravel()
-    low, none = cost[rim].min(), np.zeros(0, np.int32)
-    found = _travel_kernels.travel_field(
-        np.where(kept & ~rim, np.float32(0.0), clearance), domain.radius, domain.slow,
-        np.flatnonzero(rim).astype(np.int32), cost[rim] - low, region, charge, none, 0, rest,
-    ).reshape(cost.shape)  # fmt: skip
-    return np.where(kept, cost, np.where(found < FAR, found + low, FAR)).ravel()

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from ..arrays import Field, Nodes, Path, Point, Shifts
 from ._push_search_kernels import largest_in_blocks
 from ._travel_kernels import string_pull
-from .cell_paths import cheapest_cells, resampled, thinned, unclear_steps
+from .cell_paths import cheapest_cells, resampled, unclear_steps
 from .push_states import Deadline, PushStep
 from .search_domain import Corridor, SearchDomain
 
@@ -20,8 +20,6 @@ STRING_WINDOW = 80
 STRING_ROUNDS = 12
 #: Number of nodes of a lattice path that are refined on the map at once.
 PIECE = 60
-#: Maximum number of cached pieces, enough for several plans.
-MAX_PIECES = 64
 
 
 class _Drive(NamedTuple):
@@ -139,49 +137,6 @@ def drive_cost(domain: SearchDomain, shifts: Shifts, start: Point, goal: Point) 
     return _drive(domain, _Drive(shifts, start, goal))[2]
 
 
-def changed_drives_cost(
-    domain: SearchDomain,
-    steps: tuple[PushStep, ...],
-    changed: tuple[PushStep, ...],
-    start: Point,
-    most: float,
-) -> float:
-    """:func:`drives_cost` of pushes with other lengths, along the drives of a known plan.
-
-    Parameters
-    ----------
-    domain, steps, start, most
-        See :func:`drives_cost`; the drives of ``steps`` exist.
-    changed
-        The same pushes with other lengths.
-    """
-    if not domain.clear_straight(changed[-1].shifts_after, domain.goal, domain.goal[None])[0]:
-        return float("inf")
-    total = 0.0
-    for old, new in zip(_ends(domain, steps, start), _ends(domain, changed, start), strict=True):
-        key = _key(*new)
-        if key not in domain.drives:
-            block, nodes, cost, cells = _drive(domain, old)
-            if _key(*old[1:]) == _key(*new[1:]) and not _near_path(
-                domain, nodes, block, old.shifts, new.shifts
-            ):
-                domain.drives[key] = block, nodes, cost, cells
-                total += cost
-                continue
-            # From the start of the new drive to the old one, along the old one, and to the goal of the new one.
-            ends = [resampled(np.stack(pair), 2 + int(np.hypot(*(pair[1] - pair[0])))) // block for pair in
-                    ((new[1], old[1]), (old[2], new[2]))]  # fmt: skip
-            nodes = np.concatenate([ends[0], nodes, ends[1]])
-            cost, cells = _cost_along(domain, new, nodes, block)
-            if not np.isfinite(cost):
-                return cost
-            domain.drives[key] = block, nodes, cost, cells
-        total += domain.drives[key][2]
-        if total >= most:
-            return float("inf")
-    return total
-
-
 def drives_cells(domain: SearchDomain, steps: tuple[PushStep, ...], start: Point) -> list[Path]:
     """Points of every drive of a plan, one cell apart [cells].
 
@@ -191,17 +146,6 @@ def drives_cells(domain: SearchDomain, steps: tuple[PushStep, ...], start: Point
         See :func:`drives_cost`.
     """
     return [_drive(domain, end)[3] for end in _ends(domain, steps, start)]
-
-
-def _near_path(domain: SearchDomain, nodes: Path, block: int, before: Shifts, after: Shifts) -> bool:
-    """Whether the old or new position of a moved body affects the cost along a path."""
-    moved = np.flatnonzero((before != after).any(axis=1))
-    low, high = (corners[moved] for corners in domain.extents)
-    middle, half = 0.5 * (low + high), 0.5 * np.hypot(*(high - low).T)
-    places = np.concatenate([middle + before[moved], middle + after[moved]])
-    away = np.hypot(*((nodes[:, None] + 0.5) * block - places).T)
-    # The corridor includes neighbouring blocks of the path: two more on either side.
-    return bool((away.min(axis=1) < np.tile(half, 2) + domain.reach + 4.0 * block).any())
 
 
 def _ends(domain: SearchDomain, steps: tuple[PushStep, ...], start: Point) -> list[_Drive]:
@@ -305,8 +249,7 @@ def _pulled_piece(domain: SearchDomain, drive: _Drive, nodes: Path, block: int) 
     if found is None:
         return np.zeros((0, 2))
     cells, clearance, low, _ = found
-    inner = thinned(domain, clearance, cells + 0.5)
-    path = np.concatenate([[drive.start - low], inner, [drive.goal - low]])
+    path = np.concatenate([[drive.start - low], cells + 0.5, [drive.goal - low]])
     return path[string_pull(clearance, domain.radius, domain.slow, path, STRING_WINDOW)[0]] + low
 
 
@@ -341,16 +284,7 @@ def _without_corners(domain: SearchDomain, shifts: Shifts, path: Path, deadline:
 
 
 def _cells_along(domain: SearchDomain, drive: _Drive, nodes: Path, block: int) -> Corridor | None:
-    """Cells of a drive along a path over blocks, cached because the drive evaluated last is usually executed."""
-    key = _key(*drive, nodes, np.array(block))
-    if key not in domain.pieces:
-        if len(domain.pieces) >= MAX_PIECES:
-            domain.pieces.clear()
-        domain.pieces[key] = _found_along(domain, drive, nodes, block)
-    return domain.pieces[key]
-
-
-def _found_along(domain: SearchDomain, drive: _Drive, nodes: Path, block: int) -> Corridor | None:
+    """Cells of a drive along a path over blocks, clearance around them, their common corner, and the cost."""
     shifts, start, goal = drive
     rows, columns = domain.clearance.shape
     # Chords stay within the bounding box of the path; the clearance accounts for obstacles outside.

@@ -18,13 +18,11 @@ from ..arrays import Clearance, Nodes, Path, Point, Shifts
 from . import _travel_kernels
 from ._travel_kernels import FAR, reach_costs
 from .push_heuristic import PushHeuristic
-from .push_lengths import free_length, push_step
+from .push_lengths import LENGTH_STEP_M, free_length, push_step
 from .push_states import Deadline, SearchLimits, SearchState
 
 #: Maximum number of bodies that are considered jointly.
 MAX_TOGETHER = 3
-#: Step length of the pushes [m].
-STEP_M = 0.05
 
 
 class Infeasibility:
@@ -43,7 +41,7 @@ class Infeasibility:
     def __init__(self, heuristic: PushHeuristic, limits: SearchLimits, deadline: Deadline) -> None:
         self.heuristic, self.domain, self.deadline = heuristic, heuristic.lattice, deadline
         # Pushes are checked in steps of half a cell.
-        self.step = max(STEP_M / self.domain.map.resolution_m, 0.5)
+        self.step = max(LENGTH_STEP_M / self.domain.map.resolution_m, 0.5)
         self.max_states = limits.memory_bytes // 1000
 
     def prove(self, first: SearchState, cells: Nodes) -> str:

@@ -18,7 +18,6 @@ from ..arrays import Clearance, Field, Labels, Nodes, Path, Point, Shifts
 from ..place_costs import places_s
 from . import _travel_kernels
 from ._travel_kernels import FAR, UNITS, mark_region, reach_costs
-from .cell_paths import KnownField, changed_field
 from .push_ends import turn_probability
 from .push_states import PushStep
 from .search_domain import SearchDomain
@@ -95,7 +94,6 @@ class PushHeuristic:
         #: cost from the start, cached [units]
         self.begin: Field | None = None
         self._begin: Field | None = None  # with the present charges
-        self._known: KnownField | None = None  # the last cost-to-go of all nodes
         self.limit = self.far  #: cost of a known plan [units]: more expensive nodes are not expanded
         #: cost-to-go when no pushable body is an obstacle [units]
         self.free_field: Field = free.free_field if free else self._field(zeros, [])
@@ -136,7 +134,7 @@ class PushHeuristic:
         """
         self.alone[body] = max(self.alone[body], units)
         self._fields.clear()
-        self._both = self._begin = self._known = None
+        self._both = self._begin = None
 
     def push_units(self, body: int, length: float, contact: int = -1) -> float:
         """``t_mani`` of a push [units]; infinite beyond the allowed length.
@@ -273,16 +271,10 @@ class PushHeuristic:
         none = near = np.zeros(0, np.int32)
         if robot is not None:
             near, _ = domain.seeds(self.base, robot)
-        cost, whole = None, seeds is None and rest is None and bool(bodies)
-        if whole and self._known is not None:
-            cost = changed_field(domain, self._known, clearance, region, charge, near)
-        if cost is None:
-            cost = _travel_kernels.travel_field(
-                clearance, domain.radius, domain.slow, *(seeds or (self.goal_cells, self.goal_costs)),
-                region, charge, none if rest is None else rest, self.limit, near,
-            )  # fmt: skip
-            if whole and robot is None:
-                self._known = KnownField(clearance, region, charge, cost)
+        cost = _travel_kernels.travel_field(
+            clearance, domain.radius, domain.slow, *(seeds or (self.goal_cells, self.goal_costs)),
+            region, charge, none if rest is None else rest, self.limit, near,
+        )  # fmt: skip
         if near.size and cost[near].max() < self.far:
             np.minimum(cost, np.where(self.free_field < self.far, cost[near].max(), self.far), out=cost)
         return cost

@@ -21,7 +21,7 @@ from ..footprint._footprint_kernels import free_drive
 from . import _travel_kernels
 from ._push_search_kernels import free_push_length, opening_lengths
 from .bodies import lower_clearance
-from .drives import changed_drives_cost, drives_cells
+from .drives import drives_cells, drives_cost
 from .push_ends import PRICED, end_errors
 from .push_heuristic import PushHeuristic
 from .push_states import Deadline, PushStep, SearchResult, needed_clearance
@@ -31,8 +31,10 @@ from .search_domain import SearchDomain
 SWEEP_STEP = 0.5
 #: Number of final poses near a drive for which a detour is searched; the standard error of their fraction is 0.18.
 LOOKED_AT = 8
+#: Push lengths of the search are multiples of this [m], where the free space allows it.
+LENGTH_STEP_M = 0.05
 #: Steps of the descent [m]: that of the search, doubled after each success, and the smallest that a robot can execute.
-STEPS_M = (0.05, 0.0125)
+STEPS_M = (LENGTH_STEP_M, LENGTH_STEP_M / 4.0)
 
 
 def refine_lengths(
@@ -69,7 +71,7 @@ def refine_lengths(
             tried_cost = float("inf")
             if tried:
                 most = cost + risk - pushes
-                tried_cost = pushes + changed_drives_cost(domain, steps, tried, start, most)
+                tried_cost = pushes + drives_cost(domain, tried, start, most)
             tried_risk = 0.0
             if tried_cost < cost + risk:
                 tried_risk = replanning_units(heuristic, tried, start) * scale

@@ -21,12 +21,10 @@ from . import _travel_kernels
 from ._travel_kernels import clearances_at, reach_costs
 from .drives import drive_cost, drives_cost, lattice_cost
 from .push_heuristic import PushHeuristic
-from .push_lengths import free_length, opening_at, push_step, stand_is_free
+from .push_lengths import LENGTH_STEP_M, free_length, opening_at, push_step, stand_is_free
 from .push_states import Deadline, SearchLimits, SearchResult, SearchState, SeenFields, push_sequence
 from .search_domain import CLEAR_SLACK_M
 
-#: Push lengths are multiples of this [m], where the free space allows it.
-LENGTH_STEP_M = 0.05
 #: Lengths tried for every push, and beyond one that connects components of free space [steps].
 LADDER, EXTRA = (2, 4, 6, 9, 13, 19, 28, 40), (0, 1, 2, 4, 8, 16)
 #: Costs up to this ratio are those of the same path: rounding errors of integer costs stay below it.
@@ -191,17 +189,11 @@ class PushPass:
         if not cells.size or self.seen.dominated(state, cells):
             return
         most = int(min(queue.best - state.spent, heuristic.far))
-        known = state.travel.get(domain.slack > 0.0)
-        if known is None or known[0] < most:
-            none = np.zeros(0, np.int32)
-            cost = _travel_kernels.travel_field(
-                clearance, domain.radius, domain.slow, cells, costs, heuristic.labels, heuristic.passing,
-                heuristic.free_field if most < heuristic.far else none, most, none,
-            )  # fmt: skip
-            if not state.depth:
-                state.travel[domain.slack > 0.0] = most, cost  # every pass starts here
-        else:
-            cost = known[1]
+        none = np.zeros(0, np.int32)
+        cost = _travel_kernels.travel_field(
+            clearance, domain.radius, domain.slow, cells, costs, heuristic.labels, heuristic.passing,
+            heuristic.free_field if most < heuristic.far else none, most, none,
+        )  # fmt: skip
         self.seen.add(state, cost)
         goal_cells, goal_costs = domain.seeds(clearance, domain.goal)
         reached = False

@@ -34,8 +34,6 @@ CLEAR_SLACK_M = 1e-6
 SAMPLE = 0.125
 #: Maximum number of cached distance patches.
 MAX_PATCHES = 5000
-#: Maximum number of nodes of cached lattices.
-MAX_STILL_NODES = 20_000_000
 #: Bytes of the arrays on which a cached result depends.
 Key = tuple[bytes, ...]
 #: Maximum distance from a body in the blocks around it, and the first row and column.
@@ -78,12 +76,8 @@ class SearchDomain:
     widest: float = 0.0
     #: distances around bodies, cached because most bodies do not move
     patches: dict[tuple[int, int, float, float], Patch] = field(default_factory=dict, init=False)
-    #: cached lattices with the unmoved bodies, by the set of moved ones
-    still: dict[tuple[int, ...], Clearance] = field(default_factory=dict, init=False)
     #: cached drives, by displacements, start and goal: block size, blocks, cost, cells
     drives: dict[Key, tuple[int, Path, float, Path]] = field(default_factory=dict, init=False)
-    #: their last pieces on the map: cells, clearance around them, common corner, cost
-    pieces: dict[Key, Corridor | None] = field(default_factory=dict, init=False)
     #: the same over the lattice: blocks, cost
     paths: dict[Key, tuple[Path, float]] = field(default_factory=dict, init=False)
     #: poses of a body along simulated pushes, by body and contact
@@ -154,21 +148,14 @@ class SearchDomain:
         return self.lowered(self.clearance, shifts, [i for i in range(len(self.bodies)) if i != without], 1)
 
     def lattice_with(self, shifts: Shifts) -> Clearance:
-        """:meth:`clearance_with` of the lattice's nodes; not to be changed in place.
+        """:meth:`clearance_with` of the lattice's nodes.
 
         Parameters
         ----------
         shifts
             See :meth:`clearance_with`.
         """
-        # Most bodies do not move: the lattice with them is cached by the set of moved bodies.
-        moved = tuple(np.flatnonzero(shifts.any(axis=1)).tolist())
-        if moved not in self.still:
-            if len(self.still) * self.lattice.size > MAX_STILL_NODES:
-                self.still.clear()
-            rest = [i for i in range(len(self.bodies)) if i not in moved]
-            self.still[moved] = self.lowered(self.lattice, np.zeros_like(shifts), rest, self.block)
-        return self.lowered(self.still[moved], shifts, moved, self.block) if moved else self.still[moved]
+        return self.lowered(self.lattice, shifts, range(len(self.bodies)), self.block)
 
     def seeds(
         self, layer: Clearance, point: Point, *, reach: int = 1, block: int | None = None

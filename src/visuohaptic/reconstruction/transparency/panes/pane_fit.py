@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...fusion.volume import SpaceGrid
-from ..outline_fit import OutlineView, hull_evidence
+from ..outline_fit import Outlines, OutlineView
 from ..ray_evidence import HIDDEN, RayEvidence
 
 #: Angles of incidence from which on a pane may show: it reflects least, and almost alike, up to 45 degrees.
@@ -198,7 +198,7 @@ def find_panes(
         if not own.any():
             break
         # As for bodies, also with the rates of the surface behind it.
-        beside = replace(fit, hull=hull_evidence(views_beside(points_m), shape[:3]))
+        beside = replace(fit, hull=Outlines(views_beside(points_m), shape[:3]).inside)
         if beside.evidence(shape, look_alike) >= threshold and math.isfinite(sigma_m):
             found.append(pane)
         rays.limit_m[own] = 0.0
@@ -216,13 +216,13 @@ def _find(
     """The likeliest rectangle above the threshold that shows as a pane does rather than in all views alike."""
     fits, best, least = [], None, 0.0
     for start, level in _starts(rays, places, eyes_m, math.log(math.prod(places.shape))):
-        fits.append((_Fit(hull_evidence(views, start[:3]), rays.weights, eyes_m, level), start))
+        fits.append((_Fit(Outlines(views, start[:3]).inside, rays.weights, eyes_m, level), start))
     for fit, start in sorted(fits, key=lambda one: one[0].cost(one[1]))[:_SEARCHES]:
         shape = fit.best(start)
         # Likeliest at the minimum size: what is left of the rays beside another part.
         if shape[4:].min() < _MIN_HALF_M + _STEPS[4]:
             continue
-        fit = replace(fit, hull=hull_evidence(views, shape[:3]))
+        fit = replace(fit, hull=Outlines(views, shape[:3]).inside)
         alike = -float(fit.each(shape).sum())
         if fit.evidence(shape, look_alike) >= threshold and (cost := fit.cost(shape)) < min(least, alike):
             best, least = (fit, shape), cost

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ....core.camera.frame import USUAL_RATE_Hz
 from ....core.measurement import Contact, ForceProfile, Reason
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 #: Minimum deflection of a compared point, and its minimum increase over the push [m].
 MIN_M, MIN_RISE_M = 7e-4, 3e-3
 #: Standard deviations of the front position in an image [m], and of the delay between wheels and images, one frame [s].
-POINT_SIGMA_M, DELAY_SIGMA_S = 5e-5, 0.033
+POINT_SIGMA_M, DELAY_SIGMA_S = 5e-5, 1.0 / USUAL_RATE_Hz
 #: Minimum relative standard deviation of one contact, however well the contacts agree.
 ONE_SIGMA = 0.005
 #: Number of pushes from which their own scatter is used, and the relative scatter assumed before.
