@@ -336,9 +336,8 @@ def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"], values: 
         known, other = (np.logaddexp.reduce(score[part]) for part in (~foreign, foreign))
         unlike = known + beside[best] - score[best]
         score[foreign] += np.logaddexp(other, unlike) - other
-    if np.isfinite(
-        score[~foreign]
-    ).any():  # among themselves, the classes share the errors of their simulation
+    # Among themselves, the classes share the errors of their simulation.
+    if np.isfinite(score[~foreign]).any():
         common = model.log_prior + likelihood[0] / model.temperature_of(values)
         both = [np.logaddexp.reduce(part[~foreign]) for part in (score, common)]
         score = np.where(foreign, score, common + both[0] - both[1])
