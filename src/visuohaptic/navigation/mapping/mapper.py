@@ -211,8 +211,7 @@ class OccupancyMapper:
     def _predict(self, odometry: PlanarPose) -> PlanarPose:
         """Pose by odometry since the last scan; its covariance grows until a scan fits again."""
         s = self.settings
-        before = self._odometry
-        self._odometry = odometry
+        before, self._odometry = self._odometry, odometry
         if before is None:
             self._pose = odometry
             self._spread = np.diag([1e-6, 1e-6, 1e-6])
