@@ -143,8 +143,9 @@ def settled(views: Sequence[OutlineView], body: UprightBody, rate: float) -> Upr
         return outlines.cost(shape_m, opening, bounds_m)
 
     def ends(starts: Sequence[np.ndarray]) -> list[np.ndarray]:
-        found = [outlines.search(one, opening, bounds_m, side=1) for one in starts]
-        return sorted((one for one in found if cost(one) < 0), key=cost)
+        first, *others = sorted((outlines.search(one, opening, bounds_m) for one in starts), key=cost)
+        found = outlines.search(first, opening, bounds_m, side=-1), *others
+        return [one for one in found if cost(one) < 0]
 
     start = body.shape_m[:6]
     leaning = ends([np.append(start, [0.0, 0.0]), *sorted(_leans(start), key=cost)[:SEARCHES]])
