@@ -31,7 +31,7 @@ def filled(delta, hidden):
     states = EdgeStates(probability, np.zeros((K, K)), "")
     seen = states.foam
     filled = fill_gaps(GEOMETRY, delta, SIGMA, SIGMA, 0.0 * SIGMA, seen)
-    return Deflection(*filled[:4], seen, filled[4], delta, states, *np.zeros((3, K)))
+    return Deflection(*filled[:4], seen, filled[4], delta, states, *np.zeros((3, K)), filled[5])
 
 
 def test_what_is_hidden_is_bounded_by_what_it_draws_along(continuum, reference_law) -> None:

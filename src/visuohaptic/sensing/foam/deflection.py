@@ -32,7 +32,7 @@ class Deflection:
     sigma_m: Float[np.ndarray, "K"]  #: its standard deviation, all errors except those common to all points
     noise_m: Float[np.ndarray, "K"]  #: the part that varies from frame to frame
     own_noise_m: Float[np.ndarray, "K"]  #: the part that varies and that neighbours do not share
-    seen: Bool[np.ndarray, "K"]  #: measured, not interpolated
+    seen: Bool[np.ndarray, "K"]  #: an edge of the foam is seen
     hidden_m: Float[
         np.ndarray, "K"
     ]  #: upper bound of the deflection of a hidden point; infinite where there is none
@@ -41,6 +41,7 @@ class Deflection:
     light_m: Float[np.ndarray, "K"]  #: standard deviation due to uneven light, shared by neighbours
     unclean_m: Float[np.ndarray, "K"]  #: error of edges that were not observed at rest, shared by neighbours
     encoding_m: Float[np.ndarray, "K"]  #: error due to the camera's encoding, shared by all points
+    measured: Bool[np.ndarray, "K"]  #: seen, and not inferred more accurately from its neighbours
 
     @property
     def covered(self) -> Bool[np.ndarray, "K"]:
@@ -71,7 +72,7 @@ class Deflection:
             averaged=True,
             shared_noise=SHARED_NOISE,
             # An edge that may be another one's is no history of the foam, and neither is a point between two lines.
-            measured=self.seen & ~self.states.undecided,
+            measured=self.measured & ~self.states.undecided,
             end_cells_m=geometry.end_cells_m,
         )
 
@@ -94,12 +95,12 @@ def measure_deflection(
     delta = np.where(states.shadow, 0.0, edges.delta_m)
     sigma = np.where(states.shadow, REST_PX * strip.pixel_m, edges.sigma_m)
     seen = (states.foam | states.shadow) & (strip.usable | strip.low_confidence)
-    delta, sigma, noise, own, hidden, seen = fill_gaps(
+    delta, sigma, noise, own, hidden, measured = fill_gaps(
         geometry, delta, sigma, edges.noise_m, edges.systematic_m, seen
     )
     unclean, encoding = (np.where(states.foam, error, 0.0) for error in (edges.unclean_m, edges.encoding_m))
     raw, light = edges.delta_m, edges.light_m
-    return Deflection(delta, sigma, noise, own, seen, hidden, raw, states, light, unclean, encoding)
+    return Deflection(delta, sigma, noise, own, seen, hidden, raw, states, light, unclean, encoding, measured)
 
 
 def fill_gaps(
