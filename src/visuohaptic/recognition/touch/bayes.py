@@ -184,7 +184,7 @@ def _even_samples(
 
 
 def _expected_noise(model: HapticModel, mean: Float[np.ndarray, "*n k"]) -> Float[np.ndarray, "*n k"]:
-    out = np.full(mean.shape, WIDTH_VARIANCE)
+    out = np.full(mean.shape, WIDTH_VARIANCE + model.settings.width_repeat**2)
     # A reading at the resolution limit has no upper bound of the stiffness: the denominator is limited to one half.
     seen = np.exp(mean[..., :2])
     stiffness = seen / np.maximum(1 - model.protocol.resolution_m_per_N * seen, 0.5)

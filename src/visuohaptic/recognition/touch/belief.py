@@ -105,7 +105,7 @@ def evidence(
         if model.settings.use_width and np.isfinite(reading.width_m) and reading.width_m > 0:
             place.append(FIRST_WIDTH + 2 * (reading.height - 1) + column // 2)
             value.append(np.log(reading.width_m))
-            noise.append(WIDTH_VARIANCE)
+            noise.append(WIDTH_VARIANCE + model.settings.width_repeat**2)
     tall = [one.object_height_m for one in readings if one.object_height_m > 0]
     if model.settings.use_width and tall:
         # A single measurement, relative to which all touches were positioned.

@@ -43,6 +43,7 @@ class ModelSettings:
     #: Correlation of the errors of a simulated class beyond these: n values count as n / (1 + (n - 1) correlation) independent ones.
     correlation: float = 0.0
     repeat: float = 0.0  #: relative difference of repeated touches of a place, learned from curves
+    width_repeat: float = 0.0  #: of repeated widths of a place, learned from curves
     curvature: float = np.inf  #: between places of an object, learned from curves; infinite: no evidence
     mouth: float = 0.0  #: of log stiffness at the highest place, if open or closed unlike in training
     unknown_prior: float = 0.1  #: probability that an object is of no trained class
