@@ -176,8 +176,7 @@ class OccupancyMapper:
             _log.warning(
                 "%d scans in a row do not fit the map, scan at %.2f s is added", self._refused, scan.t_s
             )
-            match = replace(match, valid=True)
-            self._refused = 0
+            match, self._refused = replace(match, valid=True), 0
         self._take(match)
         if match.valid and (match.inliers < self.settings.well_known or self._has_moved()):
             self._cast(scan)
@@ -218,11 +217,10 @@ class OccupancyMapper:
             return odometry
         step = relative_2d(before, odometry)
         path_m, turn = math.hypot(step[0], step[1]), step[2]
-        pose = compose_2d(self._pose, step)
         place = (s.odometry_sigma_per_m * path_m) ** 2 + s.odometry_floor[0] ** 2
         angle = s.odometry_sigma_rad_per_rad * abs(turn) + s.odometry_sigma_rad_per_m * path_m
         self._spread = self._spread + np.diag([place, place, angle**2 + s.odometry_floor[1] ** 2])
-        return pose
+        return compose_2d(self._pose, step)
 
     def _match(self, scan: LaserScan, odometry: PlanarPose) -> ScanMatch:
         finite_array("odometry", odometry, 3)

@@ -153,8 +153,8 @@ class PushPass:
                 self._refine(entry)
             elif isinstance(entry, _Push) and not entry.priced:
                 # An oblique push is queued again with its simulated risk.
-                contact, units = entry.contact, self.heuristic.push_units
-                risk = units(contact.body, entry.length, contact.number) - units(contact.body, entry.length)
+                contact, price = entry.contact, self.heuristic.push_units
+                risk = price(contact.body, entry.length, contact.number) - price(contact.body, entry.length)
                 queue.push(estimate + risk, replace(entry, spent=entry.spent + risk, priced=True))
             else:
                 state = entry if isinstance(entry, SearchState) else _state(self.heuristic, entry)
@@ -190,18 +190,20 @@ class PushPass:
             return
         most = int(min(queue.best - state.spent, heuristic.far))
         none = np.zeros(0, np.int32)
-        cost = _travel_kernels.travel_field(
-            clearance, domain.radius, domain.slow, cells, costs, heuristic.labels, heuristic.passing,
-            heuristic.free_field if most < heuristic.far else none, most, none,
-        )  # fmt: skip
+        known, cost = state.travel.get(domain.slack > 0.0, (-1, none))
+        if known < most:
+            cost = _travel_kernels.travel_field(
+                clearance, domain.radius, domain.slow, cells, costs, heuristic.labels, heuristic.passing,
+                heuristic.free_field if most < heuristic.far else none, most, none,
+            )  # fmt: skip
+            if not state.depth:
+                state.travel[domain.slack > 0.0] = most, cost  # every pass starts here
         self.seen.add(state, cost)
         goal_cells, goal_costs = domain.seeds(clearance, domain.goal)
         reached = False
         if goal_cells.size:
             cheapest = int((cost[goal_cells].astype(np.int64) + goal_costs).min())
-            reached = cheapest < heuristic.far and self._arrive(
-                float(state.spent + cheapest), state, (cells, cost)
-            )
+            reached = cheapest < heuristic.far and self._arrive(state.spent + cheapest, state, (cells, cost))
         if not len(self.pairs) or state.depth >= self.limits.pushes:
             return
         bodies, numbers = self.pairs.T

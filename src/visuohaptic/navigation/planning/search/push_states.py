@@ -123,6 +123,9 @@ class SearchState:
     parent: SearchState | None = None
     step: PushStep | None = None
     depth: int = 0
+    #: by whether the lattice is relaxed: cost of a plan up to which these are known, costs of driving from its robot
+    #: position to each node [units]
+    travel: dict[bool, tuple[int, Field]] = field(default_factory=dict)
 
 
 @dataclass(slots=True, eq=False)
