@@ -13,6 +13,8 @@ run in an empty folder:
   folder (needs root to become that user);
 - *read-only C*: the same in the C locale without UTF-8 mode, with temporary files in that folder only.
 
+An interpreter below a folder that another user may not enter is not tried there, and told.
+
 A command passes if it exits with 0, prints no traceback, and its files exist. Other operating systems, and
 processors without the features that numba needs, are not covered.
 """
@@ -89,6 +91,11 @@ def trial(command: Path, case: str, steps: list[tuple[str, str]], folder: Path) 
         for place in (folder, folder.parent):
             place.chmod(0o755)  # readable by that user, but owned by root
         os.chown(here, STRANGER, STRANGER)
+        python = command.with_name("python")
+        try:
+            subprocess.run([python, "-c", ""], cwd=here, user=user, group=user, extra_groups=[], check=True)
+        except PermissionError:
+            return {"tried": 0, "why": f"another user may not start {python.resolve()}"}
     for words, file in steps:
         try:
             done = subprocess.run(

@@ -102,6 +102,39 @@ def test_a_container_is_recognised_by_the_part_that_is_seen() -> None:
     assert recognise_container(none, 0.2, known, touched + np.array([0.006, 0.0])) is None
 
 
+def test_two_stored_containers_that_are_alike_are_recognised_as_either() -> None:
+    rng = np.random.default_rng(8)
+    z = np.linspace(0.0, 0.2, 24)
+    shape = 0.035 + 0.004 * np.sin(30 * z)
+    none = np.zeros((0, 2))
+
+    def stored(name: str, radius_m: np.ndarray, kind: str = "bottle") -> RememberedContainer:
+        off_m = 0.001 * rng.standard_normal(len(z))
+        return RememberedContainer(name, kind, 0.99, np.column_stack([radius_m + off_m, z]), 0.001)
+
+    seen_m = np.column_stack([shape, z])[z < 0.08]
+    twins = [stored("a", shape), stored("b", shape)]
+    match = recognise_container(seen_m, 0.2, twins, none)
+    assert match is not None
+    one, probability = match
+    assert probability > 0.9
+    assert {one.id, *one.alike} == {"a", "b"}
+    # Both measured it: the outline lies between theirs, and its error is no larger than stated.
+    between_m = np.mean([two.outline_m[:, 0] for two in twins], axis=0)
+    assert np.abs(one.outline_m[:, 0] - between_m).max() < 0.002
+    assert np.sqrt(np.mean((one.outline_m[:, 0] - shape) ** 2 / one.sigma_m**2)) < 1.5
+    # Three times one and the same are no less known than two.
+    assert recognise_container(seen_m, 0.2, [*twins, stored("c", shape)], none) is not None
+    # Of another class, or with another upper half that nobody sees: which one it is matters, and is not known.
+    one = twins[0]
+    wide = one.outline_m[:, 0] + 0.01 * (z > 0.1)
+    for other in (
+        replace(one, id="b", class_name="jar"),
+        replace(one, id="b", outline_m=np.column_stack([wide, z])),
+    ):
+        assert recognise_container(one.outline_m[z < 0.08], 0.2, [one, other], none) is None
+
+
 def test_another_of_the_same_class_is_not_taken_for_the_known_one() -> None:
     """Of a class, radii and heights vary by 7 to 8 %; a camera sees radii to a millimetre, and heights to .4 mm."""
     rng = np.random.default_rng(5)

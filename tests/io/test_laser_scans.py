@@ -236,6 +236,23 @@ def test_a_pose_that_is_not_finite_and_scans_long_after_are_refused(tmp_path: Pa
             read_scans(tmp_path / f"{name}.mcap")
 
 
+@pytest.mark.parametrize("length", [0.0, 0.5, 3.0])
+def test_orientations_of_any_length_are_turned_and_zero_is_refused(tmp_path: Path, length: float) -> None:
+    """A quaternion of another length gave another angle (14 degrees for 60 at a half), and zero was "straight ahead"."""
+    message = odometry_message(5.0, 0.5, math.pi / 3)
+    turn = message["pose"]["pose"]["orientation"]  # type: ignore[index]
+    message["pose"]["pose"]["orientation"] = {name: length * value for name, value in turn.items()}  # type: ignore[index]
+    with MeasurementWriter(tmp_path / "run.mcap") as writer:
+        writer.write("/scan", "sensor_msgs/msg/LaserScan", 5.0, scan_message(room_scan(5.0, 0.0)))
+        writer.write("/odom", "nav_msgs/msg/Odometry", 5.0, message)
+    if not length:
+        with pytest.raises(InputError, match=r"run\.mcap:/odom: pose: .*not all 0"):
+            read_scans(tmp_path / "run.mcap")
+        return
+    ((_, pose),) = read_scans(tmp_path / "run.mcap")
+    assert pose == pytest.approx((0.5, 0.0, math.pi / 3))
+
+
 def test_the_verb_builds_a_map(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     verbs = {"map build": ("visuohaptic.cli.verbs.planning.map_build", "build a map from laser scans")}
     assert main(["map", "build", str(recording), "--out", str(tmp_path / "m.yaml"), "--json"], verbs) == 0

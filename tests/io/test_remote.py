@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import queue
+import socket
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -167,17 +169,48 @@ def test_what_is_no_message_is_refused(message: bytes) -> None:
 
 
 @contextmanager
-def served(parts: dict[str, Any]) -> Iterator[RemoteRobot]:
-    """A robot of these parts in a thread, and who commands it."""
+def served(
+    parts: dict[str, Any], strangers: Callable[[tuple[str, int]], None] | None = None
+) -> Iterator[RemoteRobot]:
+    """A robot of these parts in a thread, and who commands it; strangers come first."""
     key, found = b"k" * 32, queue.Queue[tuple[str, int]]()
     serving = threading.Thread(target=serve_robot, args=(parts,), kwargs={"key": key, "ready": found.put})
     serving.start()
-    robot = RemoteRobot(found.get(timeout=PATIENCE_S), key)
+    address = found.get(timeout=PATIENCE_S)
+    if strangers is not None:
+        strangers(address)
+    robot = RemoteRobot(address, key)
     try:
         yield robot
     finally:
         robot.close()
         serving.join(PATIENCE_S)
+
+
+def test_strangers_do_not_end_the_service() -> None:
+    """A port is open to every process of the machine: the robot waits for the one that has the key."""
+
+    def strangers(address: tuple[str, int]) -> None:
+        with pytest.raises(DeviceError, match="does not answer"):
+            RemoteRobot(address, b"another key")
+        for message in (b"", b"GET / HTTP/1.1\r\n\r\n", b"\xff" * 64):
+            with socket.create_connection(address, PATIENCE_S) as line:
+                line.sendall(message)
+
+    with served({"weigh": lambda frame: 2.5}, strangers) as robot:
+        assert robot.weigh(Frame(np.zeros((2, 2), np.uint8), 0.0, 0)) == pytest.approx(2.5)
+
+
+def test_replies_of_another_kind_are_an_error_of_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    answers = [(1.0, 2.0), None]
+    laser = SimpleNamespace(scan=lambda: answers.pop())
+    with served({"laser": laser}) as robot:
+        for kind in ("NoneType", "tuple"):
+            with pytest.raises(DeviceError, match=f"found {kind}, expected LaserScan"):
+                robot.scan()
+        monkeypatch.setattr("visuohaptic.io.remote.client.unpack", lambda message: 7)
+        with pytest.raises(DeviceError, match="found int, expected the reply of a robot"):
+            robot.scan()
 
 
 @pytest.mark.parametrize(

@@ -188,9 +188,10 @@ def test_settings_and_inputs_are_checked() -> None:
         mapper.map()
     with pytest.raises(InputError, match="finite"):
         mapper.add(LaserScan(0.0, np.ones(100), 0.0, 0.01), (math.nan, 0.0, 0.0))
-    far = LaserScan(0.0, np.full(100, 9e4), 0.0, 0.06, range_max_m=1e5)
-    with pytest.raises(InputError, match="would grow"):
-        mapper.add(far, (0.0, 0.0, 0.0))
+    for far_m in (9e4, 1e300):  # of the latter, no integer can count the cells
+        far = LaserScan(0.0, np.full(100, far_m), 0.0, 0.06, range_max_m=2 * far_m)
+        with pytest.raises(InputError, match="would grow"):
+            mapper.add(far, (0.0, 0.0, 0.0))
 
 
 def test_the_covariance_of_a_match_covers_its_errors() -> None:

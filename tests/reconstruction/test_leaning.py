@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,17 +21,32 @@ from visuohaptic.reconstruction.transparency import (
     outline_rings,
     save_regions,
 )
+from visuohaptic.reconstruction.transparency.body_pairs import attached_part, without_body
 from visuohaptic.reconstruction.transparency.outline_fit import OutlineView
 from visuohaptic.reconstruction.transparency.outline_rings import settled
 from visuohaptic.reconstruction.transparency.ray_readings import DROPPED, SAME
 
-from .test_outline_fit import AXIS_M, CAMERA, HIGH_M, LOW_M, NOISE, RADIUS_M, fit, hit
+from .test_outline_fit import AXIS_M, HIGH_M, LOW_M, NOISE, RADIUS_M, fit, hit
 
 
-def seen(lean_m: tuple[float, float], seed: int) -> list[OutlineView]:
-    """Twelve views of a cylinder that is turned about its middle, until the upper end of its axis has moved by the lean."""
-    rng, (rows, columns) = np.random.default_rng(seed), np.mgrid[0:120, 0:160]
-    rays = CAMERA.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float)).reshape(120, 160, 3)
+def seen(
+    lean_m: tuple[float, float],
+    seed: int,
+    spheres_m: Sequence[tuple[float, float, float]] = (),
+    fine: int = 1,
+) -> list[OutlineView]:
+    """Twelve views of a cylinder that is turned about its middle, until the upper end of its axis has moved by the lean.
+
+    Spheres of a radius of 12 mm are of glass, too. A camera may be finer than that of 160 x 120 pixels by a factor.
+    """
+    camera, noise = (
+        Camera.simple(160 * fine, 120 * fine, 140.0 * fine),
+        replace(NOISE, edge_rad=NOISE.edge_rad / fine),
+    )
+    rng, (rows, columns) = np.random.default_rng(seed), np.mgrid[0 : 120 * fine, 0 : 160 * fine]
+    rays = camera.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float)).reshape(
+        *rows.shape, 3
+    )
     way = np.array([-lean_m[1], lean_m[0], 0.0]) / max(float(np.hypot(*lean_m)), 1e-12)
     turned = Pose.from_rotation_vector(
         way * np.arcsin(np.hypot(*lean_m) / (HIGH_M - LOW_M)), np.zeros(3)
@@ -41,12 +57,17 @@ def seen(lean_m: tuple[float, float], seed: int) -> list[OutlineView]:
         pose = Camera.pose_of_view((0.6 * np.cos(turn), 0.6 * np.sin(turn), 0.55), (0.0, 0.0, 0.08))
         eye = turned.T @ (pose.translation_m - middle) + middle
         glass = hit(eye, rays @ pose.rotation.T @ turned)
+        straight = rays @ pose.rotation.T
+        straight /= np.linalg.norm(straight, axis=-1, keepdims=True)
+        for sphere_m in spheres_m:
+            away_m = np.array(sphere_m) - pose.translation_m
+            glass |= np.linalg.norm(np.cross(straight, away_m), axis=-1) < 0.012
         dropped = rng.random(glass.shape) < np.where(glass, 0.5, 0.02)
         ratio = np.where(dropped, 3.2, -0.67).astype(np.float32)
         limit_m = np.full(glass.shape, 2.0, np.float32)
         reading = np.where(dropped, DROPPED, SAME).astype(np.uint8)
-        frame = DepthFrame(0.0, limit_m, None, pose, CAMERA)
-        found.append(OutlineView.of_view(frame, reading, [ratio], limit_m, NOISE, 1.0))
+        frame = DepthFrame(0.0, limit_m, None, pose, camera)
+        found.append(OutlineView.of_view(frame, reading, [ratio], limit_m, noise, 1.0))
     return found
 
 
@@ -100,6 +121,34 @@ def test_upright_bodies_are_said_to_lean_as_rarely_as_stated():
         body = UprightBody(AXIS_M, np.full(2, 0.002), (RADIUS_M, RADIUS_M), 0.002, (LOW_M, HIGH_M), 90.0)
         leans += any(settled(views, body, 0.02).lean_m)
     assert leans <= 2
+
+
+@pytest.mark.parametrize("high_m", [0.0, 0.045])
+def test_a_handle_neither_moves_a_vessel_nor_makes_it_lean(high_m):
+    x, y = AXIS_M
+    out_m = RADIUS_M + np.array([0.005, 0.02, 0.025, 0.025, 0.025, 0.02, 0.005])
+    handle_m = [(x + r, y, z + high_m) for r, z in zip(out_m, np.linspace(0.055, 0.12, 7), strict=True)]
+    views = seen((0.0, 0.0), 5, handle_m, fine=3)
+    upright = UprightBody(AXIS_M, np.full(2, 0.002), (RADIUS_M, RADIUS_M), 0.002, (LOW_M, HIGH_M), 90.0)
+    # Without a part beside it, the body leans, away from the axis by several of its deviations.
+    alone = settled(views, upright, 0.02)
+    assert any(alone.lean_m)
+    assert np.abs((alone.axis_m - AXIS_M) / alone.axis_sigma_m).max() > 4
+    part = attached_part(views, upright, alone, 12.0)
+    assert part is not None
+    # A ring is fitted by a cone: its middle is in the middle of the handle, to a half of its depth.
+    assert part.axis_m == pytest.approx(AXIS_M + np.array([RADIUS_M + 0.0125, 0.0]), abs=0.0125)
+    body = settled(without_body(views, part.shape_m), upright, 0.02)
+    assert not any(body.lean_m)
+    assert np.linalg.norm(body.axis_m - AXIS_M) < 0.002
+    assert np.abs((body.axis_m - AXIS_M) / body.axis_sigma_m).max() < 3
+
+
+def test_a_body_that_leans_is_no_upright_one_with_a_handle():
+    views = seen((0.05, 0.0), 3)
+    upright = fit(views, np.array([-0.06, -0.11, 0.06]), np.array([0.1, 0.05, 0.16]))
+    assert upright is not None
+    assert attached_part(views, upright, settled(views, upright, 0.02), 12.0) is None
 
 
 def test_a_ridge_of_likelihood_is_the_deviation_of_the_place():

@@ -217,6 +217,8 @@ def _odds(mission: Mission) -> dict[str, float]:
 def _keep_the_bottle(mission: Mission, probability: float, contents: ContentsFinding) -> None:
     known, before = mission.known, mission.known_bottle
     assert mission.memory is not None
+    if before is not None and before.alike:
+        return  # which of them it is, is not known
     sigma_m: Any = known.outline_sigma_m if before is None else before.sigma_m
     if known.outline_errors is not None:
         sigma_m = known.outline_m[:, 0] * np.sqrt(np.diag(known.outline_errors))

@@ -296,7 +296,8 @@ def identify(mission: Mission, touched_m: Float[np.ndarray, "n 2"]) -> bool:
     match = recognise_container(*known.seen, stored, np.vstack([touched_m, np.reshape(felt_m, (-1, 2))]))
     mission.known_bottle, mission.known_bottle_probability = match or (None, 0.0)
     if match and (before is None or match[0].id != before.id):
-        mission.log(f"  it looks like {match[0].id}, a {match[0].class_name} (probability {match[1]:.2f})")
+        names = " or ".join((match[0].id, *match[0].alike))
+        mission.log(f"  it looks like {names}, class {match[0].class_name} (probability {match[1]:.2f})")
     elif before is not None and not match:
         mission.log(f"  its side is not where that of {before.id} is: it is another one")
     return match is not None

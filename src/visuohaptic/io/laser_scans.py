@@ -229,8 +229,11 @@ def _scan(message: Any, t_s: float, where: str) -> LaserScan:
 
 def _planar(pose: Any, where: str) -> tuple[float, float, float]:
     q = pose.orientation
-    yaw = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2))
-    found = (float(pose.position.x), float(pose.position.y), yaw)
+    try:
+        rotation = Pose.from_quaternion([q.x, q.y, q.z, q.w], np.zeros(3)).rotation
+    except InputError as error:
+        raise InputError(where, error.problem, field="pose") from error
+    found = (float(pose.position.x), float(pose.position.y), math.atan2(rotation[1, 0], rotation[0, 0]))
     if not np.isfinite(found).all():
         raise InputError(where, f"found {found}, expected finite x, y and yaw", field="pose")
     return found

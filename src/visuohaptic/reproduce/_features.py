@@ -25,7 +25,7 @@ def training_features(out: Output) -> FeatureSet:
     out
         Its seed, size and shared folder.
     """
-    variants = 8 if out.quick else VARIANTS
+    variants = 6 if out.quick else VARIANTS
     path = out.shared / f"features-{variants}-{out.seed}.npz"
     if path.is_file():
         return load_feature_set(path)

@@ -73,6 +73,7 @@ class RememberedContainer:
     lid: str = UNKNOWN  #: ``open``, ``closed``, or ``UNKNOWN`` where the last visit did not decide
     fill: float = 0.0
     wall_m: float = math.nan  #: thickness
+    alike: tuple[str, ...] = ()  #: of a recognised one: other stored ones of its class that it may be instead
 
 
 class PlaceMemory(Closing):
@@ -281,7 +282,8 @@ def recognise_container(
     """The known container with the observed height and radii, and its probability.
 
     The others are any new container, and, as probable as that, one that resembles a known container as two of its class
-    resemble each other: an observation that both would have alike is no evidence of identity.
+    resemble each other: an observation that both would have alike is no evidence of identity. Known containers of one class
+    that would be recognised as each other are recognised as either, with the mean of their outlines.
 
     Parameters
     ----------
@@ -293,6 +295,11 @@ def recognise_container(
         Containers that stood here.
     touched_m
         Radius and height of contacts (n, 2) [m].
+
+    Returns
+    -------
+    tuple or None
+        ``None`` if the most probable one, with those alike, has a probability below ``CONFIDENT_PROBABILITY``.
     """
     if not known:
         return None
@@ -323,14 +330,7 @@ def recognise_container(
     usual = np.log(np.append(np.full(len(z_m), USUAL_M[0]), USUAL_M[1]))
     same, other = [], [log_density(usual, noise, ANY)]
     for one in known:
-        outline_m, top_m = one.outline_m, float(one.outline_m[-1, 1])
-        means, sigma_m = (
-            np.append(np.interp(z_m, outline_m[:, 1], values_m), last_m)
-            for values_m, last_m in (
-                (outline_m[:, 0], top_m),
-                (np.broadcast_to(one.sigma_m, len(outline_m)), HEIGHT_M),
-            )
-        )
+        means, sigma_m = map(np.append, _radii_at(one, z_m), (one.outline_m[-1, 1], HEIGHT_M))
         covariance = noise + np.diag((sigma_m / means) ** 2)
         same.append(log_density(np.log(means), covariance, (0.0, 0.0)))
         other.append(log_density(np.log(means), covariance, SIBLING) - math.log(len(known)))
@@ -338,4 +338,43 @@ def recognise_container(
     weights = np.exp(np.array(same) - math.log(len(known)) - best)
     weights /= weights.sum() + 0.5 * np.exp(np.array(other) - best).sum()
     k = int(np.argmax(weights))
-    return (known[k], float(weights[k])) if weights[k] >= CONFIDENT_PROBABILITY else None
+    # Which of those that would be taken for it themselves it is, does not matter.
+    for j, one in enumerate(known):
+        if j != k and (
+            one.class_name != known[k].class_name
+            or recognise_container(one.outline_m, one.outline_m[-1, 1], [known[k]], touched_m[:0]) is None
+        ):
+            weights[j] = 0.0
+    probability = float(weights.sum())
+    return (
+        (_either(known, k, weights / probability), probability)
+        if probability >= CONFIDENT_PROBABILITY
+        else None
+    )
+
+
+def _either(
+    known: Sequence[RememberedContainer], best: int, weights: Float[np.ndarray, "n"]
+) -> RememberedContainer:
+    """The best one with the outline of a mixture; the weights sum to 1."""
+    at_m = known[best].outline_m[:, 1]
+    radii_m, sigmas_m = np.array([_radii_at(one, at_m) for one in known]).transpose(1, 0, 2)
+    mean_m = weights @ radii_m
+    return replace(
+        known[best],
+        outline_m=np.column_stack([mean_m, at_m]),
+        sigma_m=np.sqrt(weights @ (sigmas_m**2 + (radii_m - mean_m) ** 2)),
+        alike=tuple(
+            one.id for one, weight in zip(known, weights, strict=True)
+            if weight > 1.0 - CONFIDENT_PROBABILITY and one is not known[best]
+        ),
+    )  # fmt: skip
+
+
+def _radii_at(
+    one: RememberedContainer, at_m: Float[np.ndarray, "k"]
+) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
+    """Radii at some heights and their standard deviations [m]."""
+    z_m = one.outline_m[:, 1]
+    sigma_m = np.broadcast_to(one.sigma_m, len(z_m))
+    return np.interp(at_m, z_m, one.outline_m[:, 0]), np.interp(at_m, z_m, sigma_m)

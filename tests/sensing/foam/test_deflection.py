@@ -104,12 +104,44 @@ def test_a_line_that_meets_the_end_face_is_replaced_by_the_decay_of_its_neighbou
     delta = 0.006 * np.exp(-np.maximum(GEOMETRY.s_m - GEOMETRY.s_m[-4], 0.0) / 0.004)
     edge, unclean = delta.copy(), np.zeros(K)
     edge[-1], unclean[-1] = edge[-1] + 0.003, 0.0008
-    found, sigma, _, _, hidden = fill_gaps(GEOMETRY, edge, SIGMA, SIGMA, unclean, np.ones(K, dtype=bool))
+    found, sigma, _, _, hidden, _ = fill_gaps(GEOMETRY, edge, SIGMA, SIGMA, unclean, np.ones(K, dtype=bool))
     assert abs(found[-1] - delta[-1]) < sigma[-1] < 0.0008
     assert not hidden.any()
     # Where the front is level, the body may end before the last line: its edge is kept.
     edge[-4:-1] = 0.006
     assert fill_gaps(GEOMETRY, edge, SIGMA, SIGMA, unclean, np.ones(K, dtype=bool))[0][-1] == edge[-1]
+
+
+def test_a_flank_that_shows_the_far_edge_of_a_gap_is_inferred_from_its_neighbours() -> None:
+    """Beside a dark body the gap of floor is merged with the front, and the foam beside that line is known to a third of its error."""
+    delta, at = 0.001 * np.exp(-np.maximum(np.abs(GEOMETRY.s_m) - 0.006, 0.0) / 0.006), 46
+    edge, unclean = delta.copy(), np.zeros(K)
+    edge[at], unclean[at] = edge[at] - 0.0008, 0.00027
+    unclean[[at - 1, at + 1]] = 0.00004, 0.00017
+    found, sigma, _, _, hidden, _ = fill_gaps(GEOMETRY, edge, SIGMA, SIGMA, unclean, np.ones(K, dtype=bool))
+    assert abs(found[at] - delta[at]) < sigma[at] < unclean[at]
+    # Neighbours may share their errors: those of the decay between a and b are the geometric mean times the relative errors' mean.
+    a, b, line = delta[at - 1], delta[at + 1], 0.5 * (delta[at - 1] + delta[at + 1])
+    mean = np.sqrt(a * b)
+    relative = 0.5 * (np.hypot(4e-5, 1e-5) / a + np.hypot(1.7e-4, 1e-5) / b)
+    assert sigma[at] == pytest.approx(np.hypot(mean * relative, 0.5 * (line - mean)), rel=1e-3)
+    # Where the next lines are as inaccurate, the worst one is inferred and they are measured: nothing is hidden.
+    unclean[at - 2 : at + 3] = 0.00015, 0.00022, 0.0003, 0.00022, 0.00015
+    found, _, _, _, hidden, seen = fill_gaps(GEOMETRY, edge, SIGMA, SIGMA, unclean, np.ones(K, dtype=bool))
+    assert not hidden.any()
+    assert seen[[at - 1, at, at + 1]].tolist() == [True, False, True]
+
+
+def test_the_bottom_of_the_trough_between_two_bodies_is_no_decay() -> None:
+    """Two plates 12 mm apart: foam rises from the bottom to either side, where an edge that is a little inaccurate is kept."""
+    apart = np.abs(GEOMETRY.s_m - GEOMETRY.s_m[45] - 0.0008)
+    delta = 0.005 * np.cosh(np.minimum(apart, 0.006) / 0.003) / np.cosh(2.0)
+    delta *= np.exp(-np.maximum(apart - 0.015, 0.0) / 0.006)
+    unclean = np.zeros(K)
+    unclean[[44, 45, 46]] = 0.0001, 0.0004, 0.0001
+    found, sigma, *_, seen = fill_gaps(GEOMETRY, delta, SIGMA, SIGMA, unclean, np.ones(K, dtype=bool))
+    assert (np.abs(found - delta) < sigma).all()
+    assert seen[45]
 
 
 def test_texture_that_the_zero_has_too_cancels() -> None:

@@ -61,11 +61,11 @@ class RemoteRobot(Closing):
                 f"the robot at {address[0]}:{address[1]} does not answer ({problem})"
             ) from problem
         hello = self._receive()
-        self.parts: tuple[str, ...] = hello["parts"]  #: served components
-        if str(hello["contract"]).partition(".")[0] != ROBOT_CONTRACT.partition(".")[0]:
+        self.parts: tuple[str, ...] = tuple(hello.get("parts", ()))  #: served components
+        if str(hello.get("contract")).partition(".")[0] != ROBOT_CONTRACT.partition(".")[0]:
             self.close()
             raise InputError(
-                "remote", f"found a robot for contract {hello['contract']}, expected {ROBOT_CONTRACT}"
+                "remote", f"found a robot for contract {hello.get('contract')}, expected {ROBOT_CONTRACT}"
             )
         self.base = cast("MobileBase", _Part(self, "base"))
         self.arm, self.gripper = cast("ProbeArm", _Part(self, "arm")), cast("Gripper", _Part(self, "gripper"))
@@ -75,8 +75,6 @@ class RemoteRobot(Closing):
         self.load_camera = _RemoteCamera(self, "load_camera")
         #: latest pose in the map: the robot is its own ``Localizer``
         self.locate: Callable[[], MapPose] = partial(self.call, "localizer", "locate")
-        #: newest scan of the laser
-        self.scan: Callable[[], LaserScan] = partial(self.call, "laser", "scan")
         #: measurement of the finger's sensor for a frame of :attr:`camera`
         self.feel: Callable[[Frame], RemoteTouch] = partial(self.call, "feel", "touch")
         #: measurement of the beam sensor for a frame
@@ -119,17 +117,33 @@ class RemoteRobot(Closing):
                 raise InputError(f"{part}.{member}", str(reply["text"]))
             known = isinstance(kind, type) and issubclass(kind, DeviceError)
             raise (kind if known else DeviceError)(str(reply["text"]))
-        return reply["value"]
+        return reply.get("value")
 
-    def _receive(self) -> Any:
+    def scan(self) -> LaserScan:
+        """Newest scan of the laser.
+
+        Raises
+        ------
+        DeviceError
+            The served driver returns something else.
+        """
+        found = self.call("laser", "scan")
+        if not isinstance(found, LaserScan):
+            raise DeviceError(f"laser.scan: found {type(found).__name__}, expected LaserScan")
+        return found
+
+    def _receive(self) -> dict[str, Any]:
         try:
             if not self._connection.poll(PATIENCE_S):
                 # A late reply would be taken for that of the next call.
                 self._connection.close()
                 raise DeviceError(f"the robot has not answered for {PATIENCE_S:g} s")
-            return unpack(self._connection.recv_bytes(MAX_MESSAGE_BYTES))
+            reply = unpack(self._connection.recv_bytes(MAX_MESSAGE_BYTES))
         except (OSError, EOFError) as problem:
             raise DeviceError(f"lost the connection to the robot ({type(problem).__name__})") from problem
+        if not isinstance(reply, dict):
+            raise DeviceError(f"found {type(reply).__name__}, expected the reply of a robot")
+        return reply
 
     def served(self) -> dict[str, Any]:
         """The served components that have a protocol, by name."""

@@ -8,6 +8,7 @@ import logging
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from multiprocessing import AuthenticationError
 from multiprocessing.connection import Connection, Listener
 from typing import Any
 
@@ -40,8 +41,17 @@ def serve_robot(parts: Mapping[str, Any], *, key: bytes, ready: Callable[[tuple[
     with Listener(("127.0.0.1", 0), authkey=key) as listener:
         host, port = listener.address[:2]
         ready((str(host), int(port)))
-        with listener.accept() as connection:
+        with _accepted(listener) as connection:
             _answer(_Served(parts), connection)
+
+
+def _accepted(listener: Listener) -> Connection[Any, Any]:
+    """The first client that has the key; others on this machine may try, and do not end the service."""
+    while True:
+        try:
+            return listener.accept()
+        except (AuthenticationError, EOFError, OSError) as problem:
+            _log.warning("refused a client without the key (%s)", type(problem).__name__)
 
 
 def _answer(served: _Served, connection: Connection[Any, Any]) -> None:

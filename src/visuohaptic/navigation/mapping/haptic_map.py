@@ -185,10 +185,14 @@ class HapticMap:
         contact
             The contact.
         """
+        from scipy.spatial import cKDTree
+
         window, places = self._window(contact)
         if places.size == 0:
             return
-        trust = contact.confidence * _closeness(contact, places)
+        # m_d; a single point has no extent, and a contact of less than a millimetre cannot be measured.
+        diameters = cKDTree(contact.points_foam_m).query(places)[0] / max(contact.diameter_m, 1e-3)
+        trust = contact.confidence * np.exp(-diameters)
         trust = np.where(trust >= _MIN * contact.confidence, trust, 0.0).astype(np.float32)
         occupancy = primitive_occupancy(contact.primitive, places, depth_m=self.depth_m)
         layer = self.movable if contact.movable else self.static
@@ -210,9 +214,7 @@ class HapticMap:
             Whether to use the layer of objects that moved when they were pushed instead of the static one.
         """
         layer = self.movable if movable else self.static
-        cells = np.floor((np.asarray(points_m) - np.array(self.origin_m)) / self.resolution_m).astype(
-            np.int64
-        )
+        cells = np.floor((points_m - np.array(self.origin_m)) / self.resolution_m).astype(np.int64)
         inside = ((cells >= 0) & (cells < np.array(layer.shape)[::-1])).all(axis=-1)
         cells = np.where(inside[..., None], cells, 0)
         return np.where(inside, layer[cells[..., 1], cells[..., 0]], 0.0)
@@ -248,17 +250,6 @@ class HapticMap:
         gy = self.origin_m[1] + (np.arange(top, bottom) + 0.5) * self.resolution_m - y
         places = np.stack(np.meshgrid(gx, gy), axis=-1) @ rotation_2d(yaw)
         return (slice(top, bottom), slice(left, right)), places
-
-
-def _closeness(
-    contact: HapticContact, places: Float[np.ndarray, "rows columns 2"]
-) -> Float[np.ndarray, "rows columns"]:
-    """m_d: 1 at the contact points, decreasing with the distance in diameters of the contact."""
-    from scipy.spatial import cKDTree
-
-    distance, _ = cKDTree(contact.points_foam_m).query(places)
-    # A single point has no extent; a contact of less than a millimetre cannot be measured.
-    return np.asarray(np.exp(-distance / max(contact.diameter_m, 1e-3)))
 
 
 def _update(layer: np.ndarray, occupancy: np.ndarray, weight: np.ndarray) -> None:

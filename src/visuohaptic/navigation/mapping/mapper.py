@@ -211,8 +211,7 @@ class OccupancyMapper:
     def _predict(self, odometry: PlanarPose) -> PlanarPose:
         """Pose by odometry since the last scan; its covariance grows until a scan fits again."""
         s = self.settings
-        before = self._odometry
-        self._odometry = odometry
+        before, self._odometry = self._odometry, odometry
         if before is None:
             self._pose = odometry
             self._spread = np.diag([1e-6, 1e-6, 1e-6])
@@ -283,8 +282,12 @@ class OccupancyMapper:
 
     def _make_room(self, points_m: Float[np.ndarray, "n 2"]) -> None:
         """Grow the grid so that it holds the points, by at least half its size."""
-        low = np.floor((points_m.min(axis=0) - self._grid.corner_m) / self._r).astype(np.int64) - 5
-        high = np.floor((points_m.max(axis=0) - self._grid.corner_m) / self._r).astype(np.int64) + 6
+        low, high = (
+            # No map has cells farther away, and an integer cannot hold every distance.
+            np.floor(np.clip((corner_m - self._grid.corner_m) / self._r, -MAX_PIXELS, MAX_PIXELS)).astype(int)
+            for corner_m in (points_m.min(axis=0), points_m.max(axis=0))
+        )
+        low, high = low - 5, high + 6
         size = np.array(self._grid.count.shape)[::-1]
         if (low >= 0).all() and (high <= size).all():
             return

@@ -135,8 +135,7 @@ def has_room(scene: OffCentreScene, points_m: Path) -> Bool[np.ndarray, "k"]:
     """
 
     cells = points_m / scene.domain.map.resolution_m + scene.body.centre
-    room: Bool[np.ndarray, "k"] = clearances_at(scene.without, cells) >= scene.domain.radius - 0.05
-    return room
+    return np.asarray(clearances_at(scene.without, cells) >= scene.domain.radius - 0.05)
 
 
 def _approaches(

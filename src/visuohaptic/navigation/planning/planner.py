@@ -129,12 +129,11 @@ def _assembled(
 
 def _place_notes(domain: SearchDomain, shifts: Shifts) -> tuple[str, ...]:
     """The bodies that end in places with a cost."""
-    ends = [
-        (body.obj.id, place_s(domain, body, shift))
+    return tuple(
+        f"{body.obj.id} ends in a place to avoid, at {cost_s:g} s"
         for body, shift in zip(domain.bodies, shifts, strict=True)
-        if shift.any()
-    ]
-    return tuple(f"{id} ends in a place to avoid, at {cost_s:g} s" for id, cost_s in ends if cost_s > 0)
+        if shift.any() and (cost_s := place_s(domain, body, shift)) > 0
+    )
 
 
 def _backed_off(domain: SearchDomain, push: Task, step: PushStep, share: float) -> Task:

@@ -234,17 +234,13 @@ def areas_from_data(data: Any, *, where: str = "objects") -> tuple[PlaceArea, ..
     return _made(data, where, made, AREAS)
 
 
-def glass_objects(
-    hulls_m: Iterable[Float[np.ndarray, "n 3"]], name: str = "glass"
-) -> tuple[MovableObject, ...]:
+def glass_objects(hulls_m: Iterable[Float[np.ndarray, "n 3"]]) -> tuple[MovableObject, ...]:
     """Transparent parts as objects to avoid: each with its safety region, like an entry of the type ``glass``.
 
     Parameters
     ----------
     hulls_m
         Points (n, 3) around each part, in the map frame [m], as the hulls of a reconstruction.
-    name
-        Their names, before a number.
 
     Raises
     ------
@@ -256,10 +252,10 @@ def glass_objects(
     seen = (shapely.MultiPoint(np.asarray(points_m)[:, :2]).convex_hull for points_m in hulls_m)
     outlines = [shapely.get_coordinates(hull)[:-1].tolist() for hull in seen]
     entries = [
-        {"id": f"{name}-{number}", "type": GLASS, "footprint_m": outline}
+        {"id": f"{GLASS}-{number}", "type": GLASS, "footprint_m": outline}
         for number, outline in enumerate(outlines, 1)
     ]
-    return objects_from_data({"objects": entries}, where=name)
+    return objects_from_data({"objects": entries}, where=GLASS)
 
 
 def _made(data: Any, where: str, make: Callable[[_Entry], T], kinds: Iterable[str]) -> tuple[T, ...]:
@@ -283,15 +279,12 @@ def _entries(data: Any, where: str) -> tuple[_Entry, ...]:
     entries = from_dict(_File, data, where=where).objects or ()
     names: list[str] = []
     for index, entry in enumerate(entries):
-        name = str(entry.id)
+        name, field = str(entry.id), f"objects[{index}].id"
         if not name.strip():
-            raise InputError(where, f"found {name!r}, expected a name", field=f"objects[{index}].id")
+            raise InputError(where, f"found {name!r}, expected a name", field=field)
         if name in names:
-            raise InputError(
-                where,
-                f"found {name!r}, which objects[{names.index(name)}] has already",
-                field=f"objects[{index}].id",
-            )
+            known = f"objects[{names.index(name)}]"
+            raise InputError(where, f"found {name!r}, which {known} has already", field=field)
         names.append(name)
     return entries
 

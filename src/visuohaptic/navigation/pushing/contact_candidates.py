@@ -111,8 +111,7 @@ def _seats(body: Any, radius: float) -> Float[np.ndarray, "n 2"]:
     after = np.roll(ring, -1, axis=0) - ring
     before = np.roll(after, 1, axis=0)
     turns = np.arctan2(np.linalg.det(np.stack([before, after], axis=1)), (before * after).sum(axis=1))
-    found: np.ndarray = ring[turns * np.sign(turns.sum()) < -STABLE_RAD]
-    return found
+    return np.asarray(ring[turns * np.sign(turns.sum()) < -STABLE_RAD])
 
 
 def _tilts(
@@ -141,8 +140,7 @@ def _tilts(
     begins, ends = np.where(directions @ inward.T < np.cos(STABLE_RAD), tolerance, limits)
     meets = (np.abs(across) < tolerance) & (along > begins) & (along < lengths - ends)
     cosines = np.where(meets, directions @ inward.T, -1.0).max(axis=1)
-    found: Float[np.ndarray, "n"] = np.arccos(np.clip(cosines, -1.0, 1.0))
-    return found
+    return np.asarray(np.arccos(np.clip(cosines, -1.0, 1.0)))
 
 
 def _touches_both_sides(body: Any, robot: np.ndarray, radius: float, direction: np.ndarray) -> bool:

@@ -110,6 +110,7 @@ def sampled_pushes(
     *,
     uncertainty: PushUncertainty | None = None,
     samples: int = 40,
+    skip: int = 0,
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n k 3"], Bool[np.ndarray, "n"]]:
     """Poses of an object before a push and along it, for samples of the uncertain parameters.
 
@@ -131,6 +132,8 @@ def sampled_pushes(
         Uncertainty of friction, load, centre of friction and pose.
     samples
         Number of samples.
+    skip
+        Number of initial samples that are not simulated, because their poses are known.
 
     Returns
     -------
@@ -143,8 +146,9 @@ def sampled_pushes(
     ahead = path[min(1, len(path) - 1), :2] - path[0, :2]
     ahead = ahead / max(float(np.hypot(*ahead)), 1e-9)
     paths = [path] + [np.vstack([path[:1] - np.array([*(back * ahead), 0.0]), path]) for back in BACK_M[1:]]
-    friction, supports, before = uncertainty.samples(model, object_m, rng, samples)
-    along, blocked = before[:, None].repeat(len(path), axis=1), np.ones(samples, dtype=bool)
+    drawn = uncertainty.samples(model, object_m, rng, samples)
+    friction, supports, before = (values[skip:] for values in drawn)
+    along, blocked = before[:, None].repeat(len(path), axis=1), np.ones(samples - skip, dtype=bool)
     trace = np.zeros((len(path) + 1, 8))
     gyration_m = np.maximum(np.sqrt((supports**2).sum(axis=2) @ model.load), 1e-3)
     for k, support in enumerate(supports):

@@ -3,6 +3,9 @@
 One wide body around both is often likelier than each of them, because many rays of both pass it. Two bodies are fitted to the rays
 that miss the other, in turns, and compared with one by their evidence together: of the first, and of the second by the rays
 that miss the first. No reading is explained twice.
+
+A handle or a spout pulls an upright body aside, and a lean may explain it better than no lean: a leaning body competes with an upright one beside
+which a second body stands, by the same comparison.
 """
 
 from __future__ import annotations
@@ -14,7 +17,16 @@ import numpy as np
 from jaxtyping import Float
 
 from ..vessel_shapes import UprightBody, end_circles
-from .outline_fit import OutlineView, body_bounds_m, body_evidence, fit_beside, fit_bodies
+from .outline_fit import (
+    MIN_HEIGHT_M,
+    MIN_RADIUS_M,
+    STEP_M,
+    OutlineView,
+    body_bounds_m,
+    body_evidence,
+    fit_beside,
+    fit_bodies,
+)
 
 #: Number of points on each bounding circle of a hidden body; how often each body of a pair is fitted.
 _CORNERS, _TURNS = 24, 2
@@ -67,20 +79,56 @@ def fit_pair(
     # Half of the distance between them is for the one, half for the other.
     radius_m = max(0.5 * float(np.hypot(*(means_m[1] - means_m[0]))), bounds_m[0])
     shapes: list[np.ndarray] = []
-    found: list[UprightBody] = []
     for k, mean_m in enumerate(means_m):
         z_m = strong_m[own == k, 2]
         low_m, high_m = (z_m.min(), z_m.max()) if len(z_m) else (strong_m[:, 2].min(), strong_m[:, 2].max())
         shapes.append(np.array([*mean_m, radius_m, radius_m, low_m, max(high_m, low_m + 2 * bounds_m[1])]))
-    for _ in range(_TURNS):
-        found = []
-        for k in (0, 1):
-            body = fit_beside(without_body(views, shapes[1 - k]), shapes[k], bounds_m)
-            if not body:
-                return []
-            shapes[k] = body[0].shape_m
-            found += body
+    found = _in_turns(views, shapes, bounds_m)
     return [replace(body, evidence=float(body_evidence(views, body).sum())) for body in found]
+
+
+def attached_part(
+    views: Sequence[OutlineView], upright: UprightBody, leaning: UprightBody, threshold: float
+) -> UprightBody | None:
+    """The second body with which an upright one is likelier than a leaning one; none if the leaning one is.
+
+    Parameters
+    ----------
+    views
+        Views, without the rays through other bodies.
+    upright, leaning
+        The bodies of maximum likelihood.
+    threshold
+        See :func:`disjoint_bodies`.
+    """
+    low_m, high_m = upright.height_m
+    bounds_m = np.array([MIN_RADIUS_M, MIN_HEIGHT_M, 2 * max(upright.radius_m)])
+    toward = np.array(leaning.lean_m) / np.hypot(*leaning.lean_m)
+    for way in (toward, -toward):
+        place_m = upright.axis_m + (np.mean(upright.radius_m) + STEP_M) * way
+        # Beside the middle half of its height.
+        ends_m = np.mean([low_m, high_m]) + 0.25 * (high_m - low_m) * np.array([-1, 1])
+        start = np.array([*place_m, STEP_M, STEP_M, *ends_m])
+        if found := _in_turns(views, [start, upright.shape_m[:6]], bounds_m):
+            part, first = found
+            own = body_evidence(without_body(views, first.shape_m), part).sum()
+            if body_evidence(views, first).sum() + own - threshold > leaning.evidence:
+                return part
+    return None
+
+
+def _in_turns(
+    views: Sequence[OutlineView], shapes: Sequence[np.ndarray], bounds_m: Float[np.ndarray, "3"]
+) -> list[UprightBody]:
+    """Two closed bodies, each fitted to the rays that miss the other, from their starts; none if only one has a maximum."""
+    ends, found = list(shapes), []
+    for k in (0, 1) * _TURNS:
+        body = fit_beside(without_body(views, ends[1 - k]), ends[k], bounds_m)
+        if not body:
+            return []
+        ends[k] = body[0].shape_m
+        found += body
+    return found[-2:]
 
 
 def disjoint_bodies(

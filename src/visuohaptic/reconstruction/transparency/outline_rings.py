@@ -2,8 +2,8 @@
 
 Seen from one side or in part, bodies along a curved ridge and at several maxima are almost as likely as the best: the place is the mean of the
 posterior distribution (stretch moves, Goodman and Weare 2010), whose log-likelihood is multiplied by a factor for its misspecification
-(:func:`.outline_fit.covariance`). A body leans if the likelihood ratio of its outlines, with the same factor, contradicts every upright one.
-Radii are those at several heights, from the edges of upright outlines.
+(:func:`.outline_fit.covariance`). A body leans if the likelihood ratio of its outlines, with the same factor, contradicts every upright one,
+and none with a handle or a spout is likelier (:func:`.body_pairs.attached_part`), whose rays are no evidence of the body then. Radii are those at several heights, from the edges of upright outlines.
 
 A wall of glass changes nearly all readings just inside of its outline, whatever its middle does, so the edge is that between two
 rates of changed readings, which are estimated from the sequence (expectation and maximisation over the edges). For a circle around the
@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..vessel_shapes import OutlineRings, UprightBody
-from .body_pairs import without_body
+from .body_pairs import attached_part, without_body
 from .outline_fit import (
     MIN_HEIGHT_M,
     MIN_RADIUS_M,
@@ -111,7 +111,11 @@ def with_rings(
             left = views
             for other in bodies:
                 left = left if other is body else without_body(left, other.shape_m)
-            if not any((body := settled(left, body, rate)).lean_m):
+            upright, body = body, settled(left, body, rate)
+            if any(body.lean_m) and (part := attached_part(left, upright, body, threshold)):
+                left = without_body(left, part.shape_m)
+                body = settled(left, upright, rate)
+            if not any(body.lean_m):
                 body = replace(body, rings=outline_rings(left, body, foot_z_m, threshold))
             region = replace(region, body=body)
         found.append(region)
@@ -139,8 +143,9 @@ def settled(views: Sequence[OutlineView], body: UprightBody, rate: float) -> Upr
         return outlines.cost(shape_m, opening, bounds_m)
 
     def ends(starts: Sequence[np.ndarray]) -> list[np.ndarray]:
-        found = [outlines.search(one, opening, bounds_m, side=1) for one in starts]
-        return sorted((one for one in found if cost(one) < 0), key=cost)
+        first, *others = sorted((outlines.search(one, opening, bounds_m) for one in starts), key=cost)
+        found = outlines.search(first, opening, bounds_m, side=-1), *others
+        return [one for one in found if cost(one) < 0]
 
     start = body.shape_m[:6]
     leaning = ends([np.append(start, [0.0, 0.0]), *sorted(_leans(start), key=cost)[:SEARCHES]])

@@ -94,8 +94,11 @@ def run(out: Output) -> None:
             picture, row = _touched(touched, sensor, renderer, out.seed + number, speed_m_s)
             pictures.append(picture)
             rows.add(*row)
-        steep = _touched(_corner("c at 45 deg", 45.0), sensor, renderer, out.seed, speed_m_s)[1]
-    out.table("primitives", {name: [*rows[name], value] for name, value in zip(rows, steep, strict=True)})
+        right = sum(a == b for a, b in zip(rows["thing"], rows["primitive"], strict=True))
+        if not out.quick:
+            steep = _touched(_corner("c at 45 deg", 45.0), sensor, renderer, out.seed, speed_m_s)[1]
+            rows.add(*steep)
+    out.table("primitives", rows)
     half = [cv2.resize(one, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) for one in pictures]
     # The lowest quarter shows only the platform's black body.
     height = 3 * min(one.shape[0] for one in half) // 4
@@ -105,7 +108,6 @@ def run(out: Output) -> None:
         for k in range(0, len(half) - columns + 1, columns)
     ]
     out.image("primitives", np.vstack(tall))
-    right = sum(a == b for a, b in zip(rows["thing"], rows["primitive"], strict=True))
     out.compare("things whose primitive is of the right kind", right, f"of {len(chosen)}", dissertation=6,
                 note="in the figure, of 6; a small bottle elsewhere was read as a corner")  # fmt: skip
     errors = [
@@ -116,8 +118,9 @@ def run(out: Output) -> None:
     if errors:
         out.compare("radius of the circles: largest error", 100 * max(errors), "%",
                     note='printed: "correct size for (d), slightly under- or overestimated" for (e)')  # fmt: skip
-    out.compare("corner turned by 45 deg read as a corner", steep[1] == steep[2], "of 1",
-                note=f"read as a {steep[2]}")  # fmt: skip
+    if not out.quick:
+        out.compare("corner turned by 45 deg read as a corner", rows["thing"][-1] == rows["primitive"][-1], "of 1",
+                    note=f"read as a {rows['primitive'][-1]}")  # fmt: skip
 
 
 def _touched(

@@ -70,8 +70,8 @@ class Deflection:
             zero_sigma_m=zero_sigma_m,
             averaged=True,
             shared_noise=SHARED_NOISE,
-            # An edge that may be another one's is no history of the foam.
-            measured=~self.covered & ~self.states.undecided,
+            # An edge that may be another one's is no history of the foam, and neither is a point between two lines.
+            measured=self.seen & ~self.states.undecided,
             end_cells_m=geometry.end_cells_m,
         )
 
@@ -94,7 +94,7 @@ def measure_deflection(
     delta = np.where(states.shadow, 0.0, edges.delta_m)
     sigma = np.where(states.shadow, REST_PX * strip.pixel_m, edges.sigma_m)
     seen = (states.foam | states.shadow) & (strip.usable | strip.low_confidence)
-    delta, sigma, noise, own, hidden = fill_gaps(
+    delta, sigma, noise, own, hidden, seen = fill_gaps(
         geometry, delta, sigma, edges.noise_m, edges.systematic_m, seen
     )
     unclean, encoding = (np.where(states.foam, error, 0.0) for error in (edges.unclean_m, edges.encoding_m))
@@ -111,7 +111,7 @@ def fill_gaps(
     seen: Bool[np.ndarray, "K"],
 ) -> tuple[Float[np.ndarray, "K"], ...]:
     """Deflection with interpolated gaps, its standard deviation, the parts due to noise and due to the own noise of each
-    point, and the bound for hidden points, see :class:`Deflection`.
+    point, the bound for hidden points, and the points that are measured, see :class:`Deflection`.
 
     One or two points are interpolated from the shape of their neighbours. A load in a wider gap would also deflect the
     foam beside it: a point at a distance x from an observed one, whose deflection is d +- sigma, is deflected by at most
@@ -141,14 +141,13 @@ def fill_gaps(
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (~seen).astype(np.int8), [0]])))
     for first, stop in zip(edges[::2], edges[1::2], strict=True):
         gap = np.arange(first, stop)
-        ends = [k for k in (first - 1, stop) if 0 <= k < len(s_m)]
+        ends, sigma[gap] = [k for k in (first - 1, stop) if 0 <= k < len(s_m)], 0.0
         if ends and len(gap) <= _BRIDGED_POINTS:
-            bridge(s_m, delta_m, sigma_m, seen, first, stop, delta, error)
+            bridge(s_m, delta_m, total_m, seen, first, stop, delta, error)
             if error[first] < np.inf:
-                sigma[gap] = sigma_m[ends].max()
                 continue
             error[first] = 0.0
-        sigma[gap], delta[gap] = 0.0, np.nan
+        delta[gap] = np.nan
         hidden[gap] = bound[gap] if ends else np.inf
         if ends:
             between = np.interp(s_m[gap], s_m[ends], np.minimum(delta_m, bound)[ends])
@@ -158,7 +157,7 @@ def fill_gaps(
     noise = np.where(seen, np.minimum(noise_m, total), 0.0)
     own = np.where(seen, _KINK_NOISE * uncertainty_m, np.where(hidden > 0.0, 0.0, _BRIDGE_NOISE * error))
     own = np.minimum(own, np.sqrt(np.maximum(total**2 - noise**2, 0.0)))
-    return delta, total, noise, own, hidden
+    return delta, total, noise, own, hidden, seen
 
 
 @kernel(nogil=True)
@@ -202,6 +201,10 @@ def bridge(
         error[first] = math.inf
         if not decays:
             return
+    else:
+        # Not at the bottom of the trough between two bodies, from which foam rises to either side.
+        lower = low - (beyond - high)
+        decays = decays and 0 <= lower < len(s) and value[lower] < value[low]
     before = a - 1 if a > 0 and seen[a - 1] else a - 2
     after = b + 1 if b + 1 < len(s) and seen[b + 1] else b + 2
     left, right, across = 0.0, 0.0, (value[b] - value[a]) / (s[b] - s[a])
@@ -214,7 +217,9 @@ def bridge(
         if decays:
             # The deflection of free foam beside a contact decays exponentially; a straight line is far above it.
             filled[k] = value[a] ** (1.0 - part) * value[b] ** part
-            error[k] = math.hypot(noise, 0.5 * abs(line - filled[k]))
+            # Neighbours may share their errors: these add up.
+            common = filled[k] * (abs(1.0 - part) * sigma[a] / value[a] + abs(part) * sigma[b] / value[b])
+            error[k] = math.hypot(common, 0.5 * abs(line - filled[k]))
             continue
         # Where both flanks rise towards each other, the front lies between the straight line and the tip where
         # they meet: half way for a circle, at the tip for an edge.
@@ -247,9 +252,10 @@ def drop_bridged(
     kept
         Filled, (K,).
     """
-    for k in range(len(s)):
-        kept[k] = seen[k]
+    kept[:] = seen
+    # The least accurate ones first: the neighbours of a point that is inferred are measured.
+    for k in np.argsort(-sigma):
         a, b = k - 1 if k > 0 else k + 1, k + 1 if k < len(s) - 1 else k - 1
-        if seen[a] and seen[k] and seen[b]:
+        if kept[a] and kept[k] and kept[b]:
             bridge(s, value, sigma, seen, k, k + 1, filled, error)
             kept[k] = not error[k] < sigma[k]

@@ -35,8 +35,8 @@ _FREEDOM = 4.0
 #: Standard deviation of the registration [bins]: a third of a bin is a uniform error of half a bin each way.
 _REGISTRATION_BINS = 0.3
 #: Its part that is common to all pixels of a face: faces are not exactly perpendicular to the drive, and interpolation blurs
-#: the two frames differently. Errors of the range are 1.5 to 4 mm (rms of a drive) on open seeds of ``benchmarks.scene_evidence``.
-_SYSTEMATIC_BINS = 0.2
+#: the two frames differently. Errors of the range are 0.7 to 2 mm (rms of a drive) on open seeds of ``benchmarks.scene_evidence``.
+_SYSTEMATIC_BINS = 0.1
 #: A quarter of normal residuals is smaller than this many standard deviations: floor may be only a quarter of the image.
 _QUARTER_SIGMAS = normal_sigmas(0.75)
 #: Residuals of a noiseless image [grey levels]: rounding, 1 / sqrt(12), of both images.
@@ -138,7 +138,6 @@ class FaceCells:
         n = self.binning = -(-camera.width // settings.max_columns)
         self.shape = (min(max(rows, _MIN_ROWS * n), camera.height) // n, camera.width // n)
         self._rotation, self._origin = pose.rotation, pose.translation_m
-        # Pixels of an ideal camera without distortion, in bins.
         bins = np.array([[1 / n, 0, 0.5 / n - 0.5], [0, 1 / n, 0.5 / n - 0.5], [0, 0, 1.0]])
         self._matrix = bins @ camera.matrix
         self._inverse = np.linalg.inv(self._matrix)
@@ -148,9 +147,11 @@ class FaceCells:
         if camera.distortion.any():
             self._source = ((camera.project(rays) + 0.5) / n - 0.5).astype(np.float32)
         eye, rays = -pose.rotation.T @ pose.translation_m, rays @ pose.rotation
-        middle = rays[:, self.shape[1] // 2]
-        with np.errstate(divide="ignore"):
-            ground = np.where(middle[:, 2] < 0, eye[0] - eye[2] * middle[:, 0] / middle[:, 2], np.inf)
+        # Of each pixel: the lateral tangent, which is constant on a vertical line, and x of the floor.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self._tangent = np.where(rays[..., 0] > 0, rays[..., 1] / rays[..., 0], np.nan)
+            self._floor_m = np.where(rays[..., 2] < 0, eye[0] - eye[2] * rays[..., 0] / rays[..., 2], np.inf)
+        ground = self._floor_m[:, self.shape[1] // 2]
         seen = np.flatnonzero(np.isfinite(ground))
         if len(seen) < _MIN_ROWS or not eye[2] > height_m:
             raise InputError(
@@ -159,7 +160,8 @@ class FaceCells:
                 f"{height_m:g} m that looks at the floor",
                 field="floor_view",
             )
-        self.eye_x_m, self.near_m, far_m = float(eye[0]), float(ground[-_BORDER]), float(ground[_BORDER])
+        self.eye_x_m, self._eye_y_m, _ = eye.tolist()
+        far_m, self.near_m = ground[[_BORDER, -_BORDER]].tolist()
         # At the middle row: size of a bin on the floor, and parallax of a face's top per distance driven.
         row = seen[len(seen) // 2]
         bin_m = abs(float(ground[row] - ground[row - 1]))
@@ -307,8 +309,8 @@ class FaceCells:
     def locate(self, pair: FramePair, at: int, laterals: Int[np.ndarray, "cells"]) -> tuple[float, float]:
         """Range of a face at its centre and its standard deviation [m], by its likelihood over the same pixels.
 
-        The interior of a textureless face has the same likelihood at all ranges behind its own, so that the search extends far towards the
-        camera. The face is the most likely run of columns of pixels, with floor beside it, and may be rotated.
+        The floor ends at the foot of the face: pixels below are floor, those above are face. The face is the most likely run of
+        vertical lines, with floor beside it, and may be rotated.
 
         Parameters
         ----------
@@ -320,23 +322,25 @@ class FaceCells:
             Indices of the lateral cells that show the face.
         """
         step = float(self.range_m[1] - self.range_m[0])
-        # The same pixels for all ranges: those of the next cell, above the foot, where the local mean of a pixel of the
-        # face is not that of the floor; and of one more cell on both sides, where the outlines of a textureless face are.
-        (rows, _), cell = self._cells[min(at + 1, len(self._cells) - 1)]
-        cell = cell.reshape(rows.stop - rows.start, -1)
-        seen = (cell >= laterals.min() - 1) & (cell <= min(laterals.max() + 1, len(self.lateral_m) - 1))
-        shown = np.flatnonzero(seen.any(axis=0))
-        part = rows, slice(int(shown[0]), int(shown[-1]) + 1)
-        seen, cell = seen[:, part[1]], cell[:, part[1]]
+        # The same pixels for all ranges: up to the top of the next cell, with one more cell on both sides, where the outlines are.
+        top, size = self._cells[min(at + 1, len(self._cells) - 1)][0][0].start, 1.0 / self._matrix[0, 0]
+        away_m, sides = self.range_m[at] - self.eye_x_m, self.settings.width_m * np.array([-1.5, 1.5])
+        lateral_m = self.lateral_m[laterals] - self._eye_y_m
+        right, left = (np.array([lateral_m.min(), lateral_m.max()]) + sides) / away_m
+        tangent = np.arange(right, left, size) + 0.5 * size
+        line, count = np.floor((self._tangent[top:] - right) / size), len(tangent)
+        line = np.where((line >= 0) & (line < count), line, count).astype(np.intp)
+        shown = np.flatnonzero((line < count).any(axis=0))
+        part = slice(top, self.shape[0]), slice(int(shown[0]), int(shown[-1]) + 1)
+        line, floor_m = line[:, part[1]].ravel(), self._floor_m[part]
         ranges = self.range_m[0] + 0.5 * step * np.arange(-_BEYOND_CELLS, 2 * at + _BEYOND_CELLS + 1)
-        columns = np.array([(self._ratio(pair, float(x), part) * seen).sum(axis=0) for x in ranges])
-        columns /= self.settings.correlated_bins
-        away = (cell * seen).sum(axis=0) / seen.sum(axis=0) - laterals.mean()
-        each = _over_slopes(columns, away * self.settings.width_m / (0.5 * step))
+        ratios = ((self._ratio(pair, float(x), part) * (floor_m > x)).ravel() for x in ranges)
+        lines = np.array([np.bincount(line, ratio, count + 1)[:-1] for ratio in ratios])
+        away = (tangent * away_m - lateral_m.mean()) / (0.5 * step)
+        each = _over_slopes(lines / self.settings.correlated_bins, away)
         weight = np.exp(each - each.max())
-        weight /= weight.sum()
-        found = float(weight @ ranges)
-        spread = math.sqrt(float(weight @ (ranges - found) ** 2))
+        found = float(np.average(ranges, weights=weight))
+        spread = math.sqrt(np.average((ranges - found) ** 2, weights=weight))
         best = int(each.argmax())
         if spread < 0.5 * step and 0 < best < len(ranges) - 1:
             below, middle, beyond = each[best - 1 : best + 2]
@@ -345,9 +349,7 @@ class FaceCells:
             spread = math.hypot(spread, 0.5 * step / math.sqrt(bend))
         return found, math.hypot(spread, _SYSTEMATIC_BINS / _STEP_BINS * step)
 
-    def _ratio(
-        self, pair: FramePair, x_m: float, part: tuple[slice, slice]
-    ) -> Float32[np.ndarray, "rows columns"]:
+    def _ratio(self, pair: FramePair, x_m: float, part: tuple[slice, slice]) -> Float32[np.ndarray, "a b"]:
         """Log-likelihood ratio of every pixel of a part; 0 where a plane was out of view in the earlier frame."""
         import cv2
 
@@ -373,18 +375,16 @@ class FaceCells:
         return np.asarray(moved)
 
 
-def _over_slopes(
-    columns: Float[np.ndarray, "ranges columns"], away: Float[np.ndarray, "columns"]
-) -> Float[np.ndarray, "ranges"]:
-    """Log likelihood of ranges at the centre of a face: over :data:`_SLOPES`, of the most likely run of columns.
+def _over_slopes(lines: Float[np.ndarray, "ranges lines"], away: Float[np.ndarray, "lines"]) -> np.ndarray:
+    """Log likelihood of ranges at the centre of a face: over :data:`_SLOPES`, of the most likely run of vertical lines.
 
-    The columns are ``away`` from the centre [steps of ranges]; floor instead of face would be 0.
+    The lines are ``away`` from the centre [steps of ranges]; floor instead of face would be 0.
     """
-    count, across = len(columns), np.arange(len(away))
+    count, across = len(lines), np.arange(len(away))
     place = np.clip(np.arange(count)[:, None] + _SLOPES[:, None, None] * away, 0.0, count - 1.000001)
     whole = place.astype(np.intp)
     part = place - whole
-    each = columns[whole, across] * (1.0 - part) + columns[whole + 1, across] * part
+    each = lines[whole, across] * (1.0 - part) + lines[whole + 1, across] * part
     # The maximum sum of a run of columns: the cumulative sum at its end, minus the minimum before its start.
     upto = np.pad(np.cumsum(each, axis=-1), ((0, 0), (0, 0), (1, 0)))
     runs = (upto - np.minimum.accumulate(upto, axis=-1)).max(axis=-1)

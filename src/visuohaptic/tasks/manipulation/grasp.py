@@ -174,17 +174,22 @@ class GraspAndLiftTask(HandTask[GraspState]):
         """Opening up to which to close until the next frame.
 
         Of the way to the force, by its rise so far, one half, since walls and foam stiffen, and at least
-        the rise of half the resolution.
+        the rise of half the resolution. The rise since the last frame without contact would be too small, as the contact
+        began somewhere between: after the first frame with a contact it is that of the foam before a rigid wall.
         """
         p, felt_N = self.plan, seen.force_N
-        self._closing.append((seen.opening_m, felt_N))
         weaker = [one for one in self._closing if one[1] <= felt_N - RISE * p.force_N]
-        if not weaker:
+        foam_m = seen.surface_m - 0.5 * seen.opening_m
+        if math.isfinite(foam_m):
+            self._closing.append((seen.opening_m, felt_N))
+        if weaker:
+            opening_m, force_N = weaker[-1]
+            m_per_N = (opening_m - seen.opening_m) / (felt_N - force_N)
+        elif foam_m > 0.0 and felt_N > RISE * p.force_N:
+            m_per_N = 2.0 * foam_m / felt_N
+        else:
             return 0.0
-        opening_m, force_N = weaker[-1]
-        rise_N = 0.5 * max(p.force_N - felt_N, RISE * p.force_N)
-        way_m = (opening_m - seen.opening_m) * rise_N / (felt_N - force_N)
-        return max(0.0, seen.opening_m - way_m)
+        return max(0.0, seen.opening_m - 0.5 * max(p.force_N - felt_N, RISE * p.force_N) * m_per_N)
 
     def weighs(self, t_s: float) -> bool:
         """Read the load while the object is lifted, and before for as long with nothing between the fingers.

@@ -172,8 +172,7 @@ def _samples(outline: Outline, outside: float) -> Path:
     body = shapely.Polygon(outline)
     inner = body.buffer(outside, join_style="mitre")
     rings = shapely.get_exterior_ring(shapely.get_parts(body if inner.is_empty else inner))
-    points: Path = shapely.get_coordinates(shapely.segmentize(rings, OUTLINE_STEP))
-    return points
+    return np.asarray(shapely.get_coordinates(shapely.segmentize(rings, OUTLINE_STEP)))
 
 
 def joined_outlines(outlines: Sequence[Outline]) -> tuple[Float[np.ndarray, "v 2"], Int32[np.ndarray, "o"]]:

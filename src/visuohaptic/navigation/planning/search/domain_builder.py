@@ -45,7 +45,12 @@ def build_search_domain(
     fixed: list[MovableObject | Passage] = []
     drawn, closed, passages = [], [], []
     why: dict[str, str] = {}
-    doors = _wings(problem)
+    # Objects that rotate like a door wing when they are pushed.
+    doors = [
+        Passage(obj.id, obj.footprint_m, PassageKind.DOOR_PUSH, tag=obj.tag)
+        for obj in problem.objects
+        if obj.tag is not None and is_door_wing(obj.tag)
+    ]
     for obj in problem.objects:
         if any(door.id == obj.id for door in doors):
             continue
@@ -100,15 +105,6 @@ def _body(problem: PlanningProblem, obj: MovableObject, costs: PushCosts) -> Bod
         OUTLINE_INSET_M / resolution_m,
         np.array(robot.footprint_m) / resolution_m if robot.footprint_m else None,
     )
-
-
-def _wings(problem: PlanningProblem) -> list[Passage]:
-    """Objects that rotate like a door wing when they are pushed."""
-    return [
-        Passage(obj.id, obj.footprint_m, PassageKind.DOOR_PUSH, tag=obj.tag)
-        for obj in problem.objects
-        if obj.tag is not None and is_door_wing(obj.tag)
-    ]
 
 
 def _block(cells: int, radius: float) -> int:

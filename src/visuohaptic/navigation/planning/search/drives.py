@@ -67,9 +67,8 @@ def pull_string(
         parts = [halves[0], *joined, halves[-1]]
     pulled = [_without_corners(domain, shifts, part, deadline) for part in parts]
     path = np.concatenate(pulled)
-    distinct = np.ones(len(path), dtype=bool)
-    distinct[1:] = np.hypot(*np.diff(path, axis=0).T) > 1e-9
-    return path[distinct], domain.driving_cost(shifts, path[distinct])
+    path = path[np.concatenate([[True], np.hypot(*np.diff(path, axis=0).T) > 1e-9])]
+    return path, domain.driving_cost(shifts, path)
 
 
 def drives_cost(
@@ -135,6 +134,40 @@ def drive_cost(domain: SearchDomain, shifts: Shifts, start: Point, goal: Point) 
         See :func:`pull_string`.
     """
     return _drive(domain, _Drive(shifts, start, goal))[2]
+
+
+def changed_drives_cost(
+    domain: SearchDomain,
+    steps: tuple[PushStep, ...],
+    changed: tuple[PushStep, ...],
+    start: Point,
+    most: float,
+) -> float:
+    """:func:`drives_cost` of pushes with other lengths, along the drives of a known plan.
+
+    Parameters
+    ----------
+    domain, steps, start, most
+        See :func:`drives_cost`; the drives of ``steps`` exist.
+    changed
+        The same pushes with other lengths.
+    """
+    total = (
+        0.0 if domain.clear_straight(changed[-1].shifts_after, domain.goal, domain.goal[None])[0] else np.inf
+    )
+    for old, new in zip(_ends(domain, steps, start), _ends(domain, changed, start), strict=True):
+        if total >= most:
+            return np.inf
+        key = _key(*new)
+        if key not in domain.drives:
+            block, nodes, _, _ = _drive(domain, old)
+            # From the start of the new drive to the old one, along the old one, and to the goal of the new one.
+            first, last = (resampled(np.stack(pair), 2 + int(np.hypot(*(pair[1] - pair[0])))) // block
+                           for pair in ((new[1], old[1]), (old[2], new[2])))  # fmt: skip
+            nodes = np.concatenate([first, nodes, last])
+            domain.drives[key] = block, nodes, *_cost_along(domain, new, nodes, block)
+        total += domain.drives[key][2]
+    return total
 
 
 def drives_cells(domain: SearchDomain, steps: tuple[PushStep, ...], start: Point) -> list[Path]:
@@ -250,7 +283,10 @@ def _pulled_piece(domain: SearchDomain, drive: _Drive, nodes: Path, block: int) 
         return np.zeros((0, 2))
     cells, clearance, low, _ = found
     path = np.concatenate([[drive.start - low], cells + 0.5, [drive.goal - low]])
-    return path[string_pull(clearance, domain.radius, domain.slow, path, STRING_WINDOW)[0]] + low
+    # Points about one block apart suffice for the longer straight lines.
+    for window in (domain.block, STRING_WINDOW):
+        path = path[string_pull(clearance, domain.radius, domain.slow, path, window)[0]]
+    return path + low
 
 
 def _halved(path: Path) -> tuple[Float[np.ndarray, "a 2"], Float[np.ndarray, "b 2"]]:

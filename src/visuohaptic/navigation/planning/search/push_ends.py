@@ -51,17 +51,19 @@ def end_errors(
         domain.ends[key] = model, 0.0, np.zeros((0, 2, 3))
     model, reach_m, poses = domain.ends[key]
     if reach_m < length_m or len(poses) < samples:
+        known = poses if reach_m >= length_m else poses[:0]
         # Whole steps, so that the first poses do not depend on the simulated length.
-        reach_m = max(float(np.ceil(REACH_FACTOR * length_m / LONG_STEP_M)) * LONG_STEP_M, reach_m)
+        reach_m = float(np.ceil((1.0 if len(known) else REACH_FACTOR) * length_m / LONG_STEP_M)) * LONG_STEP_M
         path_m = line_path(begin, begin + reach_m * ahead, LONG_STEP_M)
         place_m, yaw_rad = body.obj.pose_sigma
         learned, turn = body.obj.friction_covariance_m2, rotation_2d(domain.map.origin[2])
         centre_m2 = None if learned is None else turn.T @ np.array(learned) @ turn
         _, poses, _ = sampled_pushes(
             model, (0.0, 0.0, 0.0), path_m, domain.robot.front_m,
-            np.random.default_rng(0), samples=samples,  # one plan, one answer
+            np.random.default_rng(0), samples=samples, skip=len(known),  # one plan, one answer
             uncertainty=PushUncertainty(centre_m2=centre_m2, place_m=place_m, yaw_rad=yaw_rad),
         )  # fmt: skip
+        poses = np.concatenate([known[:, : len(path_m)], poses]) if len(known) else poses
         domain.ends[key] = model, reach_m, poses
     poses = poses[:samples]
     place = (poses.shape[1] - 1) * length_m / reach_m

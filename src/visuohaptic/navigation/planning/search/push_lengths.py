@@ -21,7 +21,7 @@ from ..footprint._footprint_kernels import free_drive
 from . import _travel_kernels
 from ._push_search_kernels import free_push_length, opening_lengths
 from .bodies import lower_clearance
-from .drives import drives_cells, drives_cost
+from .drives import changed_drives_cost, drives_cells
 from .push_ends import PRICED, end_errors
 from .push_heuristic import PushHeuristic
 from .push_states import Deadline, PushStep, SearchResult, needed_clearance
@@ -71,7 +71,7 @@ def refine_lengths(
             tried_cost = float("inf")
             if tried:
                 most = cost + risk - pushes
-                tried_cost = pushes + drives_cost(domain, tried, start, most)
+                tried_cost = pushes + changed_drives_cost(domain, steps, tried, start, most)
             tried_risk = 0.0
             if tried_cost < cost + risk:
                 tried_risk = replanning_units(heuristic, tried, start) * scale

@@ -152,7 +152,10 @@ class PushPass:
             elif isinstance(entry, _Push) and not entry.refined:
                 self._refine(entry)
             elif isinstance(entry, _Push) and not entry.priced:
-                self._price(entry, estimate)
+                # An oblique push is queued again with its simulated risk.
+                contact, units = entry.contact, self.heuristic.push_units
+                risk = units(contact.body, entry.length, contact.number) - units(contact.body, entry.length)
+                queue.push(estimate + risk, replace(entry, spent=entry.spent + risk, priced=True))
             else:
                 state = entry if isinstance(entry, SearchState) else _state(self.heuristic, entry)
                 expanded += 1
@@ -173,12 +176,9 @@ class PushPass:
     def _exists(self, state: SearchState) -> bool:
         """Whether the drive to the last push also exists on the map."""
         step, parent = state.step, state.parent
-        return (
-            not self.on_map
-            or step is None
-            or parent is None
-            or np.isfinite(drive_cost(self.domain, parent.shifts, parent.robot, step.approach))
-        )
+        if not self.on_map or step is None or parent is None:
+            return True
+        return bool(np.isfinite(drive_cost(self.domain, parent.shifts, parent.robot, step.approach)))
 
     def _expand(self, state: SearchState) -> None:
         """Generate the drive to the goal and the contacts that the robot can reach."""
@@ -304,12 +304,6 @@ class PushPass:
             if first * step > free:
                 lengths.add(free)
         return sorted(lengths)
-
-    def _price(self, entry: _Push, estimate: float) -> None:
-        """Re-queue an oblique push with its simulated risk."""
-        contact, units = entry.contact, self.heuristic.push_units
-        risk = units(contact.body, entry.length, contact.number) - units(contact.body, entry.length)
-        self.queue.push(estimate + risk, replace(entry, spent=entry.spent + risk, priced=True))
 
     def _refine(self, entry: _Push) -> None:
         """Re-queue a push with the estimate of the configuration it leads to."""

@@ -312,15 +312,18 @@ class _Search:
         if self.deadline.passed:
             return replace(plan, bound=min(plan.bound, plan.cost))
         plan = replace(plan, bound=float(heuristic.field(self.first.shifts)[self.cells].min()) / units)
-        if plan.cost > (1.0 + self.limits.gap) * plan.bound:
-            most = max(self.limits.expansions - self.expanded, 1)
-            better = PushPass(heuristic, 1.0, self.limits, self._until(1.0), bodies, relaxed=True).run(
-                self.first, most, plan.cost * units, self.limits.gap
+        for weight in (1.0,) if self.expanded <= FIRST_EXPANSIONS else (WEIGHTS[0], 1.0):
+            if plan.cost <= (1.0 + self.limits.gap) * plan.bound:
+                break
+            better = PushPass(heuristic, weight, self.limits, self._until(1.0), bodies, relaxed=True).run(
+                self.first,
+                max(self.limits.expansions - self.expanded, 1),
+                plan.cost * units,
+                self.limits.gap if weight == 1.0 else 0.0,
             )
             self.expanded += better.expanded
-            plan = replace(
-                better if better.found else plan, bound=max(plan.bound, better.bound), narrow=better.narrow
-            )
+            bound = max(plan.bound, better.bound / weight)
+            plan = replace(better if better.found else plan, bound=bound, narrow=better.narrow)
         return replace(plan, bound=min(plan.bound, plan.cost))
 
     def _bound_crossings(self, heuristic: PushHeuristic) -> str:

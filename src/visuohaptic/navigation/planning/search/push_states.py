@@ -71,9 +71,8 @@ def _clocks_s() -> tuple[float, float]:
 class SearchLimits:
     """Limits of a search."""
 
-    budget_s: float = field(
-        default=2.0, metadata=POSITIVE
-    )  #: CPU time of one search; the wall time is limited to three times as much
+    #: CPU time of one search; the wall time is limited to three times as much
+    budget_s: float = field(default=2.0, metadata=POSITIVE)
     gap: float = field(default=0.05, metadata=NON_NEGATIVE)  #: end within this fraction of the bound
     memory_bytes: int = field(default=500_000_000, metadata=POSITIVE)  #: for expanded configurations
     expansions: int = field(default=100_000, metadata=POSITIVE)  #: maximum number of expanded configurations
