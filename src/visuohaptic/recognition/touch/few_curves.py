@@ -253,8 +253,8 @@ def _scatter(
     """Differences of repeated touches, and covariance between classes with the independent part of each place.
 
     Each is the root mean square over the posterior, given the readings with each candidate difference: places that were
-    touched once do not distinguish the two. Stiffness and width are judged apart: a hand holds a caliper otherwise than it
-    presses, and the widths of a container do not depend on its stiffness.
+    touched once do not distinguish the two. Stiffness and width are evaluated one by one: a hand holds a caliper otherwise than it
+    presses, and their priors are independent.
     """
     feature, repeats, within = np.arange(len(mean)), [], _container_within()
     for k, part in enumerate((feature < FIRST_WIDTH, (feature >= FIRST_WIDTH) & (feature < CURVATURE))):
