@@ -134,7 +134,7 @@ class SupervisorCore(Closing):
         self._ended.set()
         if self._thread is not None:
             end_thread(self._thread)
-        # A driver that does not return from its stop keeps the lock; a part that is held has received its stop.
+        # A driver that does not return from its stop keeps the lock; a held part has received its stop already.
         locked = self._lock.acquire(timeout=WAIT_S)
         try:
             for motion in self._motions.values():
