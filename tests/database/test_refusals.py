@@ -106,7 +106,10 @@ def test_a_file_that_is_no_database_or_of_a_newer_version(tmp_path: Path) -> Non
     with open_database(tmp_path / "new"):
         pass
     with closing(sqlite3.connect(tmp_path / "new" / "objects.sqlite")) as file:
-        for version, said in (("99", "has schema version 99, expected at most"), ("x", "is not a database")):
+        for version, said in (
+            ("99", "has schema version 99, expected at most"),
+            ("x", "found schema version 'x'"),
+        ):
             file.execute("UPDATE meta SET value = ? WHERE key = 'schema'", (version,))
             file.commit()
             with pytest.raises(DatabaseError, match=said):

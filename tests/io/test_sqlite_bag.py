@@ -178,6 +178,29 @@ def test_messages_that_are_packed_one_by_one_are_unpacked(tmp_path: Path, storag
     assert re.search(r"message \d+ of /\S+: cannot be unpacked", str(file.damage))
 
 
+def test_a_packed_message_that_is_not_whole_is_left_out(tmp_path: Path) -> None:
+    """The first bytes of a cut frame unpack without an error: of "Größe" there was "Gr", as a whole message."""
+    import zstandard
+
+    text = STORE.serialize_cdr(kinds()["std_msgs/msg/String"], "std_msgs/msg/String")
+    stream = zstandard.ZstdCompressor(write_content_size=False).compressobj()
+    unsized = stream.compress(text) + stream.flush()
+    whole = zstandard.ZstdCompressor().compress(text)
+    huge = b"\x28\xb5\x2f\xfd\xe0" + (1 << 40).to_bytes(8, "little") + whole[6:]  # states a terabyte
+    with sqlite3.connect(tmp_path / "run.db3") as bag:
+        bag.execute("CREATE TABLE topics(id, name, type, serialization_format)")
+        bag.execute("INSERT INTO topics VALUES (1, '/x', 'std_msgs/msg/String', 'cdr')")
+        bag.execute("CREATE TABLE messages(id, topic_id, timestamp, data)")
+        for number, data in enumerate((whole, whole[:-6], whole[:5], unsized, unsized[:-5], huge)):
+            bag.execute("INSERT INTO messages VALUES (?, 1, ?, ?)", (number, number, data))
+    file = open_bag(tmp_path / "run.db3")
+    assert [(one.sequence, one.data) for one in file.messages()] == [(0, text)]
+    assert len(file.damage.chunks) == 5
+    assert "message 1 of /x: cannot be unpacked" in file.damage.chunks[0]
+    assert "states no size" in file.damage.chunks[3]
+    assert f"states {1 << 40} bytes, expected at most" in file.damage.chunks[4]
+
+
 def test_bags_that_are_packed_as_a_whole_name_the_remedy(tmp_path: Path) -> None:
     folder = write(tmp_path / "bag", rosbag2.StoragePlugin.SQLITE3, 9)
     (path,) = folder.glob("*.db3")

@@ -61,6 +61,27 @@ def test_the_cost_to_go_behind_moved_bodies_is_that_of_a_search_from_the_goal():
             assert (part <= whole).all()
 
 
+def test_a_body_on_the_only_way_is_charged_once_in_the_bound_of_pushing_it():
+    """Whichever of two stools in the doors of a row is pushed, the plan that pushes both is not below the bound."""
+    problem = series(2)
+    cost_s = make_plan(problem, limits=SearchLimits(budget_s=30.0, gap=0.03)).cost_s
+    domain = build_search_domain(problem)
+    both = PushHeuristic(domain, domain.costs, range(2))
+    start, _ = domain.seeds(both.base, domain.start)
+    per_s, drive = both.units_per_s, float(both.free_field[start].min())
+    crossing = 0.5 * (cost_s / 1.03 * per_s - drive)  # of one door, as the plan is within 3 % of the best
+    for body in range(2):
+        assert crossing > 2.0 * both.shortest_push(body)
+        both.raise_bound(body, crossing)
+    for body in range(2):
+        assert both.through(start, body) == pytest.approx(drive + 2.0 * crossing, rel=1e-3)
+        assert both.through(start, body) < cost_s * per_s
+    # Of one that no path is charged for, the push is added.
+    one = PushHeuristic(domain, domain.costs, (0,), left_out=(1,))
+    one.raise_bound(0, crossing)
+    assert one.through(start, 1) == pytest.approx(drive + crossing + one.shortest_push(1), rel=1e-3)
+
+
 def test_an_oblique_push_costs_the_simulated_risk_of_turning_away():
     from visuohaptic.navigation.planning.search.push_ends import turn_probability
     from visuohaptic.navigation.planning.search.push_heuristic import PushHeuristic

@@ -134,7 +134,7 @@ def test_correlated_values_count_as_fewer_independent_ones() -> None:
         errors = (1 - correlation) * np.eye(count) + correlation
         square = np.ones(count) @ np.linalg.solve(errors, np.ones(count))
         assert model.temperature_of(count) == pytest.approx(count / square)
-    # The classifier of simulated classes counts so: after ten touches, log odds are half of what independent errors would give.
+    # The classifier of simulated classes counts so: after ten touches, log odds of its classes are half of those of independent errors.
     trained = HapticClassifier().fit(synthetic(12)).model()
     assert trained.temperature_of(20) / trained.temperature == pytest.approx(2.14, rel=0.05)
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import shapely
 
-from visuohaptic.core import DeviceError, Estimate, HapticTag
+from visuohaptic.core import DeviceError, Estimate, HapticTag, resources
 from visuohaptic.core.camera import Camera, Pose
 from visuohaptic.core.files import save_yaml
 from visuohaptic.io.maps import OccupancyMap
@@ -24,7 +24,6 @@ from visuohaptic.navigation.problem import MovableObject, RobotModel, objects_fr
 from visuohaptic.ros import RosNode, RosOptions
 from visuohaptic.ros.nodes import (
     Running,
-    component,
     node_kind,
     objects_text,
     plan_node,
@@ -170,7 +169,7 @@ def test_a_search_that_does_not_end_is_not_waited_for(
         return plan(problem, **more)
 
     monkeypatch.setattr(plan_node, "make_plan", endless)
-    monkeypatch.setattr(component, "WAIT_S", 0.3)
+    monkeypatch.setattr(resources, "WAIT_S", 0.3)
     maps = robot.advertise("map", "nav_msgs/msg/OccupancyGrid", LATCHED)
     poses = robot.advertise("amcl_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", LATCHED)
     goals = robot.advertise("goal_pose", "geometry_msgs/msg/PoseStamped")

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import math
 import re
+import threading
 import time
 
 import numpy as np
 import pytest
 from tests.navigation.plan_scenes import STOOL
+from tests.patience import PATIENCE_S
 from tests.tasks import example_robot as right
 from tests.tasks.block_robot import BlockRobot
 from tests.tasks.test_force_guard import go
@@ -265,6 +267,33 @@ def test_a_task_that_hangs_leaves_nothing_moving():
                 break
         assert not base.velocity.any()
     assert "has not been updated" in guard.holds[0].reason
+
+
+def test_a_driver_that_does_not_return_leaves_no_other_part_moving(monkeypatch):
+    """The thread that watches never comes back from the first one's stop, with the lock: closing ends all the same."""
+    monkeypatch.setattr("visuohaptic.tasks.framework.supervisor.WAIT_S", 0.05)
+    called, loose = threading.Event(), threading.Event()
+
+    class Stuck(Rolling):
+        def stop(self):
+            called.set()
+            loose.wait(PATIENCE_S)
+
+    stuck, other = Stuck(), Rolling()
+    guard = Supervisor(clock=lambda: other.now)
+    for watched in (guard.base(stuck), guard.base(other)):
+        watched.state()
+        watched.drive(0.2, 0.0)
+    other.now += 1.0  # without a reading
+    threading.Thread(target=guard.check, daemon=True).start()
+    assert called.wait(PATIENCE_S)
+    assert other.velocity.any()
+    ending = threading.Thread(target=guard.close, daemon=True)
+    ending.start()
+    ending.join(PATIENCE_S / 2)
+    assert not ending.is_alive()
+    assert not other.velocity.any()
+    loose.set()
 
 
 @pytest.mark.parametrize("name", ["drive", "turn"])

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
-from visuohaptic.tracking.templates import Template, detect_templates
+from visuohaptic.core.camera import Camera, Frame
+from visuohaptic.tracking.templates import Template, TemplateTracker, detect_templates, template_tracker
 from visuohaptic.tracking.templates.template import tag_image
 
 #: Samples of a pixel along each axis, and the image's width and height [px].
@@ -53,6 +56,32 @@ def test_small_and_blurred_tags_are_found(size_px: float, blur_px: float, least:
             # About a pixel, as documented: a corner of two cells of two pixels is itself as wide.
             assert off < 2.0 + 0.25 * blur_px
     assert found >= max(least, theirs)
+
+
+@pytest.mark.parametrize("confirmed", [True, False])
+def test_a_place_that_the_better_blur_does_not_confirm_is_not_valid(monkeypatch, confirmed: bool) -> None:
+    """The sharp edges of a template fit one side of smeared ones, 2 to 3 px off; the softer one, which fits better, is not there."""
+    image, number, corners = photo(110, 3, np.random.default_rng(0))
+    align, asked = template_tracker.align, []
+
+    def judged(*args, blur, **others):
+        asked.append(blur)
+        found = align(*args, blur=blur, **others)
+        return found if blur is None or confirmed else replace(found, valid=False, reason="no convergence")
+
+    monkeypatch.setattr(template_tracker, "align", judged)
+    tag, camera = Template.from_tag(number, size_m=0.04), Camera.simple(*SIZE, focal_px=600.0)
+    with TemplateTracker([tag], camera, threaded=False) as tracker:
+        (pose,) = tracker.update(Frame(image, 0.0, 0))
+    assert asked[0] is None
+    assert max(asked[1:]) > 0.0
+    assert pose.valid == confirmed
+    if confirmed:
+        seen = np.column_stack([tag.tag_corners, np.ones(4)]) @ pose.alignment.homography.T
+        off = seen[:, :2] / seen[:, 2:] - corners
+        assert np.abs(off).max() < 4.0 * pose.alignment.corner_sigma_px
+    else:
+        assert pose.detail == "no convergence"
 
 
 def test_another_tag_is_not_taken_for_it() -> None:

@@ -192,6 +192,10 @@ def test_sheet_refuses_what_does_not_fit(tmp_path: Path, photo: np.ndarray) -> N
         lay_out([], "A7")
     with pytest.raises(InputError, match=r"'\.txt', expected \.pdf or \.png"):
         save_sheet(tmp_path / "a.txt", [])
+    # Eight cells of one dot of 1/2400 inch are 85 um; a PDF would name a width of 0.
+    assert tag_item(1, 86e-6).width_m == pytest.approx(1.25 * 86e-6)
+    with pytest.raises(InputError, match=r"found 8\.4e-05, expected .*8\.46667e-05"):
+        tag_item(1, 84e-6)
 
 
 @pytest.mark.parametrize("shape", [(420, 640), (333, 1000), (1001, 777)])

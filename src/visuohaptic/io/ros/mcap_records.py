@@ -247,14 +247,10 @@ class McapFile:
         if channel.encoding != "cdr" or data[:4] != _ZSTD:
             return data
         try:
-            whole = _decompress("zstd", data, MAX_DATA_BYTES, self.path, whole=True)
+            return _whole_frame(data, self.path)
         except ValueError as error:
             self.spoilt(f"message {sequence} of {channel.topic}: {error}")
             return None
-        if len(whole) > MAX_DATA_BYTES:
-            self.spoilt(f"message {sequence} of {channel.topic} unpacks to more than {MAX_DATA_BYTES} bytes")
-            return None
-        return whole
 
     def spoilt(self, problem: str) -> None:
         """Record a damaged section.
@@ -351,6 +347,21 @@ def _decompress(compression: str, packed: bytes, unpacked: int, path: Path, *, w
     except ImportError as error:
         raise MissingExtraError(str(error.name), "recording", f"reading {path}") from error
     raise ValueError(f"compression {compression!r} is not known")
+
+
+def _whole_frame(packed: bytes, path: Path) -> bytes:
+    """Decompress a frame that states its size; one that is cut, or unpacks to another size, raises :class:`ValueError`."""
+    with needs("zstandard", "recording", f"reading {path}"):
+        import zstandard
+    try:
+        size = zstandard.frame_content_size(packed)
+        if not 0 <= size <= MAX_DATA_BYTES:
+            stated = f"{size} bytes" if size >= 0 else "no size"
+            raise ValueError(f"states {stated}, expected at most {MAX_DATA_BYTES} bytes")
+        # A stream would return what there is of a frame that is cut, without an error.
+        return zstandard.ZstdDecompressor().decompress(packed)
+    except zstandard.ZstdError as error:
+        raise ValueError(f"cannot be unpacked ({error})") from error
 
 
 def _read_some(stream: IO[bytes], limit: int, problem: type[Exception], whole: bool) -> bytes:

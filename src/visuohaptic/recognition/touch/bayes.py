@@ -93,8 +93,7 @@ def touch_gains(
     drawn = np.minimum(np.searchsorted(np.cumsum(weight), pick), len(use) - 1)
     outcome = mean[drawn] + np.einsum("stij,sj->sti", root[drawn], fresh)
     white = np.einsum("vtij,svtj->svti", np.linalg.inv(root), outcome[:, None] - mean)
-    warm = model.temperature_of(len(read[0]) + here.shape[1])
-    score = np.log(weight)[:, None] + (-0.5 * (white**2).sum(axis=3) - size) / warm
+    score = np.log(weight)[:, None] + (-0.5 * (white**2).sum(axis=3) - size) / model.temperature
     after = np.exp(score - score.max(axis=1, keepdims=True)).transpose(0, 2, 1)
     entropy = _entropy(by_answer(after / after.sum(axis=2, keepdims=True), few)).mean(axis=0)
     gains = np.maximum(_entropy(by_answer(weight, few)) - entropy, 0.0)

@@ -141,8 +141,7 @@ def log_likelihood(
     """
     fit, square = sequential_likelihood(model, place, value, noise, np.array([len(place)]))[0]
     fit = fit + _by_exemplars(model, fit, (place, value, noise))
-    judged = values_of(model.settings, JUDGED_TOUCHES)
-    each = model.temperature_of(judged) * model.unknown_log_odds / judged
+    each = model.temperature * model.unknown_log_odds / values_of(model.settings, JUDGED_TOUCHES)
     fit = np.where(model.part < 0, fit + each * len(place), fit)
     freedom = model.freedom + len(place)
     if not freedom:
@@ -287,7 +286,7 @@ def with_outline(
     noise = at.T @ errors @ at + WIDTH_VARIANCE * np.eye(len(level))
     read = FIRST_WIDTH + 2 * level, np.log(2.0 * outline_m[:, 0]) @ at, noise
     mean, covariance = condition(model, *read)
-    score = model.log_prior + log_likelihood(model, *read)[0] / model.temperature_of(len(level))
+    score = model.log_prior + log_likelihood(model, *read)[0] / model.temperature
     return replace(
         model,
         mean=mean,
@@ -329,7 +328,7 @@ def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"], values: 
     values
         Number of values that were read.
     """
-    score, beside = likelihood / model.temperature_of(values) + model.log_prior
+    score, beside = likelihood / model.temperature + model.log_prior
     foreign = model.answer_of == len(model.answers) - 1
     best = int(np.argmax(np.where(foreign, -np.inf, score)))
     # Skipped without readings, and for a closed set of classes (prior probability of "unknown" 0).
@@ -337,6 +336,11 @@ def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"], values: 
         known, other = (np.logaddexp.reduce(score[part]) for part in (~foreign, foreign))
         unlike = known + beside[best] - score[best]
         score[foreign] += np.logaddexp(other, unlike) - other
+    # Among themselves, the classes share the errors of their simulation.
+    if np.isfinite(score[~foreign]).any():
+        common = model.log_prior + likelihood[0] / model.temperature_of(values)
+        both = [np.logaddexp.reduce(part[~foreign]) for part in (score, common)]
+        score = np.where(foreign, score, common + both[0] - both[1])
     weight = np.exp(score - score.max())
     weight /= weight.sum()
     return Belief(by_answer(weight, model), weight, model.answers)

@@ -82,8 +82,7 @@ class _Judged:
 
     def margin(self, temperature: float) -> Float[np.ndarray, "n"]:
         """Log odds of the most probable class against "unknown" at the end."""
-        warm = replace(self.model, temperature=temperature).temperature_of(self.freedom)
-        score = self.model.log_prior + self.likelihood[:, -1, 0] / warm
+        score = self.model.log_prior + self.likelihood[:, -1, 0] / temperature
         answers = range(len(self.model.answers))
         each = [np.logaddexp.reduce(score[:, self.model.answer_of == k], axis=1) for k in answers]
         out: np.ndarray = np.max(each[:-1], axis=0) - each[-1]

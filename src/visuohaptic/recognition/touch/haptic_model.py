@@ -86,7 +86,7 @@ class HapticModel:
     exemplars: ExemplarDensity | None = None  #: of the trained classes, see :mod:`.exemplars`
 
     def temperature_of(self, values: int) -> float:
-        """Divisor of the evidence of several values: with correlated errors, it is that of fewer independent ones.
+        """Divisor of the evidence between trained classes: values with correlated errors count as fewer independent ones.
 
         Parameters
         ----------

@@ -30,7 +30,7 @@ from dataclasses import dataclass, field
 
 from ...core.errors import DeviceError
 from ...core.ranges import POSITIVE, Ranged
-from ...core.resources import Closing
+from ...core.resources import WAIT_S, Closing, end_thread
 from ._motion import PartMotion, Stream, SupervisedPart
 
 Point = tuple[float, float, float]
@@ -132,12 +132,19 @@ class SupervisorCore(Closing):
     def close(self) -> None:
         """Stop every part and the supervisor's thread; may be called repeatedly."""
         self._ended.set()
-        if self._thread is not None and self._thread is not threading.current_thread():
-            self._thread.join()
-        with self._lock:
+        if self._thread is not None:
+            end_thread(self._thread)
+        # A driver that does not return from its stop keeps the lock; a part that is held was told to stop.
+        locked = self._lock.acquire(timeout=WAIT_S)
+        try:
             for motion in self._motions.values():
-                if motion.moving:
+                if motion.moving and locked:
                     self.release(motion.part)
+                elif motion.moving and not motion.held:
+                    motion.part.halt()
+        finally:
+            if locked:
+                self._lock.release()
 
     def is_executing(self, part: SupervisedPart) -> bool:
         """Whether a requested motion of a part is being executed.

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
-from ...core import POSITIVE, InputError, check_choice, check_numbers, within
+from ...core import POSITIVE, InputError, at_least, check_choice, check_numbers, within
 from ...core.files import atomic_path, check_target, encode_image
 from .template import TAG_CELLS, tag_image
 
@@ -27,6 +27,8 @@ _GAP_M = 0.008
 _LABEL_M = 0.005
 _BAR_M = 0.100
 _INCH_M = 0.0254
+#: Of the finest printers.
+_MAX_DPI = 2400
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,8 +62,9 @@ def tag_item(tag_id: int, size_m: float) -> SheetItem:
     tag_id
         Number of the tag, 0 to 586.
     size_m
-        Side of its black border [m].
+        Side of its black border [m]: a cell is at least one dot of the finest printers.
     """
+    check_numbers("tag", at_least(TAG_CELLS * _INCH_M / _MAX_DPI), size_m=size_m)
     image = tag_image(tag_id, 20, 20)
     return SheetItem(f"tag36h11 {tag_id}, {1e3 * size_m:g} mm", image, size_m * (TAG_CELLS + 2) / TAG_CELLS)
 
@@ -126,7 +129,7 @@ def save_sheet(
         data = _pdf(placed, PAPERS_M[paper])
         widths = {place.item.label: place.item.width_m for place in placed}
     else:
-        check_numbers("sheet", within(50, 2400), dpi=dpi)
+        check_numbers("sheet", within(50, _MAX_DPI), dpi=dpi)
         data, widths = _png(placed, PAPERS_M[paper], dpi)
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)

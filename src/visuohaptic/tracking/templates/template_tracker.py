@@ -196,15 +196,15 @@ class TemplateTracker(Closing):
             return _no_pose(name, t_s, Reason.LOST, "not found yet", None)
         alignment = self._align(track, grey, start)
         if not alignment.valid and track.homography is not None and start is not track.homography:
-            # The motion did not continue: retry without it.
-            alignment = self._align(track, grey, track.homography)
+            alignment = self._align(track, grey, track.homography)  # the motion did not continue
         if alignment.valid and was_lost and alignment.ncc < self.settings.ncc_found:
             return self._loose(
                 track, t_s, f"correlation {alignment.ncc:.2f} is too low to start tracking", alignment
             )
+        if alignment.valid:
+            alignment = self._with_blur(track, grey, alignment)
         if not alignment.valid:
             return self._loose(track, t_s, alignment.reason, alignment)
-        alignment = self._with_blur(track, grey, alignment)
         poses = self._poses(track, alignment)
         if poses and self.camera.distortion.any():
             alignment, poses = self._with_distortion(track, grey, alignment, poses)
@@ -266,9 +266,9 @@ class TemplateTracker(Closing):
             if blur == track.blur:
                 break
             track.blur = blur
-            again = self._align(track, grey, alignment.homography)
-            if again.valid:
-                alignment = again
+            alignment = self._align(track, grey, alignment.homography)
+            if not alignment.valid:
+                break  # the place of a blur that explains the image less well is a wrong one
         return alignment
 
     def _prediction(self, track: _Track) -> np.ndarray | None:
