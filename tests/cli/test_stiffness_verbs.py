@@ -50,6 +50,12 @@ def test_a_description_becomes_a_map(tube: Path, tmp_path: Path, capsys: pytest.
     assert found["vertices"] == count
 
 
+def test_a_place_far_from_the_object_is_refused(tube: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Millimetres, or the frame of a scene: the nearest point of the surface would answer something else."""
+    assert main(["stiffness", str(tube), "--around", "32", "--at", "35", "0", "100"]) == 2
+    assert "m from the object, expected a point at its surface" in capsys.readouterr().err
+
+
 def test_it_says_how_far_the_surface_is(tube: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = run(
         capsys, "stiffness", str(tube), "--around", "48", "--no-sigma", "--at", "0.037", "0", "0.0987"

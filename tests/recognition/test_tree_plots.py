@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from visuohaptic.core import InputError
+from visuohaptic.recognition import HapticClassifier, TouchReading
 from visuohaptic.recognition.trees import (
     class_correlation,
     plot_correlation,
@@ -56,3 +58,10 @@ def test_classes_are_most_like_themselves(tmp_path: Path, monkeypatch: pytest.Mo
     crosses = [(*line.get_xdata(), *line.get_ydata()) for line in whole[0].lines if line.get_marker() == "x"]
     assert crosses == [(tree.feature[node] // 4 + 1, tree.threshold[node]) for node in inner]
     assert len(whole[0].containers) == 2 * len(data.classes)
+
+
+def test_a_classifier_of_curves_alone_has_no_tree_to_draw(tmp_path: Path) -> None:
+    touches = [TouchReading.of_stiffness(8, "x", [level] * 2) for level in (2e3, 9e3)]
+    fitted = HapticClassifier().fit(touches, ["cup", "bottle"]).fitted()
+    with pytest.raises(InputError, match="found no tree"):
+        plot_tree(tmp_path / "tree.png", fitted.tree)

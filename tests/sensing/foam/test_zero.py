@@ -9,6 +9,7 @@ import pytest
 
 from visuohaptic.core import CalibrationError, InputError
 from visuohaptic.sensing.foam.strip import DriftSettings, ZeroReference, ZeroWatch
+from visuohaptic.sensing.foam.validity import check_untouched
 
 K = 20
 IMAGE = np.random.default_rng(3).integers(0, 256, (K, 5, 60)).astype(np.float64)
@@ -85,6 +86,22 @@ def test_an_edge_that_is_found_late_is_not_a_moving_front(points) -> None:
         return
     with pytest.raises(CalibrationError, match=r"moved by 7.* mm while zeroing"):
         ZeroReference.from_samples(0.0, np.zeros((8, K)), width, IMAGE)
+
+
+@pytest.mark.parametrize(
+    ("dent", "points", "refused"), [(0.115, 5, True), (0.085, 5, False), (0.5, 2, False), (0.5, 3, True)]
+)
+def test_a_body_that_rests_on_the_strip_is_refused(dent: float, points: int, refused: bool) -> None:
+    """It stands still, so the front does not move; two edges that are found wrong are no body."""
+    width = np.full((8, K), 0.02) + np.random.default_rng(5).normal(0.0, 1e-5, (8, K))
+    width[:, 7 : 7 + points] *= 1.0 - dent
+    zero = ZeroReference.from_samples(0.0, np.zeros((8, K)), width, IMAGE)
+    s_m = 0.005 * np.arange(K)
+    if not refused:
+        check_untouched(zero, s_m)
+        return
+    with pytest.raises(CalibrationError, match=r"mm wide at s = (35|40|45|50|55) mm, .* while nothing touches"):
+        check_untouched(zero, s_m)
 
 
 def test_a_strip_that_is_not_seen_is_refused() -> None:

@@ -69,11 +69,17 @@ def read_curves(path: Path | str, noise: TouchNoise | None = None) -> tuple[Touc
     Raises
     ------
     InputError
-        The file cannot be read, a value is missing or out of range, with its line, or a curve is refused by
-        :func:`.check_curve`.
+        The file cannot be read, has several objects, a value is missing or out of range, with its line, or a curve is refused
+        by :func:`.check_curve`.
     """
     path = Path(path)
-    return _touches(path, list(_samples(path, ())), noise)
+    samples = list(_samples(path, ()))
+    objects = {(one.label, one.name) for one in samples}
+    if len(objects) > 1:
+        raise InputError(
+            path, f"found {len(objects)} objects (columns label, object), expected the curves of one"
+        )
+    return _touches(path, samples, noise)
 
 
 def read_squeezed(path: Path | str, noise: TouchNoise | None = None) -> tuple[SqueezedObject, ...]:

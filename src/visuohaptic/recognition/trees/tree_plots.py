@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ...core import InputError
 from ...core.files import literal, new_figure, save_figure
 from ..data import HEIGHTS, FeatureSet
 from .tree_nodes import ClassificationTree, feature_name, scaled_features
@@ -32,7 +33,7 @@ def class_correlation(data: FeatureSet, scheme: str = "centre") -> Float[np.ndar
     return out
 
 
-def plot_tree(path: Path | str, tree: ClassificationTree, data: FeatureSet | None = None) -> None:
+def plot_tree(path: Path | str, tree: ClassificationTree | None, data: FeatureSet | None = None) -> None:
     """Plot a tree and, given its training objects, the features with standard deviations and thresholds (Fig. 6.7).
 
     Parameters
@@ -40,9 +41,14 @@ def plot_tree(path: Path | str, tree: ClassificationTree, data: FeatureSet | Non
     path
         Figure to write.
     tree
-        Exploration plan.
+        Exploration plan; a classifier of curves alone has none.
     data
         Its training objects.
+
+    Raises
+    ------
+    InputError
+        There is no tree.
 
     Examples
     --------
@@ -52,6 +58,9 @@ def plot_tree(path: Path | str, tree: ClassificationTree, data: FeatureSet | Non
     >>> data = FeatureSet.of_stiffness(stiffness, width, ["cup"] * 3 + ["bottle"] * 3)
     >>> plot_tree("tree.png", train_tree(data, folds=3), data)
     """
+    if tree is None:
+        problem = "found no tree: curves alone train none, stiffness at all heights does"
+        raise InputError("plot_tree", problem, remedy="fit a FeatureSet")
     wide = data is not None
     figure, axes = new_figure(1, 2 if wide else 1, size=(12 if wide else 7, 5.5), layout="constrained")
     _draw_tree(axes[-1], tree)

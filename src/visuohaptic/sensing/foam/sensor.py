@@ -23,7 +23,7 @@ from .profile import ContactRegion, FoamReading, read_profile
 from .strip import FoamSensorConfig, FoamSetup, ObservedStrip, StripeView, StripOptics
 from .strip.encoding import ENCODINGS, EdgeSkew, edge_skew, encoding_probability
 from .strip.zero import ZeroReference, ZeroWatch, check_width
-from .validity import Validity, check_known
+from .validity import Validity, check_known, check_untouched
 
 log = logging.getLogger(__name__)
 
@@ -171,6 +171,7 @@ class FoamSensor:
         )
         zero = replace(zero, encoding=encoding_probability(skews))
         self._check_width(float(np.median(zero.width_m)), "zero")
+        check_untouched(zero, self.setup.geometry.s_m)
         check_known(zero, seen[-1].width_sigma_m, self.optics.outside, self.setup)
         if self.optics.stripe is None and abs(zero.contrast) < _MIN_CONTRAST:
             log.warning(

@@ -17,6 +17,7 @@ from .material.hysteresis import RELEASE_STRAIN
 from .posterior import FALSE_ALARM
 from .profile import NEGLIGIBLE_PART, FoamReading
 from .strip import FoamSetup, ObservedStrip, ZeroReference
+from .strip.zero import WIDTH_TOLERANCE
 
 #: Force error of a frame that is negligible beside its standard deviations [N].
 NEGLIGIBLE_N = 0.05
@@ -187,4 +188,36 @@ def check_known(
             f"{zero.frames} frames or inaccurately, {outside.sum()} of them outside the image, and "
             f"{(~known).sum()} could hide {hidden_N:.1f} N of {full_N:.1f} N",
             remedy="free the view of the strip, check T_camera_foam and the light",
+        )
+
+
+def check_untouched(zero: ZeroReference, s_m: Float[np.ndarray, "K"]) -> None:
+    """Reject a zero reference with a dent: a body that presses and stands still does not move the front.
+
+    As in :func:`.check_width`, a strip may be narrower by a tenth. Medians over five neighbours ignore edges that are found wrong, and
+    inferred points are no evidence.
+
+    Parameters
+    ----------
+    zero
+        The strip at rest.
+    s_m
+        Places of its points along the strip [m].
+
+    Raises
+    ------
+    CalibrationError
+        The strip is narrower at one place than elsewhere.
+    """
+    at = np.flatnonzero(zero.known & ~zero.inferred)
+    if len(at) < 5:
+        return
+    smooth_m = np.median(np.lib.stride_tricks.sliding_window_view(zero.width_m[at], 5), axis=1)
+    usual_m, least = float(np.median(zero.width_m[at])), int(smooth_m.argmin())
+    if smooth_m[least] < (1.0 - WIDTH_TOLERANCE) * usual_m:
+        raise CalibrationError(
+            "zero",
+            f"found the strip {1e3 * smooth_m[least]:.1f} mm wide at s = {1e3 * s_m[at[least + 2]]:.0f} mm, expected "
+            f"{1e3 * usual_m:.1f} mm as elsewhere, less {100 * WIDTH_TOLERANCE:.0f} % at most",
+            remedy="zero while nothing touches the strip, or replace foam that stays compressed",
         )

@@ -33,7 +33,7 @@ def add_arguments(add: Any) -> None:
     add(
         "--at",
         float,
-        "also print the stiffness at the nearest surface point, interpolated between vertices, and its distance [m]; z is measured from the foot, x and y from the axis; may be repeated",
+        "also print the stiffness at the nearest surface point, interpolated between vertices, and its distance [m]; z is measured from the foot, x and y from the axis of a class or YAML description, and as in the file of a mesh; may be repeated",
         nargs=3,
         action="append",
         metavar=("X", "Y", "Z"),
@@ -55,6 +55,7 @@ def run(args: Any) -> dict[str, Any]:
             raise core.InputError("--at", f"found {point}, expected finite numbers")
     begin = time.perf_counter()
     container = read_container(args)
+    _check_near(container.mesh.vertices_m, args.at or ())
     contents, inside = read_contents(args)
     found = deformation.object_map(container, contents, band=not args.no_sigma)
     if not np.isfinite(found.stiffness_N_per_m).any():
@@ -99,6 +100,22 @@ def _described(
         },
         "relative_sigma_median": None if args.no_sigma else float(np.nanmedian(sigma[use] / stiffness[use])),
     }
+
+
+def _check_near(vertices_m: Any, points_m: Any) -> None:
+    """Refuse points farther from the box around the wall than its diagonal: another unit or origin."""
+    import numpy as np
+
+    low_m, high_m = vertices_m.min(axis=0), vertices_m.max(axis=0)
+    for point_m in points_m:
+        away_m = float(np.linalg.norm(point_m - np.clip(point_m, low_m, high_m)))
+        if away_m > np.linalg.norm(high_m - low_m):
+            box = " to ".join("({:.3g}, {:.3g}, {:.3g})".format(*corner_m) for corner_m in (low_m, high_m))
+            raise core.InputError(
+                "--at",
+                f"found {point_m}, {away_m:.3g} m from the object, expected a point at its surface, which extends from {box} m",
+                remedy="give metres, in the frame of the mesh turned by --up, z from its foot",
+            )
 
 
 def _at(found: core.StiffnessMap, point_m: list[float]) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from ...config_fields import Section
 from .encoding import UNKNOWN_ENCODING
 
 #: Accepted relative difference between measured and declared width, due to ruler, pose and texture of the edge.
-_WIDTH_TOLERANCE = 0.10
+WIDTH_TOLERANCE = 0.10
 
 #: Arrays of the file.
 _ARRAYS = ("reference_px", "width_m", "width_sigma_m", "blur_ratio", "encoded_m")
@@ -243,11 +243,11 @@ def check_width(measured_m: float, declared_m: float, where: Path | str, *, stri
         The widths differ by more than 10 %.
     """
     found = measured_m + stripe_m
-    if not abs(found - declared_m) <= _WIDTH_TOLERANCE * declared_m:
+    if not abs(found - declared_m) <= WIDTH_TOLERANCE * declared_m:
         raise CalibrationError(
             where,
             f"the camera measures a strip {1e3 * found:.1f} mm wide, expected {1e3 * declared_m:.1f} mm "
-            f"+- {100 * _WIDTH_TOLERANCE:.0f} % (width_m of the foam)",
+            f"+- {100 * WIDTH_TOLERANCE:.0f} % (width_m of the foam)",
             remedy="calibrate the foam again with the true --width, or correct T_camera_foam in sensor.yaml",
         )
 
