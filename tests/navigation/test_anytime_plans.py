@@ -98,7 +98,7 @@ def test_objects_beside_no_bottleneck_are_left_out_and_said_so():
     assert {task.object for task in plan.pushes} == {"stool 0", "stool 1"}
     assert plan.expanded < 3 * alone.expanded + 50
     (note,) = [note for note in plan.notes if note.startswith("left out")]
-    assert "idle 3" in note
+    assert "idle 11" in note
     assert "stool" not in note
 
 

@@ -232,10 +232,9 @@ def _keep_the_bottle(mission: Mission, probability: float, contents: ContentsFin
 def _contents_claims(found: Classification, contents: ContentsFinding, bottle: TableBottle) -> list[Claim]:
     assert contents.mass_kg is not None
     lid = "closed" if bottle.closed else "open"
+    lid_claim = Claim("lid", "bottle", contents.lid, lid, probability=contents.belief[contents.lid])
     return [
-        *[Claim("lid", "bottle", contents.lid, lid, probability=contents.belief[contents.lid])][
-            : contents.confident
-        ],
+        *[lid_claim] * contents.confident,
         *_squeeze_claims(found, contents.mass_kg, bottle),
         Claim("fill", "bottle", contents.fill[0], bottle.fill, sigma=contents.fill[1]),
     ]

@@ -100,7 +100,9 @@ def test_a_body_that_rests_on_the_strip_is_refused(dent: float, points: int, ref
     if not refused:
         check_untouched(zero, s_m)
         return
-    with pytest.raises(CalibrationError, match=r"mm wide at s = (35|40|45|50|55) mm, .* while nothing touches"):
+    with pytest.raises(
+        CalibrationError, match=r"mm wide at s = (35|40|45|50|55) mm, .* while nothing touches"
+    ):
         check_untouched(zero, s_m)
 
 
