@@ -338,7 +338,7 @@ def run_foam() -> None:
     again = seen, seen, one_px, 0.9, np.zeros((6, 6)), np.zeros((6, 6))
     filter_runs(pairs, one_px, one_px, s_m, one_px, *again)
     bridge(s_m, one_px, one_px, seen, np.int64(2), np.int64(3), front, one_px.copy())
-    drop_bridged(s_m, one_px, one_px, seen, front, one_px.copy(), seen.copy())
+    drop_bridged(s_m, one_px, one_px, seen, np.argsort(one_px), front, one_px.copy(), seen.copy())
     shared_variance(one_px, one_px, 0, 5)
     fit_motion(np.ones((6, 4)), one_px, one_px, seen)
     StressCurve("cubic", np.array([0.0, 0.6]), np.array([4e4, -1e5, 1e5]), np.eye(3)).stress(one_px)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int64
 
 from ...core.kernels import kernel
 from ...tracking.contours.contour import SHARED_NOISE
@@ -130,9 +130,9 @@ def fill_gaps(
     """
     s_m, width_m = geometry.s_m, geometry.width_m
     delta, sigma, error = delta_m.copy(), sigma_m.copy(), np.zeros(len(s_m))
-    hidden, kept = np.zeros(len(s_m)), np.empty(len(s_m), dtype=bool)
+    hidden, kept = np.zeros(len(s_m)), seen.copy()
     total_m = np.hypot(sigma_m, uncertainty_m)
-    drop_bridged(s_m, delta_m, total_m, seen, delta, error, kept)
+    drop_bridged(s_m, delta_m, total_m, seen, np.argsort(-total_m), delta, error, kept)
     held = np.where(kept, np.maximum(delta_m, 0.0) + total_m, np.inf)
     drawn = held * np.exp(np.minimum(np.abs(s_m[:, None] - s_m) / (DECAY_PER_WIDTH * width_m), 500.0))
     np.fill_diagonal(drawn, np.inf)
@@ -238,6 +238,7 @@ def drop_bridged(
     value: Float[np.ndarray, "K"],
     sigma: Float[np.ndarray, "K"],
     seen: Bool[np.ndarray, "K"],
+    order: Int64[np.ndarray, "K"],
     filled: Float[np.ndarray, "K"],
     error: Float[np.ndarray, "K"],
     kept: Bool[np.ndarray, "K"],
@@ -248,14 +249,14 @@ def drop_bridged(
     ----------
     s, value, sigma, seen
         See :func:`bridge`.
+    order
+        Indices of the points, the least accurate first: the neighbours of a point that is inferred are measured, (K,).
     filled, error
         Overwritten [m], (K,).
     kept
-        Filled, (K,).
+        The points that are seen, (K,); those that are inferred are removed.
     """
-    kept[:] = seen
-    # The least accurate ones first: the neighbours of a point that is inferred are measured.
-    for k in np.argsort(-sigma):
+    for k in order:
         a, b = k - 1 if k > 0 else k + 1, k + 1 if k < len(s) - 1 else k - 1
         if kept[a] and kept[k] and kept[b]:
             bridge(s, value, sigma, seen, k, k + 1, filled, error)
