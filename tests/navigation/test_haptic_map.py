@@ -105,7 +105,8 @@ def test_movable_things_have_their_own_layer() -> None:
     tip = np.array([[0.0, 0.0], [0.01, 0.05], [0.01, -0.05]])
     haptic.add(HapticContact(bin_, tip, (0.0, 0.0, 0.0), movable=True))
     middle, front = np.array([[0.05, 0.0]]), np.array([[-0.1, 0.0]])
-    assert haptic.value_at(middle, movable=True)[0] > 0.2
+    column, row = ((middle[0] + 1.0) / haptic.resolution_m).astype(int)
+    assert haptic.movable[row, column] > 0.2
     assert haptic.value_at(middle)[0] == 0.0, "a bin is no wall"
     assert haptic.value_at(front)[0] < 0.0, "in front of it there is room"
     assert haptic.occupancy().value_at(middle)[0] == 100

@@ -201,23 +201,18 @@ class HapticMap:
             _update(self.static[window], np.minimum(occupancy, 0.0), self.rate * trust)
         self.contacts += 1
 
-    def value_at(
-        self, points_m: Float[np.ndarray, "*n 2"], *, movable: bool = False
-    ) -> Float[np.ndarray, "*n"]:
-        """Values of a layer at positions (x, y) [m]; 0 outside.
+    def value_at(self, points_m: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n"]:
+        """Values of the static layer at positions (x, y) [m]; 0 outside.
 
         Parameters
         ----------
         points_m
             x, y [m], map frame.
-        movable
-            Whether to use the layer of objects that moved when they were pushed instead of the static one.
         """
-        layer = self.movable if movable else self.static
         cells = np.floor((points_m - np.array(self.origin_m)) / self.resolution_m).astype(np.int64)
-        inside = ((cells >= 0) & (cells < np.array(layer.shape)[::-1])).all(axis=-1)
+        inside = ((cells >= 0) & (cells < np.array(self.static.shape)[::-1])).all(axis=-1)
         cells = np.where(inside[..., None], cells, 0)
-        return np.where(inside, layer[cells[..., 1], cells[..., 0]], 0.0)
+        return np.where(inside, self.static[cells[..., 1], cells[..., 0]], 0.0)
 
     def occupancy(self, min_rate: float = 0.05) -> OccupancyMap:
         """Occupancy map of the cells with sufficient confidence; free space in front of a contact never hides an obstacle.

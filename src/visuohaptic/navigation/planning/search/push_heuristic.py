@@ -321,17 +321,14 @@ class PushHeuristic:
         at_most = 1.001 * both.min() + self.units  # both costs are integers, and diagonal steps are rounded
         return [k for k in self.active if cheapest[k + 1] <= at_most]
 
-    def lower_bound(self, start: Nodes) -> float:
-        """Lower bound of every plan [units]: each body on the way costs at least its shortest push.
+    def from_start(self, start: Nodes) -> Field:
+        """Lower bound of the cost from the start to each node [units]: each body on the way costs at least its shortest push.
 
         Parameters
         ----------
         start
             Start nodes of the robot.
         """
-        return float((self._from_start(start)[self.goal_cells] + self.goal_costs).min())
-
-    def _from_start(self, start: Nodes) -> Field:
         if self._begin is None:
             shifts, seeds = np.zeros((len(self.domain.bodies), 2)), (start, np.zeros_like(start))
             known = self.free_field if self.limit < self.far else None
@@ -341,7 +338,7 @@ class PushHeuristic:
     def _from_start_to_goal(self, start: Nodes) -> UInt32[np.ndarray, "r c"]:
         """Lower bound of a plan through each node."""
         if self._both is None:
-            shifts, begin = np.zeros((len(self.domain.bodies), 2)), self._from_start(start)
+            shifts, begin = np.zeros((len(self.domain.bodies), 2)), self.from_start(start)
             # Both fields add the charge where they leave a region: inside it, neither includes it yet.
             charges = [self.crossing(k, shifts[k]) if k in self.active else 0.0 for k in range(len(shifts))]
             charge = np.minimum([0.0, *charges], MAX_CROSSING_S * self.units_per_s).astype(np.uint32)

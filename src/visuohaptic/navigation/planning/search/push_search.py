@@ -158,7 +158,8 @@ class _Search:
         heuristic = self._heuristic(needed, free)
         if plan.found:
             heuristic.limit = int(plan.cost * heuristic.units / self.domain.block) + 1
-            bound = heuristic.lower_bound(self.cells) * self.domain.block / heuristic.units
+            lowest = (heuristic.from_start(self.cells)[heuristic.goal_cells] + heuristic.goal_costs).min()
+            bound = float(lowest) * self.domain.block / heuristic.units
             plan = replace(plan, bound=min(bound, plan.cost))
             if plan.cost <= (1.0 + self.limits.gap) * plan.bound:
                 return plan
@@ -312,18 +313,15 @@ class _Search:
         if self.deadline.passed:
             return replace(plan, bound=min(plan.bound, plan.cost))
         plan = replace(plan, bound=float(heuristic.field(self.first.shifts)[self.cells].min()) / units)
-        for weight in (1.0,) if self.expanded <= FIRST_EXPANSIONS else (WEIGHTS[0], 1.0):
-            if plan.cost <= (1.0 + self.limits.gap) * plan.bound:
-                break
-            better = PushPass(heuristic, weight, self.limits, self._until(1.0), bodies, relaxed=True).run(
-                self.first,
-                max(self.limits.expansions - self.expanded, 1),
-                plan.cost * units,
-                self.limits.gap if weight == 1.0 else 0.0,
+        if plan.cost > (1.0 + self.limits.gap) * plan.bound:
+            most = max(self.limits.expansions - self.expanded, 1)
+            better = PushPass(heuristic, 1.0, self.limits, self._until(1.0), bodies, relaxed=True).run(
+                self.first, most, plan.cost * units, self.limits.gap
             )
             self.expanded += better.expanded
-            bound = max(plan.bound, better.bound / weight)
-            plan = replace(better if better.found else plan, bound=bound, narrow=better.narrow)
+            plan = replace(
+                better if better.found else plan, bound=max(plan.bound, better.bound), narrow=better.narrow
+            )
         return replace(plan, bound=min(plan.bound, plan.cost))
 
     def _bound_crossings(self, heuristic: PushHeuristic) -> str:
