@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -239,9 +240,9 @@ def test_a_pose_that_is_not_finite_and_scans_long_after_are_refused(tmp_path: Pa
 @pytest.mark.parametrize("length", [0.0, 0.5, 3.0])
 def test_orientations_of_any_length_are_turned_and_zero_is_refused(tmp_path: Path, length: float) -> None:
     """A quaternion of another length gave another angle (14 degrees for 60 at a half), and zero was "straight ahead"."""
-    message = odometry_message(5.0, 0.5, math.pi / 3)
-    turn = message["pose"]["pose"]["orientation"]  # type: ignore[index]
-    message["pose"]["pose"]["orientation"] = {name: length * value for name, value in turn.items()}  # type: ignore[index]
+    message: dict[str, Any] = odometry_message(5.0, 0.5, math.pi / 3)
+    pose = message["pose"]["pose"]
+    pose["orientation"] = {name: length * value for name, value in pose["orientation"].items()}
     with MeasurementWriter(tmp_path / "run.mcap") as writer:
         writer.write("/scan", "sensor_msgs/msg/LaserScan", 5.0, scan_message(room_scan(5.0, 0.0)))
         writer.write("/odom", "nav_msgs/msg/Odometry", 5.0, message)
@@ -249,8 +250,8 @@ def test_orientations_of_any_length_are_turned_and_zero_is_refused(tmp_path: Pat
         with pytest.raises(InputError, match=r"run\.mcap:/odom: pose: .*not all 0"):
             read_scans(tmp_path / "run.mcap")
         return
-    ((_, pose),) = read_scans(tmp_path / "run.mcap")
-    assert pose == pytest.approx((0.5, 0.0, math.pi / 3))
+    ((_, place),) = read_scans(tmp_path / "run.mcap")
+    assert place == pytest.approx((0.5, 0.0, math.pi / 3))
 
 
 def test_the_verb_builds_a_map(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

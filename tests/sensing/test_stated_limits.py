@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -33,8 +34,8 @@ def test_the_biweight_is_as_efficient_as_a_mean_to_a_twentieth() -> None:
     """Asymptotic variance of an M-estimator: the mean square of psi over the squared mean of its derivative."""
     c = _reference._TUKEY
 
-    def mean(part) -> float:  # type: ignore[no-untyped-def]
-        return quad(lambda x: part(x) * norm.pdf(x), -c, c)[0]
+    def mean(part: Callable[[float], float]) -> float:
+        return float(quad(lambda x: part(x) * norm.pdf(x), -c, c)[0])
 
     square = mean(lambda x: (x * (1.0 - (x / c) ** 2) ** 2) ** 2)
     slope = mean(lambda x: (1.0 - (x / c) ** 2) * (1.0 - 5.0 * (x / c) ** 2))
