@@ -279,9 +279,8 @@ def light_shift_px(
         with np.errstate(invalid="ignore", divide="ignore"):
             step = np.diff(now / rest, axis=1)[:, 0] * rest.mean(axis=1) / strip.front.contrast
         local.append(np.where(np.isfinite(step), step, np.nan))
-    (shadow, error), *steps = (
-        local_statistics(values) for values in local
-    )  # not what they have in common by chance
+    # What neighbours have in common by chance is not attributed to light.
+    (shadow, error), *steps = (local_statistics(values) for values in local)
     unlike = np.abs(shadow) > _CHANCE_SIGMAS * error
     variance = _SHADOW_PART / (1.0 - _SHADOW_PART) * np.where(unlike, np.abs(shadow) - error, 0.0)
     for step, error in steps:
