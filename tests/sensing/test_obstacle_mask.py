@@ -223,6 +223,11 @@ def test_a_free_floor_stays_free_while_the_platform_drives():
 def test_what_cannot_be_used_is_refused():
     with pytest.raises(InputError, match=r"alarms_per_minute: found 0\.0, expected more than 0"):
         ObstacleSettings(alarms_per_minute=0.0)
+    # A pixel is no more than one independent sample, and comparisons that never become stale are no state.
+    with pytest.raises(InputError, match=r"correlated_bins: found 0\.0, expected at least 1"):
+        ObstacleSettings(correlated_bins=0.0)
+    with pytest.raises(InputError, match=r"stale_s: found nan, expected more than 0"):
+        ObstacleSettings(stale_s=float("nan"))
     detector = ObstacleDetector(scenes.floor_view())
     with pytest.raises(InputError, match="expected 800 x 448"):
         detector.update(np.zeros((100, 100), np.uint8), moved(0, (0.0, 0.0, 0.0)))

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int64
+from jaxtyping import Bool, Float, Int64, Shaped
 
 from ...core.kernels import kernel
 from ...tracking.contours.contour import SHARED_NOISE
@@ -110,7 +110,7 @@ def fill_gaps(
     noise_m: Float[np.ndarray, "K"],
     uncertainty_m: Float[np.ndarray, "K"],
     seen: Bool[np.ndarray, "K"],
-) -> tuple[Float[np.ndarray, "K"], ...]:
+) -> tuple[Shaped[np.ndarray, "K"], ...]:
     """Deflection with interpolated gaps, its standard deviation, the parts due to noise and due to the own noise of each
     point, the bound for hidden points, and the points that are measured, see :class:`Deflection`.
 

@@ -11,8 +11,9 @@ Near its place at rest, the front is compared with the zero image in the light t
 (``_light_kernels.front_in_light``). This edge is shifted only by light that varies within the blur. The difference s from the other
 edge is what light has shifted, with the probability that there is such light and the floor as at rest beyond the edge. Without light,
 s has the error e of edges in even light, and of light that is seen beside the front at rest or beside the displaced one; with it, it
-is as large as the blur b: the likelihood ratio is ``exp(s^2 / 2 e^2) / sqrt(1 + b^2 / e^2)``, for a point and the likelier one of its
-neighbours. What the light beside the edge explains of its blur is no excess.
+is as large as the blur b: the likelihood ratio is ``exp(s^2 / 2 e^2) / sqrt(1 + b^2 / e^2)``. Light is common to two points or more:
+the ratio of a point or of the likelier one of its neighbours counts twice, whichever is less. What the light beside the edge explains
+of its blur is no excess.
 
 If a body lies beyond the edge, behind a narrow gap, the edge is shifted by that gap. The texture beyond distinguishes them: both
 shifts are weighed by their probabilities, and their scatter is error.
@@ -44,7 +45,7 @@ _PLATEAU_PX = 4.0
 _SAMPLE_PX = 0.5
 #: Prior probability of an edge in a shadow that begins beside it: one strip in a hundred has the edge of a shadow.
 SHADOWED = 0.01
-#: Half the length of a blurred edge: 1.4 % of its step lies outside.
+#: Half the length of a blurred edge: 1.4 % of its step lies beyond either end.
 _EDGE_BLURS = 2.2
 #: Number of edges at rest for estimating their scatter, to a fifth.
 SCATTER_POINTS = 24
@@ -150,7 +151,7 @@ def shift_by_light_px(
     Returns
     -------
     ndarray
-        Deflection that the light pretends [px], its variance [px^2], and the probability of light on the floor as at rest, (3, K).
+        Apparent deflection due to the light [px], its variance [px^2], and the probability of light on the floor as at rest, (3, K).
     """
     if strip.stripe:
         return np.zeros((3, len(excess_px2)))
@@ -278,9 +279,8 @@ def light_shift_px(
         with np.errstate(invalid="ignore", divide="ignore"):
             step = np.diff(now / rest, axis=1)[:, 0] * rest.mean(axis=1) / strip.front.contrast
         local.append(np.where(np.isfinite(step), step, np.nan))
-    (shadow, error), *steps = (
-        local_statistics(values) for values in local
-    )  # not what they have in common by chance
+    # What neighbours have in common by chance is not attributed to light.
+    (shadow, error), *steps = (local_statistics(values) for values in local)
     unlike = np.abs(shadow) > _CHANCE_SIGMAS * error
     variance = _SHADOW_PART / (1.0 - _SHADOW_PART) * np.where(unlike, np.abs(shadow) - error, 0.0)
     for step, error in steps:

@@ -10,8 +10,8 @@ floor the mean of r is 1, and that of its concave function
     2 r / (1 + r)
 
 is 1 at most; the same holds for residuals with other tails than assumed, as long as ``log r`` is symmetric. No single pixel counts more
-than twofold, so that the outlines of a textureless face add up, and one highlight does not. With ``correlated_bins`` pixels
-per independent sample, the sum e of its logarithms over the pixels of a cell, divided by their number, is
+than twofold, so that the outlines of a textureless face add up, and one highlight does not. The sum e of its logarithms over the
+pixels of a cell, divided by ``correlated_bins``, the number of pixels per independent sample, is
 the logarithm of a supermartingale (Ramdas et al., Stat. Sci. 38, 2023). e is limited to ``log(1 / disturbed)`` in both directions, as in
 Huber's robust test (Ann. Math. Statist. 36, 1965), since a fraction of the frames may be disturbed, and summed along the drive, never
 below 0 (Page's test): the alarm rate is at most the number of cells times that of comparisons times

@@ -75,8 +75,9 @@ class ObstacleSettings(Ranged):
     alarms_per_minute: float = field(default=0.2, metadata=POSITIVE)
     #: fraction of frames that may be arbitrarily disturbed
     disturbed: float = field(default=0.02, metadata=within(1e-6, 0.5))
-    correlated_bins: float = 4.0  #: bins per independent sample: blur of the lens, and interpolation
-    stale_s: float = 1.0  #: after this time without a comparison the state is unknown
+    #: bins per independent sample: blur of the lens, and interpolation
+    correlated_bins: float = field(default=4.0, metadata=at_least(1.0))
+    stale_s: float = field(default=1.0, metadata=POSITIVE)  #: maximum age of a valid comparison
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -385,7 +386,7 @@ def _over_slopes(lines: Float[np.ndarray, "ranges lines"], away: Float[np.ndarra
     whole = place.astype(np.intp)
     part = place - whole
     each = lines[whole, across] * (1.0 - part) + lines[whole + 1, across] * part
-    # The maximum sum of a run of columns: the cumulative sum at its end, minus the minimum before its start.
+    # The maximum sum of a run of lines: the cumulative sum at its end, minus the minimum before its start.
     upto = np.pad(np.cumsum(each, axis=-1), ((0, 0), (0, 0), (1, 0)))
     runs = (upto - np.minimum.accumulate(upto, axis=-1)).max(axis=-1)
     return np.asarray(np.logaddexp.reduce(runs))
