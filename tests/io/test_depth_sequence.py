@@ -285,6 +285,19 @@ def test_frames_beyond_the_memory_are_refused_before_any_is_read(tmp_path, monke
     assert len(sequence.load()) == 4
 
 
+@pytest.mark.parametrize("count", [5, 7, 8])
+def test_the_advised_images_fit_where_the_memory_holds_no_whole_number(tmp_path, monkeypatch, count):
+    """Memory of 2.4 images: one of three of seven would be three images, one too many."""
+    make_sequence(tmp_path / "s", count=count)
+    monkeypatch.setattr("os.sysconf", {"SC_PHYS_PAGES": 104, "SC_PAGE_SIZE": 1000}.get)
+    sequence = DepthSequence(tmp_path / "s")
+    with pytest.raises(InputError) as caught:
+        sequence.load()
+    advised = re.search(r"one of (\d+) images", str(caught.value))
+    assert advised
+    assert len(sequence.load(int(advised[1]))) == 2
+
+
 def test_poses_in_millimetres_are_refused(tmp_path):
     _, poses = make_sequence(tmp_path / "s")
     moved = [(t, Pose(pose.rotation, 1000 * pose.translation_m)) for t, pose in poses]

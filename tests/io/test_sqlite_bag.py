@@ -204,9 +204,14 @@ def test_a_packed_message_that_is_not_whole_is_left_out(tmp_path: Path) -> None:
 def test_bags_that_are_packed_as_a_whole_name_the_remedy(tmp_path: Path) -> None:
     folder = write(tmp_path / "bag", rosbag2.StoragePlugin.SQLITE3, 9)
     (path,) = folder.glob("*.db3")
-    path.rename(path.with_suffix(".db3.zstd"))
-    with pytest.raises(InputError, match=r"compressed as a whole.* zstd -d .*db3\.zstd"):
+    packed = path.rename(path.with_suffix(".db3.zstd"))
+    with pytest.raises(InputError, match=r"compressed as a whole.* zstd -d .*\*\.zstd"):
         open_bag(folder)
+    packed.with_name("other_1.db3").write_bytes(packed.read_bytes())  # another part, which is unpacked
+    with pytest.raises(InputError, match=rf"{packed.name} is compressed as a whole"):
+        open_bag(folder)
+    path.write_bytes(packed.read_bytes())  # as zstd does, which keeps the packed file
+    assert isinstance(open_bag(folder), SqliteBag)
 
 
 def messages_of(folder: Path) -> list[tuple[str, str, int, bytes]]:

@@ -112,7 +112,7 @@ def version_of(connection: sa.Connection, where: str) -> int:
     Raises
     ------
     DatabaseError
-        Its version is no number, or its file has views or triggers, which may compute without end.
+        Its version is not a number, or its file has views or triggers, which may compute without end.
     """
     if connection.dialect.name == "sqlite":
         words = "SELECT type, name FROM sqlite_master WHERE type NOT IN ('table', 'index')"

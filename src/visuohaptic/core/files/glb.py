@@ -31,8 +31,8 @@ def check_glb(path: Path, data: bytes) -> None:
     Raises
     ------
     InputError
-        It is not such a file; or declares more than fits into it, nodes that are no tree, or too many of them; or refers to other
-        files, or is compressed.
+        It is not such a file; or declares more than fits into it, nodes that do not form a tree, or too many of them; or refers to
+        data in other files, or is compressed.
     """
     if len(data) < 20 or data[:4] != b"glTF":
         raise InputError(path, "does not start with a GLB header")

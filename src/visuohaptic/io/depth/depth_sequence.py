@@ -257,15 +257,17 @@ class DepthSequence:
             ``every`` is not positive, the frames would not fit into the memory that this process may use, or none can be used.
         """
         check_numbers("DepthSequence.load", POSITIVE, every=every)
-        count, pixels = len(range(0, len(self.paths), every)), self.camera.width * self.camera.height
-        needed = count * pixels * _PIXEL_BYTES
+        width, height = self.camera.width, self.camera.height
+        image_bytes = width * height * _PIXEL_BYTES
+        needed = len(range(0, len(self.paths), every)) * image_bytes
         memory = memory_bytes()
         if needed > memory:
+            fitting = max(1, int(memory / image_bytes))
             raise InputError(
                 self.folder,
-                f"{count} images of {self.camera.width} x {self.camera.height} need {needed * 1e-9:.1f} GB of memory, "
+                f"{needed // image_bytes} images of {width} x {height} need {needed * 1e-9:.1f} GB of memory, "
                 f"expected at most the {memory * 1e-9:.1f} GB that this process may use",
-                remedy=f"read one of {math.ceil(every * needed / memory)} images (--every)",
+                remedy=f"read one of {math.ceil(len(self.paths) / fitting)} images (--every)",
             )
         return list(self._frames(every))
 

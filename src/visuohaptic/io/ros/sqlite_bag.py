@@ -56,17 +56,20 @@ def open_bag(path: Path | str) -> McapFile:
     Raises
     ------
     InputError
-        It is not a recording, or a folder of several MCAP files.
+        It is not a recording, or a folder of several MCAP files or with compressed ones.
     """
     path = Path(path)
-    if path.is_dir() and not any(path.glob("*.db3")):
-        files = sorted(path.glob("*.mcap"))
-        if not files and (packed := sorted(path.glob("*.zstd"))):
+    if path.is_dir():
+        # Beside unpacked parts of a split bag, the packed ones would be left out silently.
+        packed = [part for part in sorted(path.glob("*.zstd")) if not part.with_suffix("").exists()]
+        if packed:
             raise InputError(
                 path,
-                "found files compressed as a whole, expected .db3 or .mcap",
-                remedy=f"zstd -d {packed[0]}",
+                f"{packed[0].name} is compressed as a whole, expected .db3 or .mcap",
+                remedy=f"zstd -d {path / '*.zstd'}",
             )
+    if path.is_dir() and not any(path.glob("*.db3")):
+        files = sorted(path.glob("*.mcap"))
         if len(files) != 1:
             raise InputError(path, f"found {len(files)} MCAP files, expected one; name the one to read")
         return McapFile(files[0])

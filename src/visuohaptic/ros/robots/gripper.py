@@ -87,7 +87,7 @@ class RosGripper(Closing, Gripper):
         """
         try:
             opening_m = self.state().opening_m
-        except (StaleFrameError, DeviceError):
+        except DeviceError:
             begin_m, end_m, sent_s, lasts_s = self._command
             if math.isnan(end_m):
                 raise

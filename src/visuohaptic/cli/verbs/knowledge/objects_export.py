@@ -31,7 +31,7 @@ def run(args: Any) -> dict[str, Any]:
     with opened(args) as database:
         known = [one.id for one in database.summaries()]
         ids = list(dict.fromkeys(args.id)) or known
-        for one in set(ids) - set(known):
+        for one in sorted(set(ids) - set(known)):
             database.get(one)  # refused before anything is written
         count = export_objects((database.get(one) for one in ids), args.out, licence=args.licence)
     return {"folder": args.out, "exported": count}
