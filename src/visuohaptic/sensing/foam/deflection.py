@@ -196,7 +196,8 @@ def bridge(
     beyond = high + (1 if high > low else -1)
     rise, noise = value[high] - value[low], 2.0 * max(sigma[a], sigma[b])
     decays = 0 <= beyond < len(s) and 0.0 < value[low] < value[high]
-    decays = decays and value[beyond] - value[high] > _RISES_ON * rise
+    # Edges of other things beyond tell nothing of the foam.
+    decays = decays and seen[beyond] and value[beyond] - value[high] > _RISES_ON * rise
     if not a < first < b:
         decays = decays and seen[a] and seen[b] and stop == first + 1 and beyond != first
         error[first] = math.inf
@@ -205,7 +206,7 @@ def bridge(
     else:
         # Not at the bottom of the trough between two bodies, from which foam rises to either side.
         lower = low - (beyond - high)
-        decays = decays and 0 <= lower < len(s) and value[lower] < value[low]
+        decays = decays and 0 <= lower < len(s) and seen[lower] and value[lower] < value[low]
     before = a - 1 if a > 0 and seen[a - 1] else a - 2
     after = b + 1 if b + 1 < len(s) and seen[b + 1] else b + 2
     left, right, across = 0.0, 0.0, (value[b] - value[a]) / (s[b] - s[a])
