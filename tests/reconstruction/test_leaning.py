@@ -159,12 +159,12 @@ def test_a_ridge_of_likelihood_is_the_deviation_of_the_place():
         return -50.0 + (float(over) / 1e-3) ** 2
 
     aside = np.array([0.03, *[0.05] * 5])
-    draws = outline_rings._draws(ridge, [np.full(6, 0.05), aside], 1.0)
-    assert draws[:, 0].mean() == pytest.approx(0.05, abs=0.012)
-    assert draws[:, 0].std() == pytest.approx(0.06 / np.sqrt(12), rel=0.3)
+    samples = outline_rings._samples(ridge, [np.full(6, 0.05), aside], 1.0)
+    assert samples[:, 0].mean() == pytest.approx(0.05, abs=0.012)
+    assert samples[:, 0].std() == pytest.approx(0.06 / np.sqrt(12), rel=0.3)
     places = [np.full(6, 0.05)]
     narrow, wide = (
-        outline_rings._draws(lambda s: -50.0 + 0.5 * float(((s - 0.05) ** 2).sum()) / 4e-6, places, factor)
+        outline_rings._samples(lambda s: -50.0 + 0.5 * float(((s - 0.05) ** 2).sum()) / 4e-6, places, factor)
         for factor in (1.0, 0.25)
     )
     # Of 24 shapes moved 133 times, about every tenth move is independent: 300 of each.
