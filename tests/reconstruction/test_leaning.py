@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -189,3 +191,20 @@ def test_a_lean_is_saved_and_no_wall_is_completed_around_an_upright_axis(tmp_pat
     table = SurfaceMesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     with pytest.raises(InputError, match="leans by 27 degrees, expected an upright one"):
         BodyCompletion.standing(table, loaded.body, 0.15)
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ({"height": [0.15, 0.15]}, "clusters.0.height: expected the lower end before the upper end"),
+        ({"height": [0.15, 0.05]}, "clusters.0.height: expected the lower end before the upper end"),
+        ({"ends_sigma": [[0.01, -0.01], [0.01, 0.01]]}, "clusters.0.ends_sigma.0.1: found -0.01"),
+    ],
+)
+def test_a_body_without_a_height_or_with_negative_deviations_is_refused(tmp_path, entry, said):
+    body = {"axis": [0, 0], "axis_sigma": [0, 0], "radius": [0.03, 0.03], "radius_sigma": 0, "height": [0, 1]}
+    hull = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    path = tmp_path / "regions.json"
+    path.write_text(json.dumps({"clusters": [{"hull": hull} | body | entry]}))
+    with pytest.raises(InputError, match=re.escape(f"{path}: {said}")):
+        load_hole_regions(path)
