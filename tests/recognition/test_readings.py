@@ -310,3 +310,21 @@ def test_millimetres_are_no_metres(key: str) -> None:
     assert getattr(TouchReading(8, "x", (None, None), **{key: 2.9}), key) == pytest.approx(2.9)
     with pytest.raises(InputError, match=f"found {key} 3.1, expected metres"):
         TouchReading(8, "x", (None, None), **{key: 3.1})
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "sigma", "said"),
+    [
+        ((0.0, 900.0), 0.05, "stiffness_N_per_m: found 0, 900 N/m"),
+        ((900.0, -900.0), 0.05, "stiffness_N_per_m: found 900, -900 N/m"),
+        ((900.0, 900.0), -0.05, "relative_sigma: found -0.05"),
+        ((900.0, 900.0), np.nan, "relative_sigma: found nan"),
+    ],
+)
+def test_a_stiffness_without_a_logarithm_or_a_deviation_is_rejected(
+    stiffness: tuple[float, float], sigma: float, said: str
+) -> None:
+    """Probabilities would be NaN."""
+    assert TouchReading.of_stiffness(8, "x", (np.nan, 900.0), 0.05).sides[1] is not None
+    with pytest.raises(InputError, match=said):
+        TouchReading.of_stiffness(8, "x", stiffness, sigma)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -159,12 +161,12 @@ def test_a_ridge_of_likelihood_is_the_deviation_of_the_place():
         return -50.0 + (float(over) / 1e-3) ** 2
 
     aside = np.array([0.03, *[0.05] * 5])
-    draws = outline_rings._draws(ridge, [np.full(6, 0.05), aside], 1.0)
-    assert draws[:, 0].mean() == pytest.approx(0.05, abs=0.012)
-    assert draws[:, 0].std() == pytest.approx(0.06 / np.sqrt(12), rel=0.3)
+    samples = outline_rings._samples(ridge, [np.full(6, 0.05), aside], 1.0)
+    assert samples[:, 0].mean() == pytest.approx(0.05, abs=0.012)
+    assert samples[:, 0].std() == pytest.approx(0.06 / np.sqrt(12), rel=0.3)
     places = [np.full(6, 0.05)]
     narrow, wide = (
-        outline_rings._draws(lambda s: -50.0 + 0.5 * float(((s - 0.05) ** 2).sum()) / 4e-6, places, factor)
+        outline_rings._samples(lambda s: -50.0 + 0.5 * float(((s - 0.05) ** 2).sum()) / 4e-6, places, factor)
         for factor in (1.0, 0.25)
     )
     # Of 24 shapes moved 133 times, about every tenth move is independent: 300 of each.
@@ -189,3 +191,20 @@ def test_a_lean_is_saved_and_no_wall_is_completed_around_an_upright_axis(tmp_pat
     table = SurfaceMesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     with pytest.raises(InputError, match="leans by 27 degrees, expected an upright one"):
         BodyCompletion.standing(table, loaded.body, 0.15)
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ({"height": [0.15, 0.15]}, "clusters.0.height: expected the lower end before the upper end"),
+        ({"height": [0.15, 0.05]}, "clusters.0.height: expected the lower end before the upper end"),
+        ({"ends_sigma": [[0.01, -0.01], [0.01, 0.01]]}, "clusters.0.ends_sigma.0.1: found -0.01"),
+    ],
+)
+def test_a_body_without_a_height_or_with_negative_deviations_is_refused(tmp_path, entry, said):
+    body = {"axis": [0, 0], "axis_sigma": [0, 0], "radius": [0.03, 0.03], "radius_sigma": 0, "height": [0, 1]}
+    hull = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    path = tmp_path / "regions.json"
+    path.write_text(json.dumps({"clusters": [{"hull": hull} | body | entry]}))
+    with pytest.raises(InputError, match=re.escape(f"{path}: {said}")):
+        load_hole_regions(path)

@@ -83,9 +83,8 @@ def scene_points(
     InputError
         A number is not finite, no point is near the object, or the surfaces there are too large for the memory.
     """
-    points = (finite_array(name, vertices_m, None, 3, least=0) - T_scene_object[:3, 3]) @ T_scene_object[
-        :3, :3
-    ]
+    vertices_m = finite_array(name, vertices_m, None, 3, least=0)
+    points = (vertices_m - T_scene_object[:3, 3]) @ T_scene_object[:3, :3]
     low, high = extent_m[0] - SCENE_REACH_m, extent_m[1] + SCENE_REACH_m
     pieces, corners = [points], points[faces]
     while len(corners):

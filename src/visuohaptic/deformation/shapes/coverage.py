@@ -194,16 +194,15 @@ def _lid_area(state: MeshState, height: float) -> float:
     A ball has the same area within ``LEVEL_rad`` of every direction. Planes are sought along the normals at places that are
     uniform over the area of the rising top: the triangles of a plane with several times 1 / ``DIRECTIONS`` of it have some.
     """
-    corners = state.vertices[state.faces]
     area = area_vectors(state.vertices, state.faces)
-    cut = state.vertices[state.faces, 2].max() - TOP * height
-    low, middle, high = np.sort(corners[:, :, 2], axis=1).T
+    low, middle, high = np.sort(state.vertices[state.faces, 2], axis=1).T
+    cut = high.max() - TOP * height
     with np.errstate(divide="ignore", invalid="ignore"):
         below = (cut - low) ** 2 / ((middle - low) * (high - low))
         above = (high - cut) ** 2 / ((high - middle) * (high - low))
-    share = np.select([cut < low, cut < middle, cut < high], [1.0, 1 - below, above], 0.0)
+    fraction = np.select([cut < low, cut < middle, cut < high], [1.0, 1 - below, above], 0.0)
     whole = np.linalg.norm(area, axis=1)
-    size = share * whole
+    size = fraction * whole
     outward = area / np.maximum(whole, 1e-300)[:, None]
     outward[outward[:, 2] < 0] *= -1
     rising = (outward[:, 2] > np.cos(STEEPEST_rad)) & (size > 0)

@@ -98,7 +98,18 @@ class TouchReading:
             Relative standard deviation of each.
         width_m
             Opening of the gripper at contact [m]; NaN if not measured.
+
+        Raises
+        ------
+        InputError
+            A stiffness is not positive, or the standard deviation is negative or NaN.
         """
+        if any(k <= 0 for k in stiffness_N_per_m):
+            found = ", ".join(f"{k:g}" for k in stiffness_N_per_m)
+            raise InputError("touch", f"found {found} N/m, expected more than 0", field="stiffness_N_per_m")
+        if not relative_sigma >= 0:
+            said = f"found {relative_sigma:g}, expected at least 0"
+            raise InputError("touch", said, field="relative_sigma")
         first, second = (
             CurveCoefficients(float(k), float(k), math.nan, relative_sigma, math.nan)
             for k in stiffness_N_per_m

@@ -89,16 +89,11 @@ def simulated_kinds(seed: int = 0) -> FeatureSet:
         inside = (along - cuts[part]) / size[part]
         bulge = BULGE_SIGMA * rng.standard_normal(len(size)) * (rng.uniform(size=len(size)) < BULGED)
         radius *= 1 + (4 * bulge * np.minimum(1, 2 * size))[part] * inside * (1 - inside)
-        grooves = (
-            rng.uniform(GROOVE_END, 1 - GROOVE_END, rng.integers(1, GROOVES + 1))
-            if rng.uniform() < GROOVED
-            else ()
-        )
-        for place in grooves:
+        grooves = rng.integers(1, GROOVES + 1) if rng.uniform() < GROOVED else 0
+        for place in rng.uniform(GROOVE_END, 1 - GROOVE_END, grooves):
             away = (along - place) * height / GROOVE_m
-            radius -= np.where(
-                np.abs(away) < 0.5, rng.uniform(*GROOVE_DEPTH_m) * np.cos(np.pi * away) ** 2, 0.0
-            )
+            depth_m = rng.uniform(*GROOVE_DEPTH_m)
+            radius -= np.where(np.abs(away) < 0.5, depth_m * np.cos(np.pi * away) ** 2, 0.0)
         rim = rng.uniform(*RIM) if rng.uniform() < RIMMED else 1.0
         thick = np.where(along > 1 - RIM_m / height - 0.5 / NODES, rim * wall, wall)
         shell = RevolutionShell(radius, along * height, thick, rim_held=bool(rng.uniform() < LIDDED))

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from jaxtyping import Bool, Float
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -146,9 +147,16 @@ class HoleRegion:
         return float(np.ptp(self.hull_m, axis=0).max())
 
 
+def _rising(height: tuple[float, float]) -> tuple[float, float]:
+    if height[0] >= height[1]:
+        raise ValueError("expected the lower end before the upper end")
+    return height
+
+
 _Positive = Annotated[FiniteFloat, Field(gt=0)]
 _NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 _Pair = tuple[FiniteFloat, FiniteFloat]
+_Sigmas = tuple[_NotNegative, _NotNegative]
 _Point = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
 
@@ -156,12 +164,12 @@ class _Cluster(BaseModel):
     model_config = ConfigDict(extra="ignore")
     hull: list[_Point] = Field(min_length=4, max_length=100_000)
     axis: _Pair | None = None
-    axis_sigma: tuple[_NotNegative, _NotNegative] | None = None
+    axis_sigma: _Sigmas | None = None
     radius: tuple[_Positive, _Positive] | None = None
     radius_sigma: _NotNegative | None = None
-    height: _Pair | None = None
+    height: Annotated[_Pair, AfterValidator(_rising)] | None = None
     lean: _Pair = (0.0, 0.0)
-    ends_sigma: tuple[_Pair, _Pair] | None = None
+    ends_sigma: tuple[_Sigmas, _Sigmas] | None = None
     evidence: FiniteFloat = 0.0
     rings: list[tuple[FiniteFloat, _Positive, _Positive]] = Field(default=[], max_length=1000)
     rings_sigma: _NotNegative = 0.0

@@ -160,8 +160,8 @@ def settled(views: Sequence[OutlineView], body: UprightBody, rate: float) -> Upr
         gain = cost(upright[0]) - cost(maxima[0]) if upright and maxima is leaning else np.inf
         if told[1] * gain < -np.log(rate):
             continue
-        draws = _draws(cost, maxima, told[1])
-        return _body(draws, -cost(maxima[0]))
+        samples = _samples(cost, maxima, told[1])
+        return _body(samples, -cost(maxima[0]))
     return body
 
 
@@ -188,10 +188,10 @@ def _widths(shape_m: np.ndarray) -> list[np.ndarray]:
     return found
 
 
-def _draws(
+def _samples(
     cost: Callable[[np.ndarray], float], maxima: Sequence[np.ndarray], factor: float
 ) -> Float[np.ndarray, "n shape"]:
-    """Shapes drawn from their posterior distribution, with a uniform prior and the log-likelihood times a factor (stretch moves)."""
+    """Shapes sampled from their posterior distribution, with a uniform prior and the log-likelihood times a factor (stretch moves)."""
     rng, size, half = np.random.default_rng(0), len(maxima[0]), _WALKERS // 2
     places = np.resize(maxima, (_WALKERS, size))
     places += np.where(
@@ -214,14 +214,14 @@ def _draws(
     return np.concatenate(kept)
 
 
-def _body(draws: Float[np.ndarray, "n shape"], evidence: float) -> UprightBody:
-    """The mean of drawn shapes with their deviations."""
-    x, y, low_r, high_r, low_z, high_z, *lean = draws.mean(axis=0).tolist()
-    sigma_m, radius_m = draws[:, :2].std(axis=0), float(draws[:, 2:4].mean(axis=1).std())
+def _body(samples: Float[np.ndarray, "n shape"], evidence: float) -> UprightBody:
+    """The mean of sampled shapes with their deviations."""
+    x, y, low_r, high_r, low_z, high_z, *lean = samples.mean(axis=0).tolist()
+    sigma_m, radius_m = samples[:, :2].std(axis=0), float(samples[:, 2:4].mean(axis=1).std())
     found = UprightBody(np.array([x, y]), sigma_m, (low_r, high_r), radius_m, (low_z, high_z), evidence)
     if not lean:
         return found
-    ends_m = np.array([(draws[:, :2] + part * draws[:, 6:]).std(axis=0) for part in (-0.5, 0.5)])
+    ends_m = np.array([(samples[:, :2] + part * samples[:, 6:]).std(axis=0) for part in (-0.5, 0.5)])
     return replace(found, lean_m=(lean[0], lean[1]), ends_sigma_m=ends_m)
 
 
