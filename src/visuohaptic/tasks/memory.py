@@ -212,11 +212,13 @@ class PlaceMemory(Closing):
         return Sighting(place, POINT_M, time.time(), context=(self.place,))
 
     def bottles(self) -> list[RememberedContainer]:
-        """Containers that stood on a table."""
+        """Containers that stood on a table, as far as their outlines have positive radii and a height."""
         found = []
         for one in self._objects("table"):
             shape = one.features.get("outline")
             if shape is None or len(shape.values) != HEIGHTS + 1 or shape.sigma is None:
+                continue
+            if not (shape.values > 0.0).all():  # its logarithms would leave no container recognised
                 continue
             heights = np.linspace(0.0, float(shape.values[-1]), HEIGHTS)
             state, wall = one.state, None if one.material is None else one.material.wall_thickness_m
