@@ -29,9 +29,9 @@ from ..tasks.manipulation.classify import (
 )
 from ..tasks.manipulation.contents_task import LIFT_M_S, ContentsFinding, identify_contents, weigh
 from ..tasks.manipulation.foam_finger import FoamFingerOnDrive
+from ..tasks.memory import HEIGHT_SIGMA_M
 from .bottle import (
     CUPS,
-    HEIGHT_SIGMA_M,
     PLACE,
     ROUND,
     TableBottle,
