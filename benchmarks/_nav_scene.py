@@ -27,8 +27,8 @@ WINDOW_M = 12.0
 #: Relative standard deviation of friction between tag and truth; of the centre of mass about the centroid (m).
 FRICTION_SPREAD, CENTRE_SPREAD_M = 0.15, 0.02
 FLOOR_FRICTION = 0.3
-#: Largest number of movable objects.
-MOST = 10
+#: Maximum number of movable objects.
+MAX_OBJECTS = 10
 #: So many scenes have no way without a push; the others may have one.
 BLOCKED_SHARE = 0.75
 
@@ -205,7 +205,7 @@ def _places(
     tree = shapely.STRtree(boxes)
     placed: list[tuple[np.ndarray, float]] = []
     shapes: list[shapely.Polygon] = []
-    for number in range(int(rng.integers(1, MOST + 1))):
+    for number in range(int(rng.integers(1, MAX_OBJECTS + 1))):
         for _ in range(60):
             candidates = np.flatnonzero(inside)
             if number == 0 or rng.random() < 0.5:  # at a narrow place

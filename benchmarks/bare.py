@@ -13,7 +13,7 @@ run in an empty folder:
   folder (needs root to become that user);
 - *read-only C*: the same in the C locale without UTF-8 mode, with temporary files in that folder only.
 
-An interpreter below a folder that another user may not enter is not tried there, and told.
+The cases of another user are skipped, with the reason, if that user may not enter the folder of the interpreter.
 
 A command passes if it exits with 0, prints no traceback, and its files exist. Other operating systems, and
 processors without the features that numba needs, are not covered.

@@ -32,7 +32,6 @@ from visuohaptic.deformation.shells.shell_material import IsotropicMaterial
 from visuohaptic.demo import hand_chapters
 from visuohaptic.demo.bottle import (
     GROUPS,
-    HEIGHT_SIGMA_M,
     NECK_M,
     WALL_M,
     TableBottle,
@@ -50,6 +49,7 @@ from visuohaptic.simulation.tabletop import OvalContainer
 from visuohaptic.simulation.tabletop.deformable import DeformableContainer
 from visuohaptic.tasks import Place
 from visuohaptic.tasks.fetch import ContainerBelief
+from visuohaptic.tasks.memory import HEIGHT_SIGMA_M
 
 from ._seeds import add_seeds, seeds_of
 from .table_bottles import LEVELS_N, SMOOTH_M, seen_outline, squeezed

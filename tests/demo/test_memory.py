@@ -172,6 +172,24 @@ def test_another_of_the_same_class_is_not_taken_for_the_known_one() -> None:
     assert other < 0.05 * 400
 
 
+@pytest.mark.parametrize("radius_m", [0.0, -0.01, np.nan])
+def test_a_stored_container_without_a_radius_does_not_hide_the_others(
+    tmp_path: Path, radius_m: float
+) -> None:
+    z_m = np.linspace(0.0, 0.2, 24)
+    outline_m = np.column_stack([0.035 + 0.004 * np.sin(30 * z_m), z_m])
+    whole = RememberedContainer("table-1", "bottle", 0.99, outline_m, 0.001)
+    broken_m = outline_m.copy()
+    broken_m[3, 0] = radius_m
+    with PlaceMemory(tmp_path / "memory", "house-2") as memory:
+        memory.store_bottle(whole)
+        memory.store_bottle(replace(whole, id="table-2", outline_m=broken_m))
+        known = memory.bottles()
+    match = recognise_container(outline_m[z_m < 0.08], 0.2, known, np.zeros((0, 2)))
+    assert match is not None
+    assert match[0].id == "table-1"
+
+
 def test_what_is_kept_is_there_for_another_robot_and_refined(tmp_path: Path) -> None:
     cells = np.full((20, 30), -1, np.int8)
     cells[2:18, 2:28] = 0

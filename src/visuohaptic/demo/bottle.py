@@ -25,6 +25,7 @@ from ..recognition.touch.nuisances import ModelSettings
 from ..simulation.tabletop import PET, Band, Bottle, Box, RefractingScene, Revolution, random_bottle
 from ..simulation.tabletop.deformable import GRAIN_FILL, WATER_FILL, BulkFill, DeformableContainer
 from ..simulation.tabletop.oval import OvalContainer, oval_container
+from ..tasks.memory import HEIGHT_SIGMA_M
 
 #: Class of the bottle on the table, to be recognised by the robot.
 CLASS = "bottle"
@@ -43,9 +44,6 @@ GROUPS = {"elliptic": ("elliptic", "isana")}
 PLACE = Pose(np.eye(3), np.array([0.5, 0.0, 0.0]))
 #: Density of PET [kg/m^3], and the thickness of the neck with its thread [m].
 DENSITY, NECK_M = 1380.0, 0.0012
-#: Standard deviation of the height of an outline [m]: rms of eight transparent containers of open houses .37 mm (mean +.07), of
-#: two opaque ones .25 mm; of six bottles of the office .21 mm (+.06; ``benchmarks.completed_outlines --seeds open --count 6``).
-HEIGHT_SIGMA_M = 4e-4
 #: A free mouth instead of a held one lowers the simulated stiffness of bottles and smoothie bottles at the highest place by
 #: a factor of exp(2.2) (root mean square); training has held ones, half of the objects on the table are open: 2.2 / sqrt(2).
 MOUTH = 1.55

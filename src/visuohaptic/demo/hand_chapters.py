@@ -29,9 +29,9 @@ from ..tasks.manipulation.classify import (
 )
 from ..tasks.manipulation.contents_task import LIFT_M_S, ContentsFinding, identify_contents, weigh
 from ..tasks.manipulation.foam_finger import FoamFingerOnDrive
+from ..tasks.memory import HEIGHT_SIGMA_M
 from .bottle import (
     CUPS,
-    HEIGHT_SIGMA_M,
     PLACE,
     ROUND,
     TableBottle,
@@ -102,7 +102,7 @@ def hand_of_mission(mission: Mission) -> tuple[Any, Hand]:
 
 
 def recognise_the_bottle(mission: Mission) -> ChapterResult:
-    """Squeeze where it is most informative until the class is certain, then firmly for the contents; a known container first so.
+    """Squeeze where it is most informative until the class is certain, then firmly for the contents; a known container firmly first.
 
     Parameters
     ----------
@@ -315,9 +315,8 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
     deformed_mm, truly_mm = 1e3 * held.deformation_m, 1e3 * truth["deformation_m"]
     # The gripper may end with another force than the planned one: expected is what this force does.
     scale_mm, angle = 1e3 * held.force_N / best.force_N, lift.place.angle_rad - mission.known.wide_rad
-    squashed = math.hypot(
-        math.cos(angle), mission.known.squash * math.sin(angle)
-    )  # in the plane of the fingers
+    # The outline is drawn in the plane of the fingers.
+    squashed = math.hypot(math.cos(angle), mission.known.squash * math.sin(angle))
     parts = (
         Measure("mass [kg]", mission.known.mass_kg, place_bottle(mission).container.mass_kg),
         Measure("force of each finger, needed at least [N]", best.needed_N),

@@ -18,8 +18,8 @@ from ..reconstruction.completion.outline import SLICE_M, axial_part, measured_ou
 from ..sensing.beam import TrackedBeam, compliance
 from ..tasks.framework import Capsule, KnownObstacles, Supervisor
 from ..tasks.manipulation.complete import CompleteSettings, CompletionByTouch, complete_by_touch
-from ..tasks.memory import recognise_container
-from .bottle import HEIGHT_SIGMA_M, PLACE
+from ..tasks.memory import HEIGHT_SIGMA_M, recognise_container
+from .bottle import PLACE
 from .judge import Claim
 from .report import depth_picture, forces_figure, outline_figure
 from .results import ChapterResult, Illustration, Measure, counted, done, failed

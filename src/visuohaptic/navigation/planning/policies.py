@@ -27,7 +27,7 @@ from .sideward_plan import via_sideward
 RELIABLE_RISK_S = 600.0
 #: Fraction of the budget for a plan of straight pushes without exploration, if there are objects for other plans.
 KNOWN_FRACTION = 0.5
-#: Maximum number of cells of a map that is divided into cells of half their size.
+#: Maximum number of cells of a map that is divided in two along each axis, and of the result of a division in four.
 MAX_HALVED = 1_000_000
 #: Fraction of the time after a first search that finer cells leave for a search on the given ones that does not end early.
 FINER_LEFT = 0.4

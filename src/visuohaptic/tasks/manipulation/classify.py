@@ -25,7 +25,7 @@ class SqueezeClassifier(Protocol):
         Parameters
         ----------
         curve
-            Force over deformation at the requested place.
+            Force over deformation at a requested place, or at one where the object was squeezed before.
         """
 
     def belief(self) -> Mapping[str, float]:

@@ -37,7 +37,7 @@ class CompleteState(StrEnum):
 class CompleteOutcome(StrEnum):
     """How it ended."""
 
-    COMPLETED = "completed"  #: the expected error is below the bound
+    COMPLETED = "completed"  #: the expected error is below the bound, or the touches suffice
     TOUCHES_USED = "touches_used"  #: maximum number of touches reached with the error above the bound
     BLOCKED = "blocked"  #: contact on the way to a line
     OUT_OF_REACH = "out_of_reach"

@@ -103,6 +103,7 @@ def identify_contents(
         hold_frames=HOLD_FRAMES,
     )
     heights = model.heights_m()
+    # A height that is there again is squeezed from the side.
     places = [Place(z, 0.5 * math.pi * (z in heights[:k])) for k, z in enumerate(heights)]
     heaviest_kg = max(mass + 3.0 * sigma for mass, sigma in (model.mass_kg(1.0, name) for name in FILLINGS))
     curves: list[SqueezeCurve] = []
