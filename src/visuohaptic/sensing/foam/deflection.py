@@ -196,7 +196,7 @@ def bridge(
     beyond = high + (1 if high > low else -1)
     rise, noise = value[high] - value[low], 2.0 * max(sigma[a], sigma[b])
     decays = 0 <= beyond < len(s) and 0.0 < value[low] < value[high]
-    # Edges of other things beyond tell nothing of the foam.
+    # The edge of another body beyond is no deflection of the foam.
     decays = decays and seen[beyond] and value[beyond] - value[high] > _RISES_ON * rise
     if not a < first < b:
         decays = decays and seen[a] and seen[b] and stop == first + 1 and beyond != first
