@@ -102,7 +102,8 @@ def constrain_to_hull(
 ) -> RbfSurface:
     """Add centres that keep the surface inside a hull of the known and missing parts; splines bulge where unconstrained.
 
-    Points behind the visible surface are inside the object and not constrained, also beyond the hull.
+    Points behind the visible surface are inside the object and not constrained, also beyond the hull. Below the hull, the wall
+    goes on to what the object stands on: a surface that is closed there bulges above.
 
     Parameters
     ----------
@@ -125,7 +126,7 @@ def constrain_to_hull(
         along_m = np.where(slope > 1e-9, reach_m / slope, np.inf)
     nearest = along_m.argmin(axis=1)
     points = middle + along_m.min(axis=1)[:, None] * ways + push_m * outer.planes[nearest, :3]
-    points = points[~band.behind(points)]
+    points = points[(points[:, 2] > outer.hull_m[:, 2].min()) & ~band.behind(points)]
     push = np.full(len(points), push_m)
     return _constrained(fit, points, push, 0.5 * push, 0 * push, rho)
 
