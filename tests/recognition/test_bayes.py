@@ -38,7 +38,14 @@ from visuohaptic.recognition.touch.belief import (
     WIDTH_VARIANCE,
     sequential_likelihood,
 )
-from visuohaptic.recognition.touch.calibration import EXPLORATIONS, _explored, best_or_first, rate_of_each
+from visuohaptic.recognition.touch.calibration import (
+    BLOCK,
+    EXPLORATIONS,
+    _explored,
+    _explored_likelihoods,
+    best_or_first,
+    rate_of_each,
+)
 from visuohaptic.recognition.touch.haptic_model import PARAMETERS, RANGE_WIDENING
 from visuohaptic.recognition.touch.unknown_class import FIRST_WIDTH
 from visuohaptic.recognition.touch.zeros import with_zeros
@@ -412,6 +419,20 @@ def test_the_likelihood_of_a_sequence_is_that_of_its_beginnings() -> None:
     square = np.einsum("co,cop,cp->c", away, np.linalg.inv(seen), away)
     assert told[-1, 1] == pytest.approx(square, rel=1e-6)
     assert told[-1, 0] == pytest.approx(-0.5 * square - 0.5 * np.linalg.slogdet(seen)[1], rel=1e-6)
+
+
+@pytest.mark.parametrize("count", [1, BLOCK, BLOCK + 1])
+def test_explorations_together_are_those_one_by_one(count: int) -> None:
+    """Also across the borders of the blocks that are factorised together."""
+    model, rng = fit_model(synthetic(5)), np.random.default_rng(count)
+    features = model.mean.shape[1]
+    place = np.array([rng.permutation(features)[:6] for _ in range(count)])
+    value, noise = model.mean[0][place] + rng.normal(0, 0.3, place.shape), rng.uniform(1e-3, 0.1, place.shape)
+    ends = np.array([2, 6])
+    found = _explored_likelihoods(model, place, value, noise, ends)
+    for k in rng.permutation(count)[:5]:
+        alone = sequential_likelihood(model, place[k], value[k], noise[k], ends)
+        np.testing.assert_allclose(found[k], alone, rtol=1e-9)
 
 
 def test_calibration_lowers_what_is_wrong_with_confidence() -> None:

@@ -23,7 +23,8 @@ from .classifier_file import Classifier, load_classifier, save_classifier
 from .data import SqueezedObject, Touch, TouchReading, read_curves, read_squeezed, stiffness_grid
 from .data.data_set import FeatureSet, join_feature_sets, load_feature_set
 from .touch import HapticModel, ModelSettings, calibrate, fit_model, touch_gains
-from .touch.belief import contradicted_assumption, update_belief
+from .touch.belief import update_belief
+from .touch.steps import contradicted_assumption
 from .trees.tree import train_tree
 from .trees.tree_nodes import SCHEMES, ClassificationTree, mean_touches, next_touch
 

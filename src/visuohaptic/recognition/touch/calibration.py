@@ -38,8 +38,9 @@ from .belief import (
     class_likelihood,
     evidence,
     log_likelihood,
-    sequential_likelihood,
+    running_sums,
     values_of,
+    whiten,
 )
 from .exemplars import learn_exemplars, pooled_powers, thinned
 from .haptic_model import RANGE_WIDENING, HapticModel, fit_model
@@ -62,6 +63,8 @@ RATE_ERROR = 0.15
 #: Number of explorations for the limits, and for the temperature: as a mean, it is accurate to a few percent with these.
 EXPLORATIONS = round((1.0 - FALSE_ALARM) / FALSE_ALARM / RATE_ERROR**2)
 TEMPERED = 600
+#: Explorations that are factorised together: their matrices fit into a cache, and the results are the same with any number.
+BLOCK = 96
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -284,12 +287,35 @@ def _explored(
         first = 1
     ends = first + place.shape[2] * np.arange(1, max_touches + 1)
     place = np.column_stack([np.full((explorations, first), HEIGHT), place.reshape(explorations, -1)])
-    found = np.stack([
-        sequential_likelihood(without, here, value[k, here], noise[k, here], ends)
-        for k, here in enumerate(place)
-    ])  # fmt: skip
+    read = (np.take_along_axis(one, place, axis=1) for one in (value, noise))
+    found = _explored_likelihoods(without, place, *read, ends)
     truth = np.array([without.answers.index(str(name)) for name in answer[rows]])
     return _Judged(without, found, truth, rows, ends)
+
+
+def _explored_likelihoods(
+    model: HapticModel,
+    place: Int[np.ndarray, "n o"],
+    value: Float[np.ndarray, "n o"],
+    noise: Float[np.ndarray, "n o"],
+    ends: Int[np.ndarray, "e"],
+) -> Float[np.ndarray, "n e 2 c"]:
+    """:func:`sequential_likelihood` of many explorations with the same number of values.
+
+    Gaussian by Gaussian: the covariance of one fits into the cache, those of all do not.
+    """
+    out = np.empty((len(place), len(ends), 2, len(model.mean)))
+    pairs = place[:, :, None] * model.mean.shape[1] + place[:, None, :]
+    own = np.arange(place.shape[1])
+    parts = [slice(first, first + BLOCK) for first in range(0, len(place), BLOCK)]
+    fit, before = (np.broadcast_to(one, len(model.mean)) for one in (model.fit, model.square))
+    for k, (mean, covariance) in enumerate(zip(model.mean, model.covariance, strict=True)):
+        for at in parts:
+            seen = covariance.ravel().take(pairs[at])
+            seen[:, own, own] += noise[at]
+            square, size = running_sums(*whiten(seen, value[at] - mean[place[at]]), ends)
+            out[at, :, 0, k], out[at, :, 1, k] = fit[k] - 0.5 * square - size, before[k] + square
+    return out
 
 
 def _features_as_touched(
