@@ -30,6 +30,7 @@ import pytest
 import yaml
 from tests.cli.capture_camera import connected
 from tests.cli.help_words import examples, recorded_imports, undeclared
+from tests.explorations import explored_less
 from tests.patience import PATIENCE_S
 
 from visuohaptic.cli import _compilation
@@ -433,17 +434,6 @@ def _shorter() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _fewer_explorations() -> Iterator[None]:
-    """Probabilities are calibrated on a tenth of the explorations: how well is tested with all of them, in recognition."""
-    from visuohaptic.recognition.touch import calibrate
-
-    with mock.patch.dict(
-        calibrate.__kwdefaults__, explorations=calibrate.__kwdefaults__["explorations"] // 10
-    ):
-        yield
-
-
-@contextlib.contextmanager
 def _ctrl_c() -> Iterator[None]:
     """A person who looks, and ends it at once."""
 
@@ -793,7 +783,7 @@ STORIES: dict[str, Story] = {
     "objects sync": Story(_said(sent=1), room="kitchen", needs=("objects import",), around=_server),
     "objects build": Story(lambda f, r: _built(f), _classes),
     "reproduce": Story(lambda f, r: _reproduced(f)),
-    "classify train": Story(_classify_train, _build, "classify", around=_fewer_explorations),
+    "classify train": Story(_classify_train, _build, "classify", around=explored_less),
     "classify plan": Story(lambda f, r: _planned(r), room="classify", needs=("classify train",)),
     "classify run": Story(_classify_run, _curves, "classify", ("classify train",), around=_answers),
     "recording info": Story(lambda f, r: _recorded(r), _recording),

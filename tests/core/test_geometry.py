@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from visuohaptic.core import InputError
 from visuohaptic.core.geometry import (
     area_vectors,
     hat,
@@ -113,6 +114,21 @@ def simple_polygon(rng: np.random.Generator) -> np.ndarray:
     angle = np.sort(rng.uniform(0, 2 * np.pi, 12)) + np.arange(12) * 1e-3
     radius = rng.uniform(0.3, 2.0, 12)
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]) + rng.uniform(-1e3, 1e3, 2)
+
+
+@pytest.mark.parametrize(
+    "corners", [[], [[1.0, 2.0]], [[0.0, 0.0], [1.0, 1.0]], [[0.0, 0.0], [1.0, 1.0], [3.0, 3.0]]]
+)
+def test_what_has_no_area_has_no_second_moments(corners: list[list[float]]) -> None:
+    outline = np.reshape(corners, (-1, 2))
+    assert polygon_area(outline) == pytest.approx(0.0)
+    with pytest.raises(InputError, match=r"polygon: outline_m: found .* corners"):
+        polygon_second_moments(outline)
+    if corners:
+        np.testing.assert_allclose(polygon_centroid(outline), np.mean(corners, axis=0))
+    else:
+        with pytest.raises(InputError, match="polygon: outline_m: found no corners"):
+            polygon_centroid(outline)
 
 
 @given(SEEDS)

@@ -1,4 +1,4 @@
-"""Declaration of an argument in one line: name, type or default, and help."""
+"""The parser of a verb, and the declaration of an argument in one line: name, type or default, and help."""
 
 from __future__ import annotations
 
@@ -6,10 +6,51 @@ import argparse
 import math
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
+
+from ..core.errors import VisuohapticError
+
+
+class UsageError(VisuohapticError):
+    """A command line that cannot be parsed."""
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse with one line for an error instead of the whole usage."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        self._words = [word.partition("=")[0] for word in args or () if re.match(r"--\w", word)]
+        return super().parse_known_args(args, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        if message.startswith("the following arguments are required"):
+            known = tuple(self._option_string_actions)
+            for word in self._words:  # a misspelt option often is why one is missing
+                if not any(option.startswith(word) for option in known):
+                    message = f"unrecognized arguments: {word}"
+                    break
+        unknown = re.search(r"unrecognized arguments: (--?[\w-]+)", message)
+        if unknown and (near := almost(unknown[1], self._option_string_actions)):
+            message += f"; did you mean {near}?"
+        raise UsageError(f"{self.prog.partition(' ')[2]}: {message}; see {self.prog} --help")
+
+
+def almost(name: str, known: Iterable[str]) -> str:
+    """What is almost written like it; empty without.
+
+    Parameters
+    ----------
+    name
+        As it was typed.
+    known
+        Names that exist.
+    """
+    import difflib
+
+    return next(iter(difflib.get_close_matches(name, list(known), n=1)), "")
 
 
 class Add:

@@ -10,6 +10,8 @@ from typing import overload
 import numpy as np
 from jaxtyping import Float, Int
 
+from .errors import InputError
+
 #: Planar pose or motion: x, y [m], angle [rad].
 _Pose2D = tuple[float, float, float] | Float[np.ndarray, "3"]
 #: A polygon whose area is below this fraction of its squared extent is a line up to rounding.
@@ -190,8 +192,15 @@ def polygon_centroid(outline_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "
     ----------
     outline_m
         Corners in order, of either orientation, shape (n, 2) [m].
+
+    Raises
+    ------
+    InputError
+        There are no corners.
     """
     outline = np.asarray(outline_m, dtype=np.float64)
+    if not len(outline):
+        raise InputError("polygon", "found no corners, expected at least one", field="outline_m")
     p, q, double = _fan(outline)
     total = double.sum()
     if abs(total) <= _MIN_AREA * np.ptp(outline, axis=0).max() ** 2:
@@ -207,11 +216,18 @@ def polygon_second_moments(outline_m: Float[np.ndarray, "n 2"]) -> Float[np.ndar
     Parameters
     ----------
     outline_m
-        Corners in order, of either orientation, shape (n, 2) [m]; with nonzero area.
+        Corners in order, of either orientation, shape (n, 2) [m].
+
+    Raises
+    ------
+    InputError
+        The area is zero.
     """
     centred = np.asarray(outline_m, dtype=np.float64) - polygon_centroid(outline_m)
     p, q = centred, np.roll(centred, -1, axis=0)
     double = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
+    if abs(double.sum()) <= _MIN_AREA * np.ptp(centred, axis=0).max() ** 2:
+        raise InputError("polygon", f"found {len(centred)} corners without area", field="outline_m")
     # A triangle (0, p, q) contributes its area / 12 times p p^T + q q^T + (p + q) (p + q)^T.
     moments = sum((v * double[:, None]).T @ v for v in (p, q, p + q))
     return np.asarray(moments / (12 * double.sum()))

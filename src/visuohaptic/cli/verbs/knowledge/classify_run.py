@@ -99,7 +99,7 @@ def _readings(args: Any) -> Any:
 
 
 def _result(args: Any, found: Any, model: Any, readings: Any) -> dict[str, Any]:
-    from ....recognition.touch.belief import contradicted_assumption
+    from ....recognition.touch.steps import contradicted_assumption
 
     belief = recognition.update_belief(model, readings)
     tree = found.tree
