@@ -56,9 +56,10 @@ def almost(name: str, known: Iterable[str]) -> str:
 class Add:
     """Declares arguments; passed to verbs as ``add``.
 
-    Called with names, then the type or the default, whose type it has then (``bool`` is a switch), then the line of
-    help; options as of :meth:`argparse.ArgumentParser.add_argument`, and ``low``, ``high`` of a number, ``above`` where
-    ``low`` itself is too low.
+    Called with names, then the type or the default, whose type it has then (``bool`` is a switch, ``list`` an option
+    that may be repeated, of text or of another ``type``), then the line of help; options as of
+    :meth:`argparse.ArgumentParser.add_argument`, and ``low``, ``high`` of a number, ``above`` where ``low`` itself is
+    too low. A ``metavar`` of several words takes as many values.
 
     Parameters
     ----------
@@ -90,8 +91,13 @@ class Add:
             Options of :meth:`argparse.ArgumentParser.add_argument`; of numbers also ``low``, ``high`` and ``above``.
         """
         *names, kind, said = words
+        if len(parts := str(more.get("metavar", "")).split()) > 1:
+            more |= {"metavar": tuple(parts), "nargs": len(parts)}
         if kind is bool:
             more["action"] = "store_true"
+        elif kind is list:
+            more |= {"default": [], "action": "append"}
+            kind = more.pop("type", str)
         elif not isinstance(kind, type):
             more["default"] = kind
             kind = Path if isinstance(kind, Path) else type(kind)
@@ -174,6 +180,49 @@ def overwritten_file(args: argparse.Namespace) -> tuple[str, str] | None:
             elif not os.path.isdir(path):
                 files[path] = f"{one}, which --{name} writes"
     return None
+
+
+def wrong_argument(args: argparse.Namespace) -> str:
+    """What is wrong with an argument of any verb: a negative seed, or a file that would be lost; empty: nothing.
+
+    Parameters
+    ----------
+    args
+        Of a verb.
+    """
+    if getattr(args, "seed", None) is not None and args.seed < 0:
+        return f"--seed: found {args.seed}, expected 0 or more"
+    overwritten = overwritten_file(args)
+    return f"--{overwritten[0]} would overwrite {overwritten[1]}, choose another name" if overwritten else ""
+
+
+def check_figure(args: argparse.Namespace) -> None:
+    """Reject a ``--plot`` that is no figure, before anything is computed.
+
+    Parameters
+    ----------
+    args
+        Of a verb.
+    """
+    if isinstance(plot := getattr(args, "plot", None), Path):
+        from ..core.files import FIGURE_SUFFIXES, check_target
+
+        check_target(plot, FIGURE_SUFFIXES)
+
+
+def given_options(parser: argparse.ArgumentParser, args: argparse.Namespace) -> frozenset[str]:
+    """Options whose value is not the default, as ``--plot``.
+
+    Parameters
+    ----------
+    parser, args
+        Of a verb.
+    """
+    return frozenset(
+        one.option_strings[0]
+        for one in parser._actions
+        if one.option_strings and getattr(args, one.dest, one.default) != one.default
+    )
 
 
 def with_signed_axes(words: list[str]) -> list[str]:

@@ -33,7 +33,16 @@ from types import ModuleType
 
 from .._version import __version__
 from ..core.errors import VisuohapticError
-from ._arguments import Add, Parser, UsageError, almost, overwritten_file, with_signed_axes
+from ._arguments import (
+    Add,
+    Parser,
+    UsageError,
+    almost,
+    check_figure,
+    given_options,
+    with_signed_axes,
+    wrong_argument,
+)
 from ._console import Arguments, Console, OutputClosedError
 
 #: Heading of the overview -> room of ``cli.verbs``, verb and one line of help; kept here so that the overview imports
@@ -224,10 +233,9 @@ def _run(words: list[str], console: Console, verbs: Mapping[str, tuple[str, str]
         args = parser.parse_args(with_signed_axes(rest), namespace=Arguments())
     except SystemExit as stop:  # argparse has printed the help
         return int(stop.code or 0)
-    if getattr(args, "seed", None) is not None and args.seed < 0:
-        raise UsageError(f"{verb}: --seed: found {args.seed}, expected 0 or more")
-    if overwritten := overwritten_file(args):
-        raise UsageError(f"{verb}: --{overwritten[0]} would overwrite {overwritten[1]}, choose another name")
+    args.given = given_options(parser, args)
+    if problem := wrong_argument(args):
+        raise UsageError(f"{verb}: {problem}")
     console = Console(json=args.json, quiet=args.quiet, verbose=args.verbose)
     console.start_logging()
     args.console = console
@@ -248,6 +256,7 @@ def _do(verb: str, module: ModuleType, args: argparse.Namespace) -> Mapping[str,
     from ._extras import check_needs, library_of, missing_library_error
 
     check_needs(verb, module, args)
+    check_figure(args)
     try:
         return module.run(args)
     except VisuohapticError:

@@ -64,6 +64,9 @@ class PushMonitor:
             raise InputError("PushMonitor", f"found a radius of {radius_m} m, expected more than 0")
         self._path: list[Float[np.ndarray, "3"]] = []
         self._angle: list[float] = []
+        self._readings: list[
+            tuple[float, float, float]
+        ] = []  #: since the last step: x, y of the platform, angle on its rim
         self._value = np.zeros(4)
         self._covariance = np.diag(self._sigma**2)
         self._lateral = np.zeros(2)
@@ -71,7 +74,7 @@ class PushMonitor:
     def update(self, platform_m: Sequence[float], contact_m: Sequence[float] | None) -> bool:
         """Add an observation; returns whether the estimate has changed.
 
-        Readings less than one step after the last one are ignored.
+        After every step of the drive, the estimate is updated with the mean of the readings along the last half of the step.
 
         Parameters
         ----------
@@ -81,12 +84,16 @@ class PushMonitor:
             Contact point on its rim: x, y [m], map frame; ``None`` without contact.
         """
         pose = np.asarray(platform_m, dtype=np.float64)
+        if contact_m is not None and np.isfinite(np.asarray(contact_m, dtype=np.float64)).all():
+            away = np.asarray(contact_m, dtype=np.float64) - pose[:2]
+            self._readings.append((pose[0], pose[1], float(np.arctan2(away[1], away[0]))))
         if self._path and np.hypot(*(pose[:2] - self._path[-1][:2])) < 0.8 * STEP_M:
             return False
         angle = np.nan
-        if contact_m is not None and np.isfinite(np.asarray(contact_m, dtype=np.float64)).all():
-            away = np.asarray(contact_m, dtype=np.float64) - pose[:2]
-            angle = float(np.arctan2(away[1], away[0]))
+        near = [a for x, y, a in self._readings if np.hypot(x - pose[0], y - pose[1]) < 0.5 * STEP_M]
+        if near:
+            angle = near[-1] + float(np.mean(wrap_angle(np.array(near) - near[-1])))
+        self._readings.clear()
         self._path.append(pose)
         self._angle.append(angle)
         if len(self._path) == 2:

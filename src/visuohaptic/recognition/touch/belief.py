@@ -139,9 +139,9 @@ def log_likelihood(
     """
     fit, square = sequential_likelihood(model, place, value, noise, np.array([len(place)]))[0]
     fit = fit + _by_exemplars(model, fit, (place, value, noise))
-    each = model.temperature * model.unknown_log_odds / values_of(model.settings, JUDGED_TOUCHES)
-    fit = np.where(model.part < 0, fit + each * len(place), fit)
     freedom = model.freedom + len(place)
+    each = model.temperature * model.unknown_log_odds / values_of(model.settings, JUDGED_TOUCHES)
+    fit = np.where(model.part < 0, fit + each * freedom, fit)
     if not freedom:
         return np.stack([fit, np.full_like(fit, -np.inf)])
     limit = model.tail * chdtri(freedom, FALSE_ALARM)
@@ -234,7 +234,7 @@ def sequential_likelihood(
         Numbers of values that are used, up to o.
     """
     square, size = running_sums(*_whitened(model, place, value, noise), ends).transpose(0, 2, 1)
-    return np.stack([-0.5 * square - size, model.square + square], axis=1)
+    return np.stack([model.fit - 0.5 * square - size, model.square + square], axis=1)
 
 
 def running_sums(
@@ -299,14 +299,14 @@ def with_outline(
     noise = at.T @ errors @ at + WIDTH_VARIANCE * np.eye(len(level))
     read = FIRST_WIDTH + 2 * level, np.log(2.0 * outline_m[:, 0]) @ at, noise
     mean, covariance = condition(model, *read)
-    score = model.log_prior + log_likelihood(model, *read)[0] / model.temperature
+    fit, square = sequential_likelihood(model, *read, np.array([len(level)]))[0]
     return replace(
         model,
         mean=mean,
         covariance=covariance,
-        log_prior=score - np.logaddexp.reduce(score),
-        square=(_whitened(model, *read)[1] ** 2).sum(axis=1),
-        freedom=len(level),
+        fit=fit,
+        square=square,
+        freedom=model.freedom + len(level),
         exemplars=None,  # their density is not conditioned
     )
 
@@ -351,7 +351,7 @@ def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"], values: 
     likelihood
         See :func:`log_likelihood`.
     values
-        Number of values that were read.
+        Number of values that were read, without those of an outline.
     """
     score, beside = likelihood / model.temperature + model.log_prior
     foreign = model.answer_of == len(model.answers) - 1
@@ -363,7 +363,7 @@ def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"], values: 
         score[foreign] += np.logaddexp(other, unlike) - other
     # Among themselves, the classes share the errors of their simulation.
     if np.isfinite(score[~foreign]).any():
-        common = model.log_prior + likelihood[0] / model.temperature_of(values)
+        common = model.log_prior + likelihood[0] / model.temperature_of(model.freedom + values)
         both = [np.logaddexp.reduce(part[~foreign]) for part in (score, common)]
         score = np.where(foreign, score, common + both[0] - both[1])
     weight = np.exp(score - score.max())
