@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from ...core import NON_NEGATIVE, POSITIVE, InputError, Ranged, at_least, finite_array, within
+from ...core.measurement import SIGMA_PER_MAD
 from . import _fit_kernels as columns
 from ._classify_kernels import classify_points
 from ._refine_kernels import SHARED, refine, start_on_edge
@@ -184,6 +185,26 @@ class ContourTracker:
             contour = self._attempt(grey, lines, None, free_ends)
         self._age = 0 if due else self._age + 1
         return contour
+
+    def near(
+        self,
+        grey: UInt8[np.ndarray, "rows columns"],
+        lines: ConstraintLines,
+        expected_px: Float[np.ndarray, "k"],
+        *,
+        free_ends: int = 0,
+    ) -> Contour:
+        """Find a contour in one frame within ``window_px`` of a place, without the state of frames before.
+
+        Parameters
+        ----------
+        grey, lines, free_ends
+            As in :meth:`track`.
+        expected_px
+            Expected positions.
+        """
+        self.reset()
+        return self._attempt(np.ascontiguousarray(grey), lines, expected_px, free_ends)
 
     def _attempt(
         self,
@@ -356,4 +377,6 @@ def _first_noise(grey: UInt8[np.ndarray, "rows columns"], lines: ConstraintLines
     column = np.clip(np.rint(points[:, 0]), 1, grey.shape[1] - 2).astype(np.int64)
     row = np.clip(np.rint(points[:, 1]), 0, grey.shape[0] - 1).astype(np.int64)
     left, middle, right = (grey[row, column + i].astype(np.float64) for i in (-1, 0, 1))
-    return max(2.0, 1.4826 * float(np.median(np.abs(left - 2.0 * middle + right))) / float(np.sqrt(6.0)))
+    return max(
+        2.0, SIGMA_PER_MAD * float(np.median(np.abs(left - 2.0 * middle + right))) / float(np.sqrt(6.0))
+    )
