@@ -6,7 +6,7 @@ classes, if it is better than 1 by more than the standard error of that differen
 outside the training set are larger than those of a Gaussian. Both have the same rate of false alarms, with which
 :data:`.FALSE_ALARM` of the explorations exceed one of them or both.
 
-Objects that are left out at random lie between the others of their class, where a Gaussian interpolates. Real objects differ by what
+Objects that are left out at random lie between the others of their class, where a Gaussian interpolates. Real objects differ in what
 no training object shows, and their errors are common to the readings of an object. How much, is learned from the outer objects of each
 class (:data:`OUTER`): the others are extrapolated to them. The correlation of the errors maximises the likelihood of their classes.
 
@@ -287,8 +287,8 @@ def _explored(
         first = 1
     ends = first + place.shape[2] * np.arange(1, max_touches + 1)
     place = np.column_stack([np.full((explorations, first), HEIGHT), place.reshape(explorations, -1)])
-    read = (np.take_along_axis(one, place, axis=1) for one in (value, noise))
-    found = _explored_likelihoods(without, place, *read, ends)
+    value, noise = (np.take_along_axis(one, place, axis=1) for one in (value, noise))
+    found = _explored_likelihoods(without, place, value, noise, ends)
     truth = np.array([without.answers.index(str(name)) for name in answer[rows]])
     return _Judged(without, found, truth, rows, ends)
 
