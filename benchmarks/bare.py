@@ -96,7 +96,13 @@ def trial(command: Path, case: str, steps: list[tuple[str, str]], folder: Path) 
         python = command.with_name("python")
         try:
             subprocess.run(
-                [python, "-c", ""], cwd=here, user=user, group=user, extra_groups=[], check=True, timeout=PROBE_S
+                [python, "-c", ""],
+                cwd=here,
+                user=user,
+                group=user,
+                extra_groups=[],
+                check=True,
+                timeout=PROBE_S,
             )
         except PermissionError:
             return {"tried": 0, "why": f"another user may not start {python.resolve()}"}

@@ -311,6 +311,7 @@ def run_foam() -> None:
     from visuohaptic.sensing.foam.deflection import bridge, drop_bridged
     from visuohaptic.sensing.foam.edges import local_statistics, mean_between
     from visuohaptic.sensing.foam.material import StressCurve
+    from visuohaptic.sensing.foam.shadowed import merged_fronts
     from visuohaptic.sensing.foam.strip._rectify_kernels import rectify
     from visuohaptic.sensing.foam.strip._reference import fit_motion
 
@@ -319,7 +320,7 @@ def run_foam() -> None:
     rectify(grey, points_px, points_px, one_px, one_px, np.zeros(6, np.int64), now)
     front, states, against = np.full(6, 20.0), np.zeros((6, 4)), np.zeros((6, 6))
     bands, found, s_m = np.zeros((6, 9)), np.zeros((6, 8)), one_px.cumsum()
-    foam_bands(now, rest, front, front, one_px, 1.0, seen, bands)
+    foam_bands(now, rest, front, front, one_px, 1.0, seen, 0.0 * front, bands)
     texture_odds(bands, states, against, one_px.copy())
     for image in (now, rest):
         mean_between(image, points_px)
@@ -327,6 +328,7 @@ def run_foam() -> None:
     front_in_light(now, rest, one_px, front, front, one_px, one_px, 4.0, np.zeros((7, 6)))
     edges = front, front + 9.0, one_px
     shadow_odds(now, rest, np.ones((6, 6)), *edges, 1.0, one_px, 1.0, 1.0, seen, found)
+    merged_fronts(now, np.ones((6, 6)), front, one_px, *edges, one_px, 9.0 * one_px, ~seen, np.zeros((6, 4)))
     level_odds(np.full((6, 8), np.nan), one_px, one_px, one_px, 1.0, against)
     place_odds(
         1.0, 0.03, one_px, one_px, one_px, 0.0 * one_px, one_px, 1.0, one_px, 1.0, 1.0, 0.0, against, states, one_px

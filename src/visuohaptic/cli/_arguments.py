@@ -22,10 +22,31 @@ class Parser(argparse.ArgumentParser):
     """argparse with one line for an error instead of the whole usage."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As of argparse, which stores the options that were given for the message.
+
+        Parameters
+        ----------
+        args
+            Words of the command line.
+        namespace
+            Receives the values.
+        """
         self._words = [word.partition("=")[0] for word in args or () if re.match(r"--\w", word)]
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
+        """Raise the message of argparse with the verb, a suggestion, and where to read more.
+
+        Parameters
+        ----------
+        message
+            Of argparse.
+
+        Raises
+        ------
+        UsageError
+            Always.
+        """
         if message.startswith("the following arguments are required"):
             known = tuple(self._option_string_actions)
             for word in self._words:  # a misspelt option often is why one is missing

@@ -10,8 +10,6 @@ from typing import overload
 import numpy as np
 from jaxtyping import Float, Int
 
-from .errors import InputError
-
 #: Planar pose or motion: x, y [m], angle [rad].
 _Pose2D = tuple[float, float, float] | Float[np.ndarray, "3"]
 #: A polygon whose area is below this fraction of its squared extent is a line up to rounding.
@@ -186,21 +184,16 @@ def polygon_area(outline_m: Float[np.ndarray, "n 2"]) -> float:
 
 
 def polygon_centroid(outline_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2"]:
-    """Centroid of a polygon's area, shape (2,) [m]; for zero area, the mean of its corners.
+    """Centroid of a polygon's area, shape (2,) [m]; for zero area, the mean of its corners; NaN without any.
 
     Parameters
     ----------
     outline_m
         Corners in order, of either orientation, shape (n, 2) [m].
-
-    Raises
-    ------
-    InputError
-        There are no corners.
     """
     outline = np.asarray(outline_m, dtype=np.float64)
     if not len(outline):
-        raise InputError("polygon", "found no corners, expected at least one", field="outline_m")
+        return np.full(2, np.nan)
     p, q, double = _fan(outline)
     total = double.sum()
     if abs(total) <= _MIN_AREA * np.ptp(outline, axis=0).max() ** 2:
@@ -209,7 +202,7 @@ def polygon_centroid(outline_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "
 
 
 def polygon_second_moments(outline_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2 2"]:
-    """Second moments of a polygon's area about its centroid, divided by the area: a covariance matrix [m^2].
+    """Second moments of a polygon's area about its centroid, divided by the area: a covariance matrix [m^2]; NaN without area.
 
     The trace is the squared polar radius of gyration.
 
@@ -217,17 +210,12 @@ def polygon_second_moments(outline_m: Float[np.ndarray, "n 2"]) -> Float[np.ndar
     ----------
     outline_m
         Corners in order, of either orientation, shape (n, 2) [m].
-
-    Raises
-    ------
-    InputError
-        The area is zero.
     """
     centred = np.asarray(outline_m, dtype=np.float64) - polygon_centroid(outline_m)
     p, q = centred, np.roll(centred, -1, axis=0)
     double = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
-    if abs(double.sum()) <= _MIN_AREA * np.ptp(centred, axis=0).max() ** 2:
-        raise InputError("polygon", f"found {len(centred)} corners without area", field="outline_m")
+    if not len(centred) or abs(double.sum()) <= _MIN_AREA * np.ptp(centred, axis=0).max() ** 2:
+        return np.full((2, 2), np.nan)
     # A triangle (0, p, q) contributes its area / 12 times p p^T + q q^T + (p + q) (p + q)^T.
     moments = sum((v * double[:, None]).T @ v for v in (p, q, p + q))
     return np.asarray(moments / (12 * double.sum()))

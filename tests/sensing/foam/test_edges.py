@@ -41,7 +41,11 @@ def _found(
     )
     image = np.where(np.arange(80) < 40, 180.0, 80.0)[None, None].repeat(count, axis=0)
     strip: Any = SimpleNamespace(
-        lens_px=0.7, step_px=np.ones(count), front=front, rest_px=np.full(count, 40.0)
+        lens_px=0.7,
+        step_px=np.ones(count),
+        front=front,
+        edge_px=np.zeros(count),
+        rest_px=np.full(count, 40.0),
     )
     return gap_shift_px(strip, cast(Any, SimpleNamespace(image=image)), excess_px2)
 
@@ -221,6 +225,7 @@ def _put_back(
     strip: Any = SimpleNamespace(
         stripe=False,
         lens_px=np.sqrt(0.8**2 - _SAMPLE_PX**2),
+        edge_px=np.zeros(len(image)),
         image=np.where(shaded[:, None, None], image, _strips(0.0, 0.8)),
         step_px=each,
         rest_px=40.2 * each,

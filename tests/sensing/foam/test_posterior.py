@@ -255,7 +255,7 @@ def test_the_foam_behind_a_slanted_edge_is_compared_without_what_lies_beyond_it(
     now = np.where(j < edge[:, None], rest, 40.0) + 2.0 * rng.standard_normal(rest.shape)
     bands, ones = np.empty((30, 9)), np.ones(30)
     given = 60.0 * ones, 85.0 * ones, slope * ones, 1.0, ones > 0
-    foam_bands(now.astype(np.float32), rest, *given, bands)
+    foam_bands(now.astype(np.float32), rest, *given, np.zeros(len(bands)), bands)
     # The variance is that of the texture, of 5 grey levels smoothed by a pixel, and of the noise, not that of a step of 130.
     assert bands[:, OWN].max() < 2.0 * (170.0 * 0.03) ** 2
 
@@ -268,7 +268,17 @@ def test_texture_that_moves_with_the_foam_is_found() -> None:
     moved = np.array([[np.interp(place * 85.0 / front, place, line) for line in point] for point in rest])
     now = np.where(place < front, moved, 60.0) + 2.0 * rng.standard_normal(rest.shape)
     bands, ones = np.empty((30, 9)), np.ones(30)
-    foam_bands(now.astype(np.float32), rest, front * ones, 85.0 * ones, 0 * ones, 1.0, ones > 0, bands)
+    foam_bands(
+        now.astype(np.float32),
+        rest,
+        front * ones,
+        85.0 * ones,
+        0 * ones,
+        1.0,
+        ones > 0,
+        np.zeros(len(bands)),
+        bands,
+    )
     assert bands[:, COV_PRESSED].mean() > 0.9 * bands[:, VAR_PRESSED].mean()
     assert abs(bands[:, COV_REST].mean()) < 0.2 * bands[:, VAR_PRESSED].mean()
 
@@ -390,7 +400,17 @@ def test_a_surface_coarser_than_any_part_of_the_strip_is_not_the_foam() -> None:
         # Half of the strip shows its own foam, from which the visible texture and the noise are known.
         now = np.where(np.arange(30)[:, None, None] < 15, rest + 2.0 * rng.standard_normal(rest.shape), now)
         bands, unary, against = np.empty((30, 9)), np.zeros((30, 4)), np.zeros((30, 6))
-        foam_bands(now.astype(np.float32), rest, 80.0 * ones, 85.0 * ones, 0 * ones, 1.0, ones > 0, bands)
+        foam_bands(
+            now.astype(np.float32),
+            rest,
+            80.0 * ones,
+            85.0 * ones,
+            0 * ones,
+            1.0,
+            ones > 0,
+            np.zeros(len(bands)),
+            bands,
+        )
         foam_texture_odds(bands, unary, against, np.empty(30))
         other[name] = float(np.median(against[18:, 0]))
     assert other["body"] > other["worn"] + 0.3

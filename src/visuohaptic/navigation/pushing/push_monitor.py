@@ -84,15 +84,13 @@ class PushMonitor:
             Contact point on its rim: x, y [m], map frame; ``None`` without contact.
         """
         pose = np.asarray(platform_m, dtype=np.float64)
-        if contact_m is not None and np.isfinite(np.asarray(contact_m, dtype=np.float64)).all():
-            away = np.asarray(contact_m, dtype=np.float64) - pose[:2]
-            self._readings.append((pose[0], pose[1], float(np.arctan2(away[1], away[0]))))
+        away = np.full(2, np.nan) if contact_m is None else np.asarray(contact_m, dtype=np.float64) - pose[:2]
+        self._readings.append((pose[0], pose[1], float(np.arctan2(away[1], away[0]))))
         if self._path and np.hypot(*(pose[:2] - self._path[-1][:2])) < 0.8 * STEP_M:
             return False
-        angle = np.nan
-        near = [a for x, y, a in self._readings if np.hypot(x - pose[0], y - pose[1]) < 0.5 * STEP_M]
-        if near:
-            angle = near[-1] + float(np.mean(wrap_angle(np.array(near) - near[-1])))
+        x, y, angles = np.array(self._readings).T
+        near = angles[np.isfinite(angles) & (np.hypot(x - pose[0], y - pose[1]) < 0.5 * STEP_M)]
+        angle = float(near[-1] + np.mean(wrap_angle(near - near[-1]))) if len(near) else np.nan
         self._readings.clear()
         self._path.append(pose)
         self._angle.append(angle)
@@ -107,12 +105,9 @@ class PushMonitor:
         """The model and the object's pose that explain the contacts so far."""
         model, start = self._with(self._value)
         residual = self._residual(self._value)[: -len(self._value)] * CONTACT_SIGMA_M
-        where = start
-        if len(self._path) > 1:
-            # The object has not moved since the last observed contact, whatever the model predicts afterwards.
-            seen = np.flatnonzero(np.isfinite(self._angle))
-            if len(seen):
-                where = self._simulate(self._value).object_m[seen[-1]]
+        # The object has not moved since the last observed contact, whatever the model predicts afterwards.
+        seen = np.flatnonzero(np.isfinite(self._angle))
+        where = self._simulate(self._value).object_m[seen[-1]] if len(self._path) > 1 and len(seen) else start
         rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else 0.0
         return PushEstimate(model, where, self._value.copy(), self._covariance.copy(), rms)
 

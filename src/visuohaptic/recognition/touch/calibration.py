@@ -287,8 +287,8 @@ def _explored(
         first = 1
     ends = first + place.shape[2] * np.arange(1, max_touches + 1)
     place = np.column_stack([np.full((explorations, first), HEIGHT), place.reshape(explorations, -1)])
-    read = (np.take_along_axis(one, place, axis=1) for one in (value, noise))
-    found = _explored_likelihoods(without, place, *read, ends)
+    value, noise = (np.take_along_axis(one, place, axis=1) for one in (value, noise))
+    found = _explored_likelihoods(without, place, value, noise, ends)
     truth = np.array([without.answers.index(str(name)) for name in answer[rows]])
     return _Judged(without, found, truth, rows, ends)
 

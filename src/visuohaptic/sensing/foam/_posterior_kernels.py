@@ -29,7 +29,7 @@ _LAGS = 10
 
 
 @kernel(nogil=True)
-def _solve(normal, right):
+def solve(normal, right):
     """Solve a small symmetric system by Cholesky with a ridge; its factor and the solution replace both."""
     size = len(right)
     for i in range(size):
@@ -110,7 +110,7 @@ def fit_light(now, template, over, out, surface, first, last, mean, transfer, sh
     normal[3, 0], normal[3, 1], normal[3, 2], normal[3, 3] = n30, n31, n32, n33
     normal[4, 0], normal[4, 1], normal[4, 2], normal[4, 3], normal[4, 4] = n40, n41, n42, n43, n44
     solution[0], solution[1], solution[2], solution[3], solution[4] = r0, r1, r2, r3, r4
-    _solve(normal, solution)
+    solve(normal, solution)
     a, b, c, d, e = solution[0], solution[1], solution[2], solution[3], solution[4]
     # The ridge does not contribute to the residuals.
     square -= 2.0 * (a * r0 + b * r1 + c * r2 + d * r3 + e * r4)

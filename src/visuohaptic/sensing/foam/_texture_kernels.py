@@ -30,7 +30,7 @@ SAME_GREY = 0.03
 
 
 @kernel(nogil=True)
-def foam_bands(now, rest, front, resting, slope, blur, seen, bands):
+def foam_bands(now, rest, front, resting, slope, blur, seen, begin, bands):
     """Compare the foam just behind each edge with the zero image, both without their linear trend.
 
     Parameters
@@ -45,6 +45,8 @@ def foam_bands(now, rest, front, resting, slope, blur, seen, bands):
         Blur of the edges, as a standard deviation [samples].
     seen
         Points with an edge, (K,).
+    begin
+        Foam before these positions is in another light [samples], (K,).
     bands
         Filled, (K, 9), columns as above; zero where no comparison is possible.
     """
@@ -58,7 +60,7 @@ def foam_bands(now, rest, front, resting, slope, blur, seen, bands):
         for lane in range(now.shape[1]):
             edge = front[k] + (lane - 0.5 * (now.shape[1] - 1)) * slope[k]
             last = min(int(min(edge, resting[k] + BAND) - EDGE * blur), rest.shape[2] - 2)
-            first = max(last - BAND, int(0.12 * resting[k]))
+            first = max(last - BAND, int(max(0.12 * resting[k], begin[k])))
             if last - first < 3:
                 continue
             for j in range(first, last + 1):

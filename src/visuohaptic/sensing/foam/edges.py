@@ -158,7 +158,8 @@ def shift_by_light_px(
         return np.zeros((3, len(excess_px2)))
     found = np.full((7, len(excess_px2)), np.nan)
     blur = np.hypot(zero.blur_ratio * strip.lens_px, _SAMPLE_PX)
-    seen = (strip.usable | strip.low_confidence) & ~zero.inferred  # also at rest
+    # At rest, too. A shadow's edge that is known is part of the fit of its front.
+    seen = (strip.usable | strip.low_confidence) & ~zero.inferred & (strip.edge_px == 0.0)
     front = np.where(seen, strip.front.position_px, np.nan)
     front_in_light(
         strip.image, zero.image, strip.step_px, strip.rest_px, front, blur, _EDGE_BLURS * blur, _PLATEAU_PX, found
@@ -272,7 +273,7 @@ def light_shift_px(
     if strip.stripe:
         return np.zeros(len(strip.width_m))
     rest_px, step_px = strip.rest_px, strip.step_px[:, None]
-    front = np.where(strip.usable, strip.front.position_px, np.nan)
+    front = np.where(strip.usable & (strip.edge_px == 0.0), strip.front.position_px, np.nan)
     local, blur = [excess_px2], np.hypot(strip.lens_px, PIXEL_PX)
     ends = blur * 2.0 + _PLATEAU_PX * np.arange(3.0)
     for edges in (front[:, None] - ends[::-1], rest_px[:, None] + ends):

@@ -15,7 +15,9 @@ now and x0 at rest, the likelihoods of a frame, each relative to that of O, are
     surface   p(grey beyond x | F, pressed before) : that of the body that pressed there, or another one;  p(... | O) : any
     edge      p(no edge | F) = 0
 
-The shadow's edge is where it fits best: two merged edges, or that of the shadow apart from a front that is still seen.
+The shadow's edge is where it fits best: two merged edges, or that of the shadow apart from a front that is still seen. Where
+the contour follows the edge of a shadow instead of the front, the front is a second edge beyond it (``shadowed.py``): foam
+from one edge to the other, in another light, is evidence for both.
 The variance about g Z and the visible fraction of the texture of Z (blur, JPEG) are measured on the foam behind the
 edges of the same frame; pixels beyond the edge are weighted by the correlation of their own residuals. Steepness and
 crossing couple the states along the strip, and states persist in time for ``PERSISTENCE_S``. An occluder that covers one
@@ -36,11 +38,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt8
 
 from ...tracking.contours.contour import PIXEL_PX
 from ._chain_kernels import BLUR, FOAM, NOTHING, OPTICS, SHADOW, edge_crossing, filter_runs, join, place_odds
-from ._posterior_kernels import shadow_odds
+from ._posterior_kernels import EDGE, shadow_odds
 from ._texture_kernels import MAX_ODDS, SAME_GREY, foam_bands, level_odds, texture_odds
 from .edges import SHADOWED, MeasuredEdges, local_statistics, mean_between
 from .strip.optics import ObservedStrip
@@ -162,9 +164,7 @@ class EdgePosterior:
         unary[corner, FOAM] = np.maximum(unary[corner, FOAM], math.log(0.5))
         # An occluder or shadow that is there already remains where it was, as foam does; a new one is there by chance.
         common = np.where(seen, near + same, 0.0)
-        stay, last = 0.0, 0.25 * np.ones((len(seen), 4))
-        if self._last is not None:
-            stay, last = math.exp(-max(strip.t_s - self._last[0], 0.0) / PERSISTENCE_S), self._last[1]
+        stay, last = self._before(strip)
         change = 0.25 * (1.0 - stay)
         log_prior = np.log(stay * last * np.exp(np.maximum(common, 0.0))[:, None] + change)
         log_prior[:, FOAM] = common + np.log(stay * last[:, FOAM] + change)
@@ -183,6 +183,7 @@ class EdgePosterior:
         onset = np.where(foam & deflected & ~grown, _ONSET, 1.0)
         moved = np.nan_to_num(delta - self.last_m)
         same = foam & self._foam & (np.abs(moved) < reach)
+        self._wrong, self._best = self._wrong.copy(), self._best.copy()
         again = same, foam & ~self._foam, own, stay, self._wrong, self._best
         filter_runs(runs, onset, moved, self._s, strip.pixel_m, *again)
         # A contact that is hidden is expected to be there afterwards.
@@ -195,9 +196,19 @@ class EdgePosterior:
         total = against[(probability.argmax(axis=1) != FOAM) | (runs.diagonal() > FALSE_ALARM)].sum(axis=0)
         states = EdgeStates(probability, runs, _CHANNELS[int(total.argmax())] if total.max() > 0.0 else "")
         calm = states.foam & seen
-        self._beyond[calm] = surface[calm]
-        self.last_m[calm], self._since_s[calm] = delta[calm], strip.t_s
+        self._beyond = np.where(calm, surface, self._beyond)
+        self.last_m = np.where(calm, delta, self.last_m)
+        self._since_s = np.where(calm, strip.t_s, self._since_s)
         return states
+
+    def _before(self, strip: ObservedStrip) -> tuple[float, Float[np.ndarray, "K 4"]]:
+        """Probability that a state has persisted since the last frame, and the probabilities of the states in it."""
+        if self._last is None:
+            return 0.0, 0.25 * np.ones((len(self._s), 4))
+        stay, last = math.exp(-max(strip.t_s - self._last[0], 0.0) / PERSISTENCE_S), self._last[1]
+        # What a second edge was in the last frame is not known where that was not the foam's.
+        unknown = (strip.edge_px > 0.0) & (last.argmax(axis=1) != FOAM)
+        return stay, np.where(unknown[:, None], 0.25, last)
 
     def _look(
         self,
@@ -264,7 +275,10 @@ def _compare(
     blur = math.hypot(strip.blur_px, PIXEL_PX) / float(np.median(step)) if np.isfinite(strip.blur_px) else 1.0
     bands, gain = np.empty((len(seen), 9)), np.empty(len(seen))
     slope = strip.front.slope * strip.across_px / step
-    foam_bands(strip.image, zero.image, front, resting, slope, blur, seen, bands)
+    edge = strip.edge_px / step
+    behind = seen & (edge > 0.0) & (edge < front)
+    begin = np.where(behind, edge + EDGE * blur, 0.0)
+    foam_bands(strip.image, zero.image, front, resting, slope, blur, seen, begin, bands)
     transfer, variance = texture_odds(bands, unary, against, gain)
     if variance == 0.0:
         return np.ones(len(seen))
@@ -280,4 +294,25 @@ def _compare(
     dependence = local_statistics(np.ascontiguousarray(found[:, 5]))[0]
     bare: Float[np.ndarray, "K"] = level_odds(found, dependence, gain, foam, variance, against)
     unary[:, SHADOW] += against[:, 1]
+    if behind.any():
+        # Beyond the edge of a shadow, foam continues up to its front.
+        pressed, odds = _compressed(zero.image, front / resting, behind), np.zeros_like(against)
+        places = edge, front, np.zeros(len(seen)), blur, np.zeros(len(seen))
+        shadow_odds(strip.image, pressed, lines, *places, transfer, variance, behind, found)
+        dependence = local_statistics(np.ascontiguousarray(found[:, 5]))[0]
+        level_odds(found, dependence, gain, foam, variance, odds)
+        unary[behind, FOAM] += odds[behind, 1]
     return bare
+
+
+def _compressed(
+    image: UInt8[np.ndarray, "K parallels samples"],
+    part: Float[np.ndarray, "K"],
+    chosen: Bool[np.ndarray, "K"],
+) -> UInt8[np.ndarray, "K parallels samples"]:
+    """The strip at rest with its texture moved to a part of its distance from the base, as foam that is pressed moves it."""
+    result, place = image.copy(), np.arange(image.shape[2])
+    for k in np.flatnonzero(chosen):
+        for lane in range(image.shape[1]):
+            result[k, lane] = np.interp(place / part[k], place, image[k, lane])
+    return result

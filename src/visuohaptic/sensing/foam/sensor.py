@@ -6,6 +6,7 @@ import logging
 import math
 from collections import deque
 from collections.abc import Iterable
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from typing import Self
@@ -16,10 +17,11 @@ from jaxtyping import Bool
 from ...core import CalibrationError, Camera, Frame, InputError, PlaneView
 from ...core.measurement import Contact, ErrorBudget, ForceProfile, Reason
 from .deflection import Deflection, measure_deflection
-from .edges import edge_uncertainty_m, measure_edges
+from .edges import MeasuredEdges, edge_uncertainty_m, measure_edges
 from .material.hysteresis import HysteresisState
-from .posterior import EdgePosterior
+from .posterior import EdgePosterior, EdgeStates
 from .profile import ContactRegion, FoamReading, read_profile
+from .shadowed import second_front
 from .strip import FoamSensorConfig, FoamSetup, ObservedStrip, StripeView, StripOptics
 from .strip.encoding import ENCODINGS, EdgeSkew, edge_skew, encoding_probability
 from .strip.zero import ZeroReference, ZeroWatch, check_width
@@ -251,8 +253,8 @@ class FoamSensor:
         watch, geometry = self._watch, self.setup.geometry
         if strip is None or watch is None:
             return self.blank(frame.t_s, Reason.LOST if strip is None else Reason.NOT_ZEROED)
-        edges = measure_edges(strip, watch.zero, geometry.width_m, self._posterior.last_m)
-        states = self._posterior.infer(strip, watch.zero, edges)
+        strip, edges, states = self._states(frame, strip, watch.zero)
+        self.strip = strip
         found = measure_deflection(edges, states, strip, geometry)
         contour = found.contour(
             geometry, math.hypot(strip.common_sigma_m, watch.sigma_m(strip.t_s, found.delta_m))
@@ -273,6 +275,24 @@ class FoamSensor:
             found.states.evidence,
         )  # fmt: skip
         return profile if profile.valid else profile.unread()
+
+    def _states(
+        self, frame: Frame, strip: ObservedStrip, zero: ZeroReference
+    ) -> tuple[ObservedStrip, MeasuredEdges, EdgeStates]:
+        """Edges and their states; the front where a shadow's edge hides it is a second edge."""
+        width_m, before = self.setup.geometry.width_m, copy(self._posterior)
+        edges = measure_edges(strip, zero, width_m, before.last_m)
+        states = self._posterior.infer(strip, zero, edges)
+        tested = ~states.foam & ~self.optics.outside
+        if strip.stripe or not tested.any():
+            return strip, edges, states
+        second = second_front(frame.grey, strip, self.optics.polarity, tested, before.last_m)
+        if second is None:
+            return strip, edges, states
+        strip = self.optics.with_front(frame, *second, zero)
+        edges = measure_edges(strip, zero, width_m, before.last_m)
+        self._posterior = before
+        return strip, edges, before.infer(strip, zero, edges)
 
     def _check_size(self, frame: Frame) -> None:
         camera = self.setup.camera

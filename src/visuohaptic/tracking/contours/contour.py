@@ -186,6 +186,26 @@ class ContourTracker:
         self._age = 0 if due else self._age + 1
         return contour
 
+    def near(
+        self,
+        grey: UInt8[np.ndarray, "rows columns"],
+        lines: ConstraintLines,
+        expected_px: Float[np.ndarray, "k"],
+        *,
+        free_ends: int = 0,
+    ) -> Contour:
+        """Find a contour in one frame within ``window_px`` of a place, without the state of frames before.
+
+        Parameters
+        ----------
+        grey, lines, free_ends
+            As in :meth:`track`.
+        expected_px
+            Expected positions.
+        """
+        self.reset()
+        return self._attempt(np.ascontiguousarray(grey), lines, expected_px, free_ends)
+
     def _attempt(
         self,
         grey: UInt8[np.ndarray, "rows columns"],

@@ -139,7 +139,7 @@ class FingerOptics(StripOptics):
             self._mean_speed = mean
         self._known = self.position.t_s, self.position.position_m
         self._last_m = self.position.position_m
-        return self.find_front(frame, grey, base, zero)
+        return self.find_front(frame, base, zero)
 
     def _follow(
         self, grey: np.ndarray, t_s: float, zero: ZeroReference | None

@@ -21,10 +21,8 @@ from .zero import PARALLELS, REACH, ZeroReference
 
 _POLARITY = {"brighter": 1, "darker": -1, "either": 0}
 
-#: The front is searched from this fraction of the width ...
-_SEARCH_FROM = 0.12
-#: ... to this fraction of it (foam is never thicker than at rest, but the model may have an error).
-_SEARCH_TO = 1.12
+#: The front is searched between these fractions of the width: foam is never thicker than at rest, but the model may have an error.
+_SEARCH_FROM, _SEARCH_TO = 0.12, 1.12
 
 #: The front corner of a free end moves inwards by up to this fraction of the width beside a plate, so that the last lines
 #: meet the end face, which is parallel to them (0.18 at a depth of 0.45 of the width, a plate 3 to 12 mm from the end).
@@ -32,7 +30,6 @@ _RECEDES = 0.18
 
 #: Minimum lever arm for estimating a change of distance from the motion of the base.
 _SHORTEST_LEVER_PX = 30.0
-
 #: Extent of the parallel lines of the image of the strip relative to the spacing of the points.
 _BESIDE = 0.8
 
@@ -72,12 +69,15 @@ class ObservedStrip:
     common_sigma_m: float  #: common error of all widths due to motion of camera or finger
     blur_px: float  #: median blur of the front, pixel included; NaN if no front was observed
     lens_px: float  #: blur of the base, due only to the lens and the motion of the camera
+    #: Edge of a shadow on the foam behind the front, along the lines of the model; 0 where there is none.
+    edge_px: Float[np.ndarray, "K"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BaseView:
     """The reference contour in one image; K points."""
 
+    grey: np.ndarray  #: the image
     reference: Contour  #: as tracked
     position_px: Float[np.ndarray, "K"]  #: as used, along the lines of the model
     sigma_px: Float[np.ndarray, "K"]
@@ -114,7 +114,9 @@ class StripOptics:
         #: Distance from the back to the tracked edge at rest: the front, or the inner edge of a stripe.
         self.rest_width_m = geometry.width_m - (stripe.width_m if stripe is not None else 0.0)
         self._free_ends = math.ceil(_RECEDES * geometry.width_m / float(geometry.cell_m[0]))
-        self._front_tracker = ContourTracker(ContourSettings(polarity=-_POLARITY[tracking.foam_is]))
+        #: Sign of the step from the foam to what is in front of it, 0 if unknown.
+        self.polarity = -_POLARITY[tracking.foam_is]
+        self._front_tracker = ContourTracker(ContourSettings(polarity=self.polarity))
         self._reference_tracker = ContourTracker(ContourSettings(polarity=-_POLARITY[tracking.base_is]))
         self.forget_motion()
         self.place(plane)
@@ -185,7 +187,7 @@ class StripOptics:
         """
         grey = frame.grey
         base = self.find_base(grey, zero)
-        return None if base is None else self.find_front(frame, grey, base, zero)
+        return None if base is None else self.find_front(frame, base, zero)
 
     def find_base(self, grey: np.ndarray, zero: ZeroReference | None) -> BaseView | None:
         """Track the reference contour; ``None`` if it cannot be found.
@@ -218,19 +220,15 @@ class StripOptics:
             # While zeroing, each point stays at its observed position: the base need not be a perfect curve.
             position = np.where(reference.valid, reference.position_px, moved)
             sigma = reference.sigma_px
-        return BaseView(reference, position, sigma, motion, float(np.abs(moved).max()))
+        return BaseView(grey, reference, position, sigma, motion, float(np.abs(moved).max()))
 
-    def find_front(
-        self, frame: Frame, grey: np.ndarray, base: BaseView, zero: ZeroReference | None
-    ) -> ObservedStrip:
+    def find_front(self, frame: Frame, base: BaseView, zero: ZeroReference | None) -> ObservedStrip:
         """Track the front contour, relative to the reference contour of the same image.
 
         Parameters
         ----------
         frame
             The next frame in chronological order.
-        grey
-            The same frame in grey.
         base
             The reference contour in the same image.
         zero
@@ -244,11 +242,43 @@ class StripOptics:
         )
         if self.stripe is None:
             # Without a zero reference the strip is assumed to be at rest, with its ends in place.
-            front = self._front_tracker.track(grey, lines, free_ends=0 if zero is None else self._free_ends)
+            front = self._front_tracker.track(
+                frame.grey, lines, free_ends=0 if zero is None else self._free_ends
+            )
         else:
             front = self.stripe.track(frame, lines)
-        skew_px, skew_sigma_px = self._rolling_shutter_px(base.motion, base_px, front, frame.t_s)
+        skew = self._rolling_shutter_px(base.motion, base_px, front, frame.t_s)
+        self._base = base, skew
+        return self._observed(frame, base, skew, front, zero, np.zeros(len(length)))
+
+    def with_front(
+        self, frame: Frame, front: Contour, edge_px: Float[np.ndarray, "K"], zero: ZeroReference
+    ) -> ObservedStrip:
+        """Observation of the last frame with another contour of its front.
+
+        Parameters
+        ----------
+        frame, zero
+            As in :meth:`observe`.
+        front, edge_px
+            From :func:`~visuohaptic.sensing.foam.shadowed.second_front`.
+        """
+        return self._observed(frame, *self._base, front, zero, edge_px)
+
+    def _observed(
+        self,
+        frame: Frame,
+        base: BaseView,
+        skew: tuple[np.ndarray | float, ...],
+        front: Contour,
+        zero: ZeroReference | None,
+        edge_px: Float[np.ndarray, "K"],
+    ) -> ObservedStrip:
+        """Width of the strip between both contours, and its image."""
+        skew_px, skew_sigma_px = skew
+        base_px = self._origin_px + base.position_px[:, None] * self._direction_px
         position = front.position_px - skew_px
+        behind = np.where(edge_px > 0.0, np.minimum(edge_px, position), position)
         front_px = base_px + position[:, None] * self._direction_px
         back_m, front_m, back_slope, front_slope = self._cast(base_px, front_px)
         outward = self.geometry.outward
@@ -267,14 +297,14 @@ class StripOptics:
         rest_px = self.plane.project(back_m + rest_m[:, None] * outward) - base_px
         # The deflection of a point is unknown without its width at rest.
         finite &= zero is None or zero.known
-        # The base is one rigid edge, located by the majority of its points: a shadow beside some does not shift it.
+        # The base is one rigid edge: a shadow beside some of its points does not shift it.
         back_px = quick_median(encoded_shift_px(base.reference)[base.reference.valid])
         encoded = front_slope * encoded_shift_px(front) - back_slope * back_px
         return ObservedStrip(
             frame.t_s, base.reference, front, base.position_px, base_px, front_px,
             np.einsum("ki,ki->k", rest_px, self._direction_px), width, sigma, noise,
             np.zeros(len(width)) if self.stripe is not None else encoded,
-            *self._rectified(grey, base_px, None if zero is None else position),
+            *self._rectified(base.grey, base_px, None if zero is None else behind),
             self.stripe is not None,
             front_slope,
             front.valid & finite,
@@ -283,6 +313,7 @@ class StripOptics:
             float(np.hypot(self.rest_width_m * base.moved_px / self._depth_lever_px, common)),
             quick_median(front.blur_px[front.valid]) if front.valid.any() else float("nan"),
             quick_median(base.reference.blur_px[base.reference.valid]),
+            edge_px,
         )  # fmt: skip
 
     def _rectified(

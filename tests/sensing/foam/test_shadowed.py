@@ -1,0 +1,81 @@
+"""Fronts that the edge of a shadow hides from the tracker."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+from tests.worlds import foam_disturbances as disturbances
+
+from benchmarks import foam_evidence
+from visuohaptic.sensing.foam.posterior import _compressed
+from visuohaptic.sensing.foam.shadowed import _SHIFT, _SHIFTS, merged_fronts
+from visuohaptic.tracking.contours.contour import ContourSettings
+
+FRONT = 40.3
+
+
+def _merged(
+    ahead_px: float, rng: np.random.Generator, *, told_px: float = 0.0, grey: float = 180.0, count: int = 60
+) -> np.ndarray:
+    """Fits of fronts beyond the edge of a shadow that crosses them, over a floor; rendered at a tenth of a pixel."""
+    fine = np.arange(0.0, 90.0, 0.1) - 0.45
+    lanes = np.arange(5.0) - 2.0
+    slope = 0.5
+    shadow = FRONT - ahead_px + slope * lanes[:, None]
+    light = np.where(fine < shadow, 1.0, 0.55)
+    scene = np.where(fine < FRONT, grey * light, 80.0 * (1.0 if ahead_px < 0.0 else 0.55))
+    pixels = gaussian_filter1d(scene, 9.0, axis=1).reshape(5, 90, 10).mean(axis=2)
+    image = (pixels + 1.4 * rng.standard_normal((count, 5, 90))).astype(np.float32)
+    ones, found = np.ones(count), np.full((count, 4), np.nan)
+    lines = np.tile([0.0, 0.0, 0.0, 1.0, 1.0, 1.0], (count, 1))
+    edge = FRONT - ahead_px + told_px
+    merged_fronts(
+        image, lines, edge * ones, slope * ones, (FRONT + 1.0) * ones, 0.0 * ones, np.hypot(0.9, 0.29) * ones, 9.0 * ones,
+        42.0 * ones, ones > 0, found,
+    )  # fmt: skip
+    return found
+
+
+@pytest.mark.parametrize("ahead_px", [1.5, 3.0, 5.0, 7.0])
+@pytest.mark.parametrize("told_px", [-0.3, 0.0, 0.3])
+def test_a_front_that_merges_with_the_edge_of_a_shadow_is_found_within_its_error(ahead_px, told_px) -> None:
+    found = _merged(ahead_px, np.random.default_rng(3), told_px=told_px)
+    error = found[:, 0] - FRONT
+    assert np.abs(error).max() < 0.5
+    assert np.sqrt(np.mean((error / found[:, 1]) ** 2)) < 1.5
+    assert np.median(found[:, 2]) == pytest.approx(0.55 * 180.0, rel=0.03)
+    assert np.median(found[:, 3]) == pytest.approx(0.55 * 80.0, rel=0.03)
+
+
+def test_foam_as_grey_as_the_surface_beyond_has_no_front() -> None:
+    """Shaded foam and floor look alike: the step is below the smallest contrast of a contour."""
+    found = _merged(5.0, np.random.default_rng(4), grey=80.0)
+    step = found[:, 3] - found[:, 2]
+    assert np.abs(step[found[:, 1] < 1.0]).max() < ContourSettings().min_contrast
+
+
+def test_the_edge_of_a_shadow_is_known_within_half_a_pixel() -> None:
+    """Three slopes with an error of 0.05 (measured .02 to .05), extrapolated over four lines that are 6 px apart."""
+    assert 0.05 / np.sqrt(3.0) * 4 * 6.0 == pytest.approx(0.5 * _SHIFT * (_SHIFTS - 1), rel=0.45)
+
+
+def test_foam_that_is_pressed_moves_its_texture_with_it() -> None:
+    place = np.arange(100.0)
+    image = np.rint(100.0 + 50.0 * np.sin(place / 7.0)).astype(np.uint8)
+    both = np.tile(image, (2, 1, 1)).reshape(2, 1, 100)
+    moved = _compressed(both, np.array([0.8, 0.8]), np.array([True, False]))
+    at = np.arange(70)
+    assert np.abs(moved[0, 0, at] - (100.0 + 50.0 * np.sin(at / 0.8 / 7.0))).max() < 2.0
+    assert (moved[1] == both[1]).all()
+
+
+def test_a_press_is_read_while_the_edge_of_a_shadow_creeps_over_it() -> None:
+    """The contour follows the edge, which is stronger than the front in the shadow; 2 of 29 frames were read."""
+    sequence = disturbances.disturbed("hard shadow", 163)
+    frames = foam_evidence.frames_of([foam_evidence.run_sequence(sequence)])
+    read = frames["valid"] & frames["counted"]
+    assert read.sum() >= 20
+    error = np.abs(frames["force_N"] - frames["truth_N"])[read]
+    assert (error < 4.0 * frames["sigma_N"][read]).all()
+    assert np.median(error / frames["truth_N"][read]) < 0.02
