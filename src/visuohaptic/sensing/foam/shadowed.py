@@ -30,14 +30,16 @@ _TAIL = 2.5
 #: Spacing of the places of a merged front that are tried [samples], that of ``_NEAR`` places to either side of the most likely one,
 #: and fraction of the pixels that are independent.
 _EVERY, _FINE, _NEAR, _INDEPENDENT = 0.5, 0.25, 4, 0.5
-#: Number of places of the edge of the shadow that are tried, and their spacing [samples].
+#: Number of places of the edge of the shadow that are tried, and their spacing [samples]: 2.4 standard deviations of an edge
+#: that is extrapolated over five lines, see the test.
 _SHIFTS, _SHIFT = 9, 0.125
 #: Values of a contour at its points.
 _POINTS = (
     "position_px", "sigma_px", "noise_px", "valid", "reason", "contrast", "level", "blur_px", "slope", "chi2"
 )  # fmt: skip
-#: Number of lines from which the edge of a shadow is extrapolated, and standard deviation of the place [px] and of the slope of each.
-_NEAREST, _PLACE_SIGMA, _SLOPE_SIGMA = 5, 0.15, 0.05
+#: Number of lines from which the edge of a shadow is extrapolated, and standard deviation of the place [px] and of the slope of each
+#: (measured on 5,000 lines of two worlds: 0.08 to 0.12 px, 0.02 to 0.03).
+_NEAREST, _PLACE_SIGMA, _SLOPE_SIGMA = 5, 0.1, 0.025
 
 
 def second_front(
