@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 from tests.worlds import foam_disturbances as disturbances
+from tests.worlds.foam import pincers
 
 from benchmarks import foam_evidence
 from visuohaptic.sensing.foam.posterior import _compressed
@@ -88,3 +89,9 @@ def test_a_press_is_read_while_the_edge_of_a_shadow_creeps_over_it() -> None:
     error = np.abs(frames["force_N"] - frames["truth_N"])[read]
     assert (error < 4.0 * frames["sigma_N"][read]).all()
     assert np.median(error / frames["truth_N"][read]) < 0.02
+
+
+def test_the_penumbra_of_a_shadow_is_no_edge_beyond_which_a_front_is_sought() -> None:
+    """Two soft shadows beside the front at rest; a second edge within the blur of the first one read 2.1 N."""
+    frames = foam_evidence.frames_of([foam_evidence.run_sequence(pincers(587))])
+    assert not (frames["valid"] & (frames["force_N"] > 3.0 * frames["sigma_N"] + 0.05)).any()

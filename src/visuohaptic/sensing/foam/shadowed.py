@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float, UInt8
 from ...core.kernels import kernel
 from ...tracking.contours._refine_kernels import NEAR
 from ...tracking.contours.contour import PIXEL_PX, Contour, ContourSettings, ContourTracker, PointReason
+from ._chain_kernels import SAME_BLUR
 from ._posterior_kernels import edge_ramp, pixel_weights, solve
 from .strip import ObservedStrip
 
@@ -77,6 +78,8 @@ def second_front(
     guess = np.where(~tested & first.valid, first.position_px, guess)
     side = np.array([-lines.direction_px[:, 1].mean(), lines.direction_px[:, 0].mean()])
     s_px = (lines.origin_px - lines.origin_px[0]) @ side
+    # A softer edge, that of a penumbra, has no place that could be told from the front's.
+    sharp = np.hypot(first.blur_px, PIXEL_PX) < (1.0 + 3.0 * SAME_BLUR) * blur
     edge_px, edge_slope = np.where(seen, first.position_px, np.inf), np.zeros(len(seen))
     second = first
     for _ in range(2):
@@ -85,11 +88,12 @@ def second_front(
         start = np.clip(start, lines.start_px, lines.stop_px)
         thin = replace(lines, start_px=start, half_width_px=np.full(len(start), _HALF_PX))
         second = tracker.near(grey, thin, np.clip(guess, start, lines.stop_px))
-        shadow = seen & second.valid
+        resolved = second.position_px - first.position_px > _TAIL * blur
+        shadow = seen & sharp & second.valid & resolved
         if not shadow.any():
             return None
         edge_px, edge_slope = _extended(first, shadow, s_px)
-    clear = tested & second.valid
+    clear = tested & second.valid & (second.position_px - edge_px > _TAIL * blur)
     found = np.where(clear, second.position_px, first.position_px)
     known = np.flatnonzero(clear | (~tested & first.valid))
     known = known[np.argsort(s_px[known])]
