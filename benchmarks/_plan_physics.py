@@ -15,6 +15,7 @@ from tests.worlds.real_floors import real_scene, room_scene
 
 from ._plan_child import Planner, described
 from ._plan_judge import Row, Rows, answer_of, asked, bounds_row, faults_row, quantile
+from ._push_loop import NOISE_M
 from .nav_doors import data_folder
 
 __all__ = ["oracle", "oracle_table", "push_ends", "push_ends_table", "room", "room_keys", "rooms_table"]
@@ -185,13 +186,12 @@ def push_ends(planner: Planner, key: str) -> Row:
         "turn_off_deg": abs(float(np.degrees(turn - push.get("turn_rad", 0.0)))),
         "unknown_deg": _unknown_turn_deg(world, path),
     }
-    executed, executed_rad = _steered(world, push)
-    executed_off = executed - np.array(push["goal_m"])
-    row |= {
-        "steered_off_m": float(np.hypot(*executed_off)),
-        "steered_deg": abs(float(np.degrees(executed_rad))),
-    }
-    row["steered_off_deg"] = abs(float(np.degrees(executed_rad - push.get("turn_rad", 0.0))))
+    for name, seen in (("felt", False), ("steered", True)):
+        executed, executed_rad = _steered(world, push, seen=seen)
+        executed_off = executed - np.array(push["goal_m"])
+        row[f"{name}_off_m"] = float(np.hypot(*executed_off))
+        row[f"{name}_deg"] = abs(float(np.degrees(executed_rad)))
+        row[f"{name}_off_deg"] = abs(float(np.degrees(executed_rad - push.get("turn_rad", 0.0))))
     physics.drive(path[1:], 0.1)
     here = physics.robot_m
     now = replace(world, bodies=physics.bodies, start_m=(float(here[0]), float(here[1])))
@@ -209,9 +209,9 @@ def push_ends(planner: Planner, key: str) -> Row:
     return row
 
 
-def _steered(world: World, push: Row) -> tuple[np.ndarray, float]:
-    """Centre [m] and turn [rad] of an object after a push as it is executed: observed, and with feedback."""
-    from visuohaptic.navigation.pushing import PushModel
+def _steered(world: World, push: Row, *, seen: bool) -> tuple[np.ndarray, float]:
+    """Centre [m] and turn [rad] of an object after a push as it is executed: with feedback of sight, or of touch alone."""
+    from visuohaptic.navigation.pushing import PushModel, PushMonitor
     from visuohaptic.tasks.mobile import PushSettings, SteeredPush, contact_curvature
     from visuohaptic.tasks.mobile.travel.travel_pushes import ASIDE_SIGMAS
 
@@ -222,27 +222,30 @@ def _steered(world: World, push: Row) -> tuple[np.ndarray, float]:
     across = np.array([-np.sin(direction), np.cos(direction), 0.0])
     aside_m = ASIDE_SIGMAS * float(np.sqrt(across @ np.array(push["end_covariance"]) @ across))
     curvature = contact_curvature(body.outline_m, push["contact_m"], robot.radius_m)
+    model, place_m = PushModel.of_footprint(body.outline_m - body.centre_m), np.array([*body.centre_m, 0.0])
     run = SteeredPush(
-        at.copy(),
-        direction,
-        float(np.hypot(*push["displacement_m"])),
-        turn_rad=push.get("turn_rad", 0.0),
-        object_m=np.array([*body.centre_m, 0.0]),
-        lever_m=PushModel.of_footprint(body.outline_m - body.centre_m).lever_m,
+        at.copy(), direction, float(np.hypot(*push["displacement_m"])), turn_rad=push.get("turn_rad", 0.0),
+        object_m=place_m, lever_m=model.lever_m,
         settings=PushSettings(
-            robot.radius_m,
-            robot.v_push_m_s,
-            max_force_N=robot.push_force_max_N,
-            aside_m=aside_m,
+            robot.radius_m, robot.v_push_m_s, max_force_N=robot.push_force_max_N, aside_m=aside_m,
             curvature_per_m=curvature,
         ),
-    )
+    )  # fmt: skip
+    monitor, rng = PushMonitor(model, place_m, robot.radius_m), np.random.default_rng(0)
+    felt_at = np.array([*at, 0.0])
     for period in itertools.count():
         force_N, place = physics.touch
         centre, turn = physics.pose(0)
         pose = np.array([*physics.robot_m, heading])
+        if place is not None and not seen:
+            place = place + NOISE_M * rng.standard_normal(2)
         contact = None if place is None else (float(place[0]), float(place[1]))
-        speed, rate = run.command(period * PERIOD_S, pose, force_N, contact, np.array([*centre, turn]))
+        if seen:
+            place_m, felt_at = np.array([*centre, turn]), pose
+        elif monitor.update(pose, contact) and run.touched:
+            place_m, felt_at = monitor.estimate().object_m, pose
+        place_m, felt_at = place_m + np.array([*(pose - felt_at)[:2], 0.0]) * run.touched, pose
+        speed, rate = run.command(period * PERIOD_S, pose, force_N, contact, place_m)
         if run.end is not None:
             return centre, turn
         heading += rate * PERIOD_S
@@ -295,6 +298,10 @@ def push_ends_table(rows: Rows) -> list[Row]:
                note=_turns(done, "steered_deg", "steered_off_deg")),
         {"name": "executed push inside the ellipse declared for a blind one", "unit": "%",
          "ours": 100.0 * inside / max(len(squares), 1)},
+        median("push without camera, steered by touch: end, median", "felt_off_m", done, floor=2, aim=1,
+               note=p90_cm("felt_off_m")),
+        median("push without camera, steered by touch: turn, median", "felt_deg", done, floor=3, aim=1.5,
+               note=_turns(done, "felt_deg", "felt_off_deg")),
         median("blind push, which is what a plan declares: end, median", "off_m", done, floor=2, aim=1, note=blind),
         median("blind push: turn, median", "turn_deg", done, floor=3, aim=1.5,
                note=_turns(done, "turn_deg", "turn_off_deg")),

@@ -38,6 +38,8 @@ from .house import ROOT
 STRANGER = 54321
 #: Time limit of one command, including compilation [s].
 LIMIT_S = 900
+#: Time limit of starting the interpreter without any command [s].
+PROBE_S = 60
 COMMANDS: dict[str, list[tuple[str, str]]] = {
     "demo --quick": [("demo --quick --out quick", "quick/report.html")],
     "foam": [
@@ -93,9 +95,19 @@ def trial(command: Path, case: str, steps: list[tuple[str, str]], folder: Path) 
         os.chown(here, STRANGER, STRANGER)
         python = command.with_name("python")
         try:
-            subprocess.run([python, "-c", ""], cwd=here, user=user, group=user, extra_groups=[], check=True)
+            subprocess.run(
+                [python, "-c", ""],
+                cwd=here,
+                user=user,
+                group=user,
+                extra_groups=[],
+                check=True,
+                timeout=PROBE_S,
+            )
         except PermissionError:
             return {"tried": 0, "why": f"another user may not start {python.resolve()}"}
+        except (subprocess.TimeoutExpired, subprocess.CalledProcessError) as problem:
+            return {"tried": 0, "why": f"{python.resolve()} does not start for another user: {problem}"}
     for words, file in steps:
         try:
             done = subprocess.run(

@@ -62,6 +62,15 @@ def example_foam(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rigs, "write_example", world.copy_recording)
 
 
+@pytest.fixture
+def fewer_explorations() -> Iterator[None]:
+    """For tests that show something else than how well probabilities are calibrated."""
+    from tests.explorations import explored_less
+
+    with explored_less():
+        yield
+
+
 @pytest.fixture(autouse=True)
 def library_log() -> None:
     """Undo what the command line does to the library's log in this process: otherwise ``caplog`` depends on the order of tests."""

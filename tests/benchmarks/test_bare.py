@@ -22,3 +22,27 @@ def test_an_interpreter_that_another_user_may_not_start_is_not_tried(tmp_path: P
     )
     assert found["tried"] == 0
     assert found["why"] == f"another user may not start {Path(sys.executable).resolve()}"
+
+
+@pytest.mark.skipif(sys.platform == "win32" or os.geteuid() != 0, reason="only root can become another user")
+@pytest.mark.parametrize(
+    ("script", "said"), [("exit 127", "exit status 127"), ("sleep 60", "timed out after")]
+)
+def test_an_interpreter_that_does_not_start_for_another_user_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, said: str
+) -> None:
+    """It lacks a library there, or hangs."""
+    monkeypatch.setattr("benchmarks.bare.PROBE_S", 0.5)
+    for folder in (tmp_path, *list(tmp_path.parents)[:2]):
+        folder.chmod(0o755)
+    python = tmp_path / "bin" / "python"
+    python.parent.mkdir()
+    python.write_text(f"#!/bin/sh\nexec {script}\n".replace("exec exit", "exit"))
+    python.chmod(0o755)
+    (tmp_path / "runs" / "one").mkdir(parents=True)
+    found = trial(
+        python.with_name("visuohaptic"), "read-only", [("--help", "none")], tmp_path / "runs" / "one"
+    )
+    assert found["tried"] == 0
+    assert f"{python} does not start for another user" in found["why"]
+    assert said in found["why"]

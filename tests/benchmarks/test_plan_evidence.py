@@ -22,7 +22,7 @@ def test_a_call_over_its_time_is_ended_and_the_next_one_answered():
     try:
         request = {"do": "plan", "problem": described(doors_in_series(0, 2), 0.05)}
         assert planner.ask(request, budget_s=1e-3)["status"] == "time"
-        rows = {key: CAMPAIGNS["oracle"].play(planner, key) for key in ("2", "10")}
+        rows = {key: CAMPAIGNS["oracle"].play(planner, key) for key in ("2", "20")}
         for row in rows.values():
             assert row["finished"]
             if row["oracle_s"]:

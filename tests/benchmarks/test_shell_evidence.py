@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from benchmarks._shell_bound import _alone_scores
 from scipy.spatial.transform import Rotation
+from tests.explorations import explored_less
 from tests.worlds.shell_bodies import CLASSES, OTHERS, draw, wall_of
 from tests.worlds.shell_touches import (
     CONDITIONS,
@@ -24,7 +25,7 @@ from visuohaptic.deformation.shells import IsotropicMaterial
 @pytest.fixture(scope="module")
 def classifier(tmp_path_factory):
     """Of two classes, three objects each."""
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, explored_less():
         patch.setattr(_shell_readings, "CLASSES", {name: CLASSES[name] for name in ("pot", "milk")})
         return _shell_readings.train(tmp_path_factory.mktemp("shells"), 3)
 

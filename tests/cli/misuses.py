@@ -131,6 +131,7 @@ MISUSES = {
     ),
     "verb misspelt": Misuse("sens foam", ("did you mean 'sense foam'?",), first=()),
     "flag misspelt": Misuse(PUSH + " --zero-frame 3", ("did you mean --zero-frames?",), first=()),
+    "flag misspelt that must be": Misuse("sense foam --confg sensor.yaml --source push.mp4", ("did you mean --config?",), first=()),
     "file misspelt": Misuse("sense foam --config senor.yaml --source push.mp4", ("did you mean sensor.yaml?",), first=()),
     "source misspelt": Misuse("sense foam --config sensor.yaml --source psh.mp4", ("did you mean push.mp4?",)),
     "a foam for a sensor": Misuse("sense foam --config foam.yaml --source push.mp4", ("visuohaptic-foam", "a file of another kind")),

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.explorations import explored_less
 
 import visuohaptic.viewer
 from visuohaptic.cli.main import main
@@ -39,7 +40,10 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder with set.npz, and tree.json as `classify train` made it of the set."""
     folder = tmp_path_factory.mktemp("trained")
     _objects(folder / "set.npz")
-    assert main(["classify", "train", "--objects", f"{folder}/set.npz", "--out", f"{folder}/tree.json"]) == 0
+    with explored_less():
+        assert (
+            main(["classify", "train", "--objects", f"{folder}/set.npz", "--out", f"{folder}/tree.json"]) == 0
+        )
     return folder
 
 

@@ -159,7 +159,7 @@ def test_a_result_has_units_whose_prefixes_fit():
         "length: 4000 m",
         "depth: 0 m",
         "start: 1700000000.250 s",
-        "width: unknown",
+        "width: none",
         "holds: yes",
         "vertices: 11040",
         "notes",

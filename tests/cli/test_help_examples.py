@@ -30,6 +30,7 @@ import pytest
 import yaml
 from tests.cli.capture_camera import connected
 from tests.cli.help_words import examples, recorded_imports, undeclared
+from tests.explorations import explored_less
 from tests.patience import PATIENCE_S
 
 from visuohaptic.cli import _compilation
@@ -293,13 +294,13 @@ def _scans(folder: Path, world: World) -> None:
 
 
 def _glass(folder: Path, world: World) -> None:
-    """Every second view of the example's: 21, in which each part is seen often enough."""
+    """Every third view of the example's: 14, in which each part is seen often enough."""
     shutil.copytree(world.run("example glass")[0] / "try" / "scan", folder / "scan")
     views = sorted((folder / "scan" / "depth").iterdir())
-    for view in views[1::2]:
+    for view in set(views) - set(views[::3]):
         view.unlink()
     poses = (folder / "scan" / "poses.txt").read_text().splitlines(keepends=True)
-    (folder / "scan" / "poses.txt").write_text("".join([poses[0], *poses[1::2]]))
+    (folder / "scan" / "poses.txt").write_text("".join([poses[0], *poses[1::3]]))
 
 
 def _robot_arm(folder: Path, world: World) -> None:
@@ -428,17 +429,6 @@ def _shorter() -> Iterator[None]:
         mock.patch.object(foam_example, "_FRAMES", 22),
         mock.patch.object(gripper_example, "_OPENING", 8),
         mock.patch.object(virtual_beam.push_and_twist, "__defaults__", (48,)),
-    ):
-        yield
-
-
-@contextlib.contextmanager
-def _fewer_explorations() -> Iterator[None]:
-    """Probabilities are calibrated on a tenth of the explorations: how well is tested with all of them, in recognition."""
-    from visuohaptic.recognition.touch import calibrate
-
-    with mock.patch.dict(
-        calibrate.__kwdefaults__, explorations=calibrate.__kwdefaults__["explorations"] // 10
     ):
         yield
 
@@ -793,7 +783,7 @@ STORIES: dict[str, Story] = {
     "objects sync": Story(_said(sent=1), room="kitchen", needs=("objects import",), around=_server),
     "objects build": Story(lambda f, r: _built(f), _classes),
     "reproduce": Story(lambda f, r: _reproduced(f)),
-    "classify train": Story(_classify_train, _build, "classify", around=_fewer_explorations),
+    "classify train": Story(_classify_train, _build, "classify", around=explored_less),
     "classify plan": Story(lambda f, r: _planned(r), room="classify", needs=("classify train",)),
     "classify run": Story(_classify_run, _curves, "classify", ("classify train",), around=_answers),
     "recording info": Story(lambda f, r: _recorded(r), _recording),

@@ -139,7 +139,7 @@ def test_a_verb_that_reports_nothing_has_its_result_printed(verbs, capsys):
         "topics",
         "  1.",
         "    name: /a",
-        "    n: unknown",
+        "    n: none",
     ]
     assert main(["touch", "box", "--quiet"], registry) == 0
     assert capsys.readouterr().out == ""

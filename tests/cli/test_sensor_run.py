@@ -151,4 +151,4 @@ def test_a_bar_has_a_block_per_quarter_newton_up_to_ten_newtons(force_N, blocks)
 def test_what_zero_would_not_write_is_refused(verb, tmp_path, capsys):
     words = ["--config", str(tmp_path / "sensor.yaml"), "--source", str(tmp_path / "rest.mp4"), "--zero"]
     assert main(["sense", verb, *words, "--csv", str(tmp_path / "run.csv")]) == 2
-    assert "--zero: ends after the zero reference, without --csv" in capsys.readouterr().err
+    assert "--csv: found with --zero, which ends after the zero reference" in capsys.readouterr().err

@@ -317,8 +317,8 @@ def test_squeezes_that_cannot_be_read_are_one_line(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--mass", "-1"], "--mass: found -1 kg, expected more than 0"),
-        (["--mass", "0.4", "--mass-sigma", "0"], "--mass-sigma: found 0 kg, expected more than 0"),
+        (["--mass", "-1"], "--mass: found -1, expected more than 0"),
+        (["--mass", "0.4", "--mass-sigma", "0"], "--mass-sigma: found 0, expected more than 0"),
         (["--mass-sigma", "0.1"], "--mass-sigma: found without --mass"),
     ],
 )

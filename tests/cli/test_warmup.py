@@ -107,8 +107,8 @@ def test_a_package_alone_is_compiled(two_lines, capsys):
     assert list(json.loads(capsys.readouterr().out)["seconds"]) == ["visuohaptic.deformation.shells"]
     for words, text in (
         (["sensing"], "found 'sensing', expected one of navigation, deformation"),
-        (["--workers", "0"], "--workers: found 0, expected 1 to 1024"),
-        (["--workers", "1025"], "--workers: found 1025, expected 1 to 1024"),
+        (["--workers", "0"], "--workers/--jobs: found 0, expected 1 to 1024"),
+        (["--workers", "1025"], "--workers/--jobs: found 1025, expected 1 to 1024"),
     ):
         assert command.main(["warmup", *words]) == 2
         assert text in capsys.readouterr().err

@@ -115,6 +115,17 @@ def simple_polygon(rng: np.random.Generator) -> np.ndarray:
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]) + rng.uniform(-1e3, 1e3, 2)
 
 
+@pytest.mark.parametrize(
+    "corners", [[], [[1.0, 2.0]], [[0.0, 0.0], [1.0, 1.0]], [[0.0, 0.0], [1.0, 1.0], [3.0, 3.0]]]
+)
+def test_what_has_no_area_has_no_second_moments(corners: list[list[float]]) -> None:
+    outline = np.reshape(corners, (-1, 2))
+    assert polygon_area(outline) == pytest.approx(0.0)
+    assert np.isnan(polygon_second_moments(outline)).all()
+    mean = np.mean(outline, axis=0) if corners else np.full(2, np.nan)
+    np.testing.assert_allclose(polygon_centroid(outline), mean)
+
+
 @given(SEEDS)
 def test_polygons_are_those_of_shapely(seed: int) -> None:
     outline = simple_polygon(np.random.default_rng(seed))

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 import pytest
-from numba.core import analysis, types
+from numba.core import types
 from numba.core.caching import NullCache
-from numba.core.ir import Inst
 from numba.core.types.functions import BaseFunction
 
 from visuohaptic.core.kernels import KERNELS, compiler, kernel
@@ -63,49 +62,6 @@ def test_other_functions_are_compiled_by_numba_alone(monkeypatch):
     assert not compiler._resolved
     _kernel().compile((VECTOR,))
     assert compiler._resolved
-
-
-@pytest.mark.skipif(
-    not numba.__version__.startswith(compiler.COMPARED),
-    reason="numba's own analysis is used with this version",
-)
-@pytest.mark.parametrize(
-    ("owner", "name", "least"),
-    [(Inst, "_rec_list_vars", 100), (analysis, "compute_use_defs", 5), (analysis, "compute_live_map", 5)],
-)
-def test_the_analysis_of_variables_is_that_of_numba(owner, name, least, monkeypatch):
-    """For every statement and every graph of blocks of a kernel that is compiled, and in the same order."""
-    (ours,) = (new for one, called, new in compiler._CHANGES if (one, called) == (owner, name))
-    theirs = getattr(owner, name)
-    results = []
-
-    def both(*arguments):
-        results.append((ours(*arguments), theirs(*arguments)))
-        return results[-1][0]
-
-    changes = [(*one[:2], both if one[:2] == (owner, name) else one[2]) for one in compiler._CHANGES]
-    monkeypatch.setattr(compiler, "_CHANGES", changes)
-    made = kernel(_with_loops)
-    KERNELS.remove(made)
-    made._cache = NullCache()
-    made.compile((VECTOR,))
-    assert [one for one, _ in results] == [one for _, one in results]
-    assert sum(map(len, next(zip(*results, strict=True)))) > least
-
-
-def _with_loops(a):
-    found, last = 0, 0.0
-    for i in range(len(a)):
-        if a[i] < 0.0:
-            continue
-        for k in range(i, len(a)):
-            if a[k] > a[i]:
-                last = a[k]
-                break
-            found += 1
-        while last > 1.0:
-            last /= 2.0
-    return found + last
 
 
 def test_what_is_registered_later_is_found(monkeypatch):

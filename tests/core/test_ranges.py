@@ -95,6 +95,9 @@ def test_a_range_for_the_fields_without_their_own() -> None:
         (np.zeros((1, 2)), (None, 2), r"found shape \(1, 2\), expected .*n >= 2$"),
         ([[0.0, math.nan], [0, 1]], (None, 2), r"found NaN or infinity, expected finite numbers \(n, 2\)"),
         ([0.0, 1.0], (3,), r"outline: found shape \(2,\), expected finite numbers \(3,\)"),
+        ("x", (3,), r"outline: found 'x', expected numbers$"),
+        ([[0.0], [1.0, 2.0]], (None, 2), r"outline: found \[\[0.0\], \[1.0, 2.0\]\], expected numbers$"),
+        ([abs, 1.0], (2,), r"outline: found .*abs.*, expected numbers$"),
     ],
 )
 def test_arrays_of_another_shape_or_that_are_not_finite_are_refused(values, shape, said):

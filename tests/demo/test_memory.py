@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tests.tasks.laser_hits import VIEWS_M, box, cylinder, scans
 
-from visuohaptic.core import Estimate, HapticTag, VisuoHapticObject
+from visuohaptic.core import Estimate, HapticTag, InputError, VisuoHapticObject
 from visuohaptic.core.objects import Geometry
 from visuohaptic.demo.bottle import training_objects
 from visuohaptic.demo.chapters import CHAPTERS
@@ -170,6 +170,12 @@ def test_another_of_the_same_class_is_not_taken_for_the_known_one() -> None:
     # With a stated probability of .9 at least, at most one in ten of the claims may be wrong.
     assert same > 0.95 * 400
     assert other < 0.05 * 400
+
+
+@pytest.mark.parametrize("outline", [[], [[0.03, 0.0]], [0.03, 0.1]])
+def test_a_container_without_an_outline_is_refused(outline: list) -> None:
+    with pytest.raises(InputError, match=r"RememberedContainer: outline_m: found shape .*, expected"):
+        RememberedContainer("", "bottle", 0.9, np.array(outline), 0.001)
 
 
 @pytest.mark.parametrize("radius_m", [0.0, -0.01, np.nan])

@@ -22,6 +22,7 @@ from visuohaptic.demo import (
     Chapter,
     ChapterOutcome,
     ChapterResult,
+    Known,
     Mission,
     Visit,
     chapters,
@@ -37,11 +38,12 @@ from visuohaptic.demo import (
     touch_chapters,
     touch_in_map,
     training_objects,
+    world_map,
     write_story,
 )
 from visuohaptic.demo.bottle import TAUGHT
 from visuohaptic.demo.judge import Claim
-from visuohaptic.demo.probe_chapters import default_outline
+from visuohaptic.demo.probe_chapters import _joined, default_outline
 from visuohaptic.demo.results import Illustration, done, failed
 from visuohaptic.demo.served import place_bottle, robot_at_table
 from visuohaptic.navigation.planning.policies import make_plan
@@ -294,6 +296,36 @@ def test_what_is_read_of_one_container_is_not_known_of_another(tmp_path: Path) -
     first.known.readings.append(object())  # type: ignore[arg-type]
     assert not second.known.readings
     assert not mission.known.readings
+
+
+def test_another_container_is_unknown_whatever_was_examined_before(tmp_path: Path) -> None:
+    mission = Mission(2, tmp_path)
+    known = mission.known
+    known.map, known.arrived, known.probe_sigma_N = world_map(mission), True, 0.03
+    known.class_name, known.closed, known.mass_kg, known.squash = "bottle", True, 0.2, 0.7
+    known.belief = replace(known.belief, classes={"bottle": 1.0})
+    known.outline_m, known.curves = np.ones((2, 2)), (object(),)
+    mission.known_bottle_probability, mission.touches = 0.9, 5
+    other = mission.at(1)
+    assert other.known.map is known.map
+    assert other.known.arrived
+    assert other.known.probe_sigma_N == 0.03
+    fresh = Known()
+    for name in ("class_name", "closed", "mass_kg", "squash", "belief", "curves", "readings"):
+        assert getattr(other.known, name) == getattr(fresh, name), name
+    assert not hasattr(other.known, "outline_m")
+    assert (other.known_bottle_probability, other.touches) == (0.0, 0)
+
+
+def test_a_foot_that_is_not_seen_is_that_of_the_completed_wall() -> None:
+    """The lowest visible slice was repeated at the foot, in six of twelve scans by 7 to 10 mm beside it."""
+    completed = np.array([(0.031, 0.0), (0.031, 0.012), (0.03, 0.068), (0.021, 0.116), (0.019, 0.134)])
+    above = np.array([(0.0203, 0.0), (0.0203, 0.116), (0.0189, 0.124), (0.0188, 0.1346)])
+    joined = _joined(completed, above)
+    np.testing.assert_allclose(joined[[0, 1, -1]], [(0.031, 0.0), (0.031, 0.012), (0.0188, 0.1346)])
+    low = np.vstack([(0.0305, 0.0), (0.0305, 0.004), above[1:]])  # seen down to the table
+    np.testing.assert_allclose(_joined(completed, low)[0], (0.0305, 0.0))
+    np.testing.assert_allclose(_joined(completed, np.zeros((0, 2))), completed)
 
 
 def examined(missing: str = "", at: tuple[int, ...] = (0, 1, 2)) -> tuple[Chapter, ...]:

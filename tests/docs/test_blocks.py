@@ -36,6 +36,7 @@ def blocks(text: str, *, run: bool = True) -> list[tuple[int, str]]:
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if blocks(page.read_text())], ids=lambda page: page.name
 )
+@pytest.mark.usefixtures("fewer_explorations")
 def test_blocks_of_a_page_run_in_order(page, tmp_path, monkeypatch, request):
     monkeypatch.chdir(tmp_path)
     if page.name == "README.md":  # its commands come before its block

@@ -29,6 +29,7 @@ def test_there_are_six_and_the_menu_has_them():
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.usefixtures("fewer_explorations")
 def test_a_notebook_runs_and_draws(path, tmp_path, monkeypatch, request):
     monkeypatch.chdir(tmp_path)
     if any("write_example(" in code for code in cells(path, "code")):

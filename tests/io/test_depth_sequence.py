@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 import struct
 import zlib
@@ -279,8 +280,9 @@ def test_frames_beyond_the_memory_are_refused_before_any_is_read(tmp_path, monke
         sequence.load()
     sizes["SC_PHYS_PAGES"] = 190
     assert len(sequence.load()) == 4
-    with pytest.raises(InputError, match="every"):
-        sequence.load(0)
+    for every in (0, 1.5, math.inf):
+        with pytest.raises(InputError, match=r"every: found .*, expected a whole number of 1 or more"):
+            sequence.load(every)  # type: ignore[arg-type]
     monkeypatch.delattr("os.sysconf")  # Windows has none
     assert len(sequence.load()) == 4
 

@@ -201,6 +201,51 @@ def test_strangers_do_not_end_the_service() -> None:
         assert robot.weigh(Frame(np.zeros((2, 2), np.uint8), 0.0, 0)) == pytest.approx(2.5)
 
 
+def test_a_silent_client_does_not_hold_the_service(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It connects first and says nothing, or a byte now and then; the one with the key is served while both wait."""
+    monkeypatch.setattr("visuohaptic.io.remote.server.HANDSHAKE_S", 0.2)
+    lines: list[socket.socket] = []
+
+    def strangers(address: tuple[str, int]) -> None:
+        lines.extend(socket.create_connection(address, PATIENCE_S) for _ in range(2))
+        lines[1].sendall(b"\0")
+
+    with served({"weigh": lambda frame: 2.5}, strangers) as robot:
+        assert robot.weigh(Frame(np.zeros((2, 2), np.uint8), 0.0, 0)) == pytest.approx(2.5)
+    for line in lines:
+        line.close()
+
+
+@pytest.mark.parametrize("greeting", [b"", b"\0", b"\0\0\0\x04helo", b"HTTP/1.1 400 Bad Request\r\n\r\n"])
+def test_a_server_that_is_no_robot_is_told(greeting: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is silent, stops in the middle, or speaks another protocol."""
+    monkeypatch.setattr("visuohaptic.io.remote.client.PATIENCE_S", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = server.getsockname()[:2]
+        queued: list[socket.socket] = []
+        accepting = threading.Thread(
+            target=lambda: queued.append(server.accept()[0]) or queued[0].sendall(greeting)
+        )
+        accepting.start()
+        with pytest.raises(DeviceError, match=f"the robot at 127.0.0.1:{address[1]} does not answer"):
+            RemoteRobot(address, b"k" * 32)
+        accepting.join(PATIENCE_S)
+        queued[0].close()
+
+
+def test_a_robot_that_stops_taking_bytes_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hung process leaves a picture that is larger than all buffers half sent."""
+    monkeypatch.setattr("visuohaptic.io.remote.client.PATIENCE_S", 1.0)
+    hung = threading.Event()
+    with served(
+        {"wait": lambda duration_s: hung.wait(PATIENCE_S) and None, "weigh": lambda frame: 2.5}
+    ) as robot:
+        robot._connection.send_bytes(pack({"part": "wait", "member": "wait", "arguments": (0.0,)}))
+        with pytest.raises(DeviceError, match="lost the connection"):
+            robot.weigh(Frame(np.zeros((6000, 6000), np.uint8), 0.0, 0))
+        hung.set()
+
+
 def test_replies_of_another_kind_are_an_error_of_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
     answers = [(1.0, 2.0), None]
     laser = SimpleNamespace(scan=lambda: answers.pop())

@@ -198,7 +198,30 @@ def test_a_packed_message_that_is_not_whole_is_left_out(tmp_path: Path) -> None:
     assert len(file.damage.chunks) == 5
     assert "message 1 of /x: cannot be unpacked" in file.damage.chunks[0]
     assert "states no size" in file.damage.chunks[3]
-    assert f"states {1 << 40} bytes, expected at most" in file.damage.chunks[4]
+    assert f"declares {1 << 40} bytes, expected at most" in file.damage.chunks[4]
+
+
+def test_packed_messages_together_unpack_to_a_bounded_size(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each of a thousand messages of 50 bytes may unpack to a megabyte; what one part may have, and no more, is unpacked."""
+    import zstandard
+
+    monkeypatch.setattr("visuohaptic.io.ros.mcap_records.MAX_DATA_BYTES", 2_000_000)
+    monkeypatch.setattr("visuohaptic.io.ros.mcap_records._UNPACKED_PER_BYTE", 10)
+    packed = zstandard.ZstdCompressor().compress(bytes(1_000_000))
+    path = tmp_path / "run.db3"
+    with sqlite3.connect(path) as bag:
+        bag.execute("CREATE TABLE topics(id, name, type, serialization_format)")
+        bag.execute("INSERT INTO topics VALUES (1, '/x', 'std_msgs/msg/String', 'cdr')")
+        bag.execute("CREATE TABLE messages(id, topic_id, timestamp, data)")
+        bag.executemany("INSERT INTO messages VALUES (?, 1, ?, ?)", [(k, k, packed) for k in range(1000)])
+    file = open_bag(path)
+    for _ in range(2):  # a second pass has the same budget
+        sizes = [len(one.data) for one in file.messages()]
+        assert sizes == [1_000_000] * ((2_000_000 + 10 * path.stat().st_size) // 1_000_000)
+        assert "the file unpacks to more than 10 times its size" in str(file.damage.chunks[0])
+        assert len(file.damage.chunks) == 100  # the report is bounded, too
 
 
 def test_bags_that_are_packed_as_a_whole_name_the_remedy(tmp_path: Path) -> None:

@@ -19,8 +19,12 @@ from visuohaptic.navigation.planning.search import (
     SearchLimits,
     _travel_kernels,
     build_search_domain,
+    drives,
     push_states,
+    search_pushes,
 )
+from visuohaptic.navigation.planning.search.push_heuristic import PushHeuristic
+from visuohaptic.navigation.planning.search.push_lengths import replayed
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem
 
 from .plan_check import faults
@@ -283,3 +287,21 @@ def test_compilation_uses_no_budget(tmp_path):
     used_s, *compiled = map(float, done.stdout.split())
     assert min(compiled) > 0.0, done.stderr
     assert used_s < 0.5 * min(compiled)
+
+
+def test_a_drive_that_a_bounded_search_gave_up_is_known_along_that_of_a_plan():
+    """What a search with few blocks did not find is no answer for the same pushes with another length."""
+    costs = []
+    for given_up in (False, True):
+        domain = build_search_domain(two_doors())
+        heuristic = PushHeuristic(domain, domain.costs, range(len(domain.bodies)))
+        found = search_pushes(domain, domain.start, PATIENT)
+        longer = replayed(heuristic, found.steps, 0, found.steps[0].length + 1.0)
+        if given_up:
+            ends = [found.steps[0].shifts_before, domain.start, longer[0].approach]
+            shifts, begin, end = longer[0].shifts_after, longer[0].retreat, longer[1].approach
+            nothing = domain.block, np.zeros((0, 2)), np.inf, np.zeros((0, 2))
+            domain.drives.update({drives._key(*ends): nothing, drives._key(shifts, begin, end): nothing})
+        costs.append(drives.changed_drives_cost(domain, found.steps, longer, domain.start, np.inf))
+    assert np.isfinite(costs[0])
+    assert costs[1] == pytest.approx(costs[0])

@@ -269,6 +269,27 @@ def test_a_few_ways_lose_few_per_cent(monkeypatch):
     assert 0.95 * totals[1] <= totals[0] <= totals[1]
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_the_knapsack_is_bounded_by_that_of_fractions_and_by_no_more(seed):
+    """Against every subset: the bound is never below the best one, and above it by less than the best single item."""
+    rng = np.random.default_rng(seed)
+    weights, values = rng.integers(0, 30, 8).tolist(), rng.integers(1, 50, 8).tolist()
+    room = int(rng.integers(0, 90))
+    chosen = itertools.product((False, True), repeat=8)
+    subsets = [
+        (sum(itertools.compress(weights, one)), sum(itertools.compress(values, one))) for one in chosen
+    ]
+    best = max(value for weight, value in subsets if weight <= room)
+    found = search._knapsack(weights, values, room)
+    assert best <= found <= best + max(values)
+    if room >= sum(weights):
+        assert found == sum(values)
+    assert (
+        search._knapsack(weights, values, 0)
+        <= sum(v for w, v in zip(weights, values, strict=True) if not w) + 1
+    )
+
+
 def test_many_objects_keep_to_the_budget_and_the_bound():
     rng = np.random.default_rng(5)
     problem = random_instance(rng, 25, 1)

@@ -63,6 +63,16 @@ def test_what_a_primitive_stands_for(
     assert all(primitive_occupancy(shape, np.array(silent).reshape(-1, 2)) == 0)
 
 
+@pytest.mark.parametrize("place_m", [0.0, 0.05, 20.0])
+@pytest.mark.parametrize("turn_rad", [0.0, 1.0, 4.0])
+def test_the_diameter_is_that_of_the_circle_on_which_points_lie(place_m: float, turn_rad: float) -> None:
+    """Wherever the contact is: three points, 120 degrees apart, on a circle of 8 mm, and one inside."""
+    angles = turn_rad + np.array([0.0, 2.0, 4.0]) * np.pi / 3
+    points_m = np.vstack([0.004 * np.column_stack([np.cos(angles), np.sin(angles)]), [0.001, 0.0]]) + place_m
+    contact = HapticContact(WALL, points_m, (0.0, 0.0, 0.0))
+    assert contact.diameter_m == pytest.approx(0.008, abs=3e-7)  # OpenCV's .1 um at both ends
+
+
 def test_a_limited_depth() -> None:
     values = primitive_occupancy(WALL, np.array([[-0.1, 0], [0.1, 0], [0.5, 0]]), depth_m=0.3)
     assert values.tolist() == [-1, 1, 0]

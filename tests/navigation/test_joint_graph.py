@@ -43,6 +43,12 @@ def joint(scene):
     return extend_graph(graph, regions, ROBOT, [push_node(item, ROBOT, 0.15) for item in problem.objects])
 
 
+@pytest.mark.parametrize("corners", [[], [[0.0, 0.0], [1.0, 0.0]], [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]])
+def test_a_node_without_an_area_is_refused(corners: list[list[float]]) -> None:
+    with pytest.raises(InputError, match="NodeType 'vitrine': footprint_m: found"):
+        NodeType("vitrine", np.reshape(corners, (-1, 2)))
+
+
 def test_the_visual_graph_is_extended_and_not_modified(scene):
     problem, graph, regions = scene
     before = [graph.edges.copy(), graph.edge_cost_s.copy(), regions.seed.copy(), regions.potential.copy()]

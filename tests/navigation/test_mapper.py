@@ -12,11 +12,29 @@ from visuohaptic.core import InputError, LaserScan, Reason
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.mapping import MapperSettings, OccupancyMapper, match_scan
 from visuohaptic.navigation.mapping._mapper_kernels import add_beams, correlate, nearest_lines
+from visuohaptic.navigation.mapping.scan_matching import FREE_LOG_ODDS, HitGrid, MatchSettings, _agreement
 from visuohaptic.simulation.mobile import LaserConfig, SimulatedLaser, furnished_office
 
 OFFICE = furnished_office()
 GRID = OFFICE.map
 LOOP = [(1.2, 1.6), (4.2, 1.4), (6.2, 2.9), (7.0, 1.6), (6.0, 2.9), (4.2, 3.0), (2.5, 4.8), (1.2, 1.6)]
+
+
+def test_points_outside_of_the_map_are_neither_known_nor_near() -> None:
+    """Counted point by point, without arrays; the scan reaches far beyond every side of a map whose edge cells are free."""
+    rng = np.random.default_rng(4)
+    grid = HitGrid.unknown((12, 17), 0.1, np.array([-0.4, 0.7]))
+    grid.log_odds[:] = np.where(rng.random((12, 17)) < 0.5, FREE_LOG_ODDS - 1.0, 0.0)
+    grid.log_odds[[0, -1]] = grid.log_odds[:, [0, -1]] = FREE_LOG_ODDS - 1.0
+    pose, points_m = (0.3, 1.2, 0.4), rng.uniform(-3.0, 3.0, (400, 2))
+    known = 0
+    for x, y in points_m:
+        at_x = pose[0] + math.cos(pose[2]) * x - math.sin(pose[2]) * y
+        at_y = pose[1] + math.sin(pose[2]) * x + math.cos(pose[2]) * y
+        column, row = math.floor((at_x + 0.4) / 0.1), math.floor((at_y - 0.7) / 0.1)
+        known += 0 <= row < 12 and 0 <= column < 17 and grid.log_odds[row, column] < FREE_LOG_ODDS
+    assert 0 < known < 100
+    assert _agreement(grid, points_m, pose, MatchSettings()) == (known, 0)
 
 
 def test_beams_against_small_steps() -> None:

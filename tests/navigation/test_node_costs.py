@@ -45,6 +45,7 @@ def test_an_object_that_may_turn_away_is_pushed_once_more_as_often():
         (TOWER, "fixed"),
         (HapticTag(falls=True), "falls"),
         (HapticTag(static_friction_N=Estimate(20.1, 0.0)), "20.1 N"),
+        (HapticTag(min_static_friction_N=20.1), "more than 20.1 N"),
     ],
 )
 def test_fixed_falling_and_heavy_objects_are_never_pushed(tag, reason):

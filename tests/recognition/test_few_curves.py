@@ -19,6 +19,17 @@ from visuohaptic.recognition import (
 )
 from visuohaptic.recognition.data import fit_curve
 from visuohaptic.recognition.touch import evidence
+from visuohaptic.recognition.touch.few_curves import (
+    PLACES as APART,
+)
+from visuohaptic.recognition.touch.few_curves import (
+    POPULATION,
+    REPEATS,
+    SMOOTH,
+    WIDTH_REPEATS,
+    _scatter,
+)
+from visuohaptic.recognition.touch.unknown_class import FEATURES, FIRST_WIDTH, smooth_profile
 from visuohaptic.recognition.touch.zeros import curvatures
 
 from .worlds import synthetic
@@ -156,10 +167,14 @@ def curve(words: str, stiffness: float) -> list[str]:
 
 
 def test_a_file_of_curves_is_learned_and_kept(tmp_path: Path) -> None:
-    rows = curve("cup,a,0.7,x+", 900.0) + curve("cup,b,0.72,x-", 1100.0) + curve("jar,,0.4,y+", 2e4)
+    rows = curve("tea cup,a,0.7,x+", 900.0) + curve("tea  cup,b,0.72,x-", 1100.0) + curve("jar,,0.4,y+", 2e4)
     path = written(tmp_path / "curves.csv", rows)
     squeezed = read_squeezed(path)
-    assert [(one.label, one.name) for one in squeezed] == [("cup", "cup/a"), ("cup", "cup/b"), ("jar", "jar")]
+    assert [(one.label, one.name) for one in squeezed] == [
+        ("tea cup", "tea cup/a"),
+        ("tea cup", "tea cup/b"),
+        ("jar", "jar"),
+    ]
     # 0.7 of the height is in the 12th of 16 parts.
     assert squeezed[0].readings[0].height == 12
     assert squeezed[2].readings[0].axis == "y"
@@ -168,7 +183,7 @@ def test_a_file_of_curves_is_learned_and_kept(tmp_path: Path) -> None:
     again = HapticClassifier.load(tmp_path / "mine.json")
     touch = TouchReading.of_stiffness(11, "x", [1e3, 1e3], width_m=0.06)
     one, other = classifier.predict([touch]), again.predict([touch])
-    assert one.answer == other.answer == "cup"
+    assert one.answer == other.answer == "tea cup"
     assert other.probabilities == pytest.approx(one.probabilities, rel=1e-6)
 
 
@@ -177,6 +192,8 @@ def test_what_is_no_curve_of_a_known_object(tmp_path: Path) -> None:
         read_squeezed(written(tmp_path / "a.csv", ["8,x+,1,0.001"], "height,side,force_N,deformation_m"))
     with pytest.raises(InputError, match="line 2, label: found no label"):
         read_squeezed(written(tmp_path / "b.csv", [",,0.5,x+,1,0.001,"]))
+    with pytest.raises(InputError, match=r"line 2, force_N: found 2800, expected newtons, up to 1000"):
+        read_squeezed(written(tmp_path / "mN.csv", ["cup,,0.5,x+,2800,0.001,"]))
     with pytest.raises(InputError, match=r"found 1.5 of the height, expected 0 to 1"):
         read_squeezed(written(tmp_path / "c.csv", ["cup,,1.5,x+,1,0.001,"]))
     with pytest.raises(InputError, match="found 1 classes, expected at least 2"):
@@ -325,3 +342,19 @@ def test_widths_that_differ_by_a_hundredth_are_no_unknown_objects() -> None:
     assert right >= 0.95 * 80
     assert unknown <= 3  # 1 % is stated: more than 3 of 80 by chance once in a hundred
     assert foreign >= 7
+
+
+def test_widths_that_are_as_accurate_as_declared_determine_the_difference_of_places_alone() -> None:
+    """Widths that differ from place to place: with none of repeated ones, no spread of repeats explains a part of it."""
+    rng = np.random.default_rng(1)
+    mean, wide = np.zeros(FEATURES), smooth_profile(*POPULATION, reach=SMOOTH)
+    place = FIRST_WIDTH + np.arange(0, 20, 4)
+    objects = [[(place, 0.03 * rng.standard_normal(5), np.full(5, 1e-6))] for _ in range(4)]
+    tried = {
+        one: {str(k): [(p, y, noise + one[1] ** 2) for p, y, noise in its] for k, its in enumerate(objects)}
+        for one in zip(REPEATS, WIDTH_REPEATS, strict=True)
+    }
+    none = {(0.0, 0.0): tried[0.0, 0.0]}
+    (_, repeat), spread = _scatter(mean, wide, tried, APART)
+    assert repeat == 0.0
+    np.testing.assert_allclose(spread[place, place], _scatter(mean, wide, none, APART)[1][place, place])

@@ -17,6 +17,7 @@ from visuohaptic.recognition.touch import (
     contents,
     few_curves,
     haptic_model,
+    steps,
     unknown_class,
 )
 from visuohaptic.recognition.trees import tree_growth
@@ -88,7 +89,7 @@ def test_the_root_of_a_half_fills_a_byte() -> None:
 
 
 def test_a_nuisance_is_contradicted_by_chance_once_in_twenty_explorations() -> None:
-    assert 2.0 * norm.sf(belief._CONTRADICTION_SIGMAS) == pytest.approx(1 / 20, rel=0.15)
+    assert 2.0 * norm.sf(steps._CONTRADICTION_SIGMAS) == pytest.approx(1 / 20, rel=0.15)
 
 
 def test_a_container_is_empty_or_has_a_filling() -> None:

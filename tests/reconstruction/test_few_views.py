@@ -27,7 +27,7 @@ def judged(table: Table, regions) -> tuple[int, int]:
     return int(found), sum(int(not hull.any() or glass[hull].mean() < 0.2) for hull in hulls)
 
 
-@pytest.mark.parametrize(("views", "shuffled"), [(8, True), (12, True), (24, False)])
+@pytest.mark.parametrize(("views", "shuffled"), [(8, True), (24, False)])
 def test_half_dropped_glass_is_found_with_few_views_in_any_order_with_wrong_poses(views, shuffled):
     found = false = 0
     for seed in range(3):

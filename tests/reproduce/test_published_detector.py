@@ -1,4 +1,4 @@
-"""The detector as published (Alt 2016, 5.2): kernels against plain NumPy, laws of the scores."""
+"""The detector as published (Alt 2016, 5.2): its code against plain NumPy, laws of the scores."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from visuohaptic.reproduce.worlds import (
     background_model,
     error_image,
 )
-from visuohaptic.reproduce.worlds._published_kernels import cast_rays, view_moments
+from visuohaptic.reproduce.worlds._published_kernels import cast_rays
+from visuohaptic.reproduce.worlds.published_detector import view_moments
 
 
 def test_moments_and_reliability_equal_the_printed_formulas():
@@ -29,10 +30,8 @@ def test_moments_and_reliability_equal_the_printed_formulas():
     spread = rng.uniform(0, 0.06, (48, 64))
     warped = (1 + spread * rng.standard_normal((8, 48, 64))).astype(np.float32)
     warped[rng.random(warped.shape) < 0.4] = np.inf
-    mean, sigma, score = (np.empty((48, 64), np.float32) for _ in range(3))
     noise = SENSOR_NOISE["kinect"]
-    numbers = (noise.quadratic_per_m, 0.0, 0.0, noise.tracking_m, HELLINGER_WEIGHT)
-    view_moments(warped, *(np.float32(n) for n in numbers), 3, mean, sigma, score)
+    mean, sigma, score = view_moments(warped, noise, 3)
     values = np.where(np.isfinite(warped), warped, np.nan).astype(np.float64)
     enough = np.isfinite(warped).sum(axis=0) >= 3
     assert (score[~enough] == 0).all()
@@ -47,7 +46,7 @@ def test_moments_and_reliability_equal_the_printed_formulas():
     assert 1 - HELLINGER_WEIGHT * (1 - math.sqrt(8 / 17)) == pytest.approx(0, abs=1e-12)
 
 
-@settings(deadline=None)  # the first example compiles the kernel
+@settings(deadline=None)  # the first example loads SciPy
 @given(st.floats(0.0, 6.0))
 def test_error_score_rises_with_contradiction(sigmas):
     """erf mapped from [0.9, 1] to [0, 1]: nothing below 1.645 sigma."""

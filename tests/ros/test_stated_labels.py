@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
 from visuohaptic.io.ros import ros_messages
 from visuohaptic.ros import markers
+from visuohaptic.ros.nodes.transparency_node import part_markers
 from visuohaptic.ros.wire.graph import Qos
 
 typesys = pytest.importorskip("rosbags.typesys")
@@ -28,3 +32,17 @@ def test_a_token_omits_the_queue_of_rmw_zenoh() -> None:
     assert Qos(depth=42).key() == Qos(depth=41).key().replace("41", "")
     assert Qos.parse(Qos(depth=42).key()).depth == 42
     assert Qos.parse(Qos(depth=41).key()).depth == 41
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_panes_are_drawn_by_their_edges_and_replace_earlier_ones(count: int) -> None:
+    corners_m = np.array([[0.0, 0.0, 0.1], [1.0, 0.0, 0.1], [1.0, 0.0, 0.9], [0.0, 0.0, 0.9]])
+    panes = tuple(SimpleNamespace(corners_m=corners_m + k) for k in range(count))
+    region = SimpleNamespace(centroid_m=np.array([0.1, 0.2, 0.3]), score=0.75)
+    clear, text, edges = part_markers(1.0, "map", SimpleNamespace(regions=(region,), panes=panes))  # type: ignore[arg-type]
+    assert clear["action"] == markers._DELETE_ALL
+    assert text["text"] == "0.75"
+    assert (edges["type"], edges["ns"], len(edges["points"])) == (markers.LINES, "panes", 8 * count)
+    ends_m = np.array([[point[axis] for axis in "xyz"] for point in edges["points"]]).reshape(-1, 2, 3)
+    lengths_m = np.linalg.norm(ends_m[:, 1] - ends_m[:, 0], axis=1)
+    assert lengths_m == pytest.approx([1.0, 0.8, 1.0, 0.8] * count)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tests.navigation.plan_scenes import box, rooms
 
+from visuohaptic import RobotModel
 from visuohaptic.core import InputError, MobileBase
 from visuohaptic.simulation.floor import FloorObject, FloorSenses, FloorWorld, SensorErrors
 
@@ -44,6 +45,11 @@ def test_what_is_too_heavy_stands_and_stops_the_robot():
     # 39 N against 20 N: regularised friction creeps by half a millimetre per second.
     assert world.object_pose_m("block")[0] - 2.5 < 0.01
     assert world.pose_m()[0] < 2.15
+
+
+def test_the_planners_model_of_the_robot_is_refused():
+    with pytest.raises(InputError, match="FloorWorld: robot: found RobotModel, expected FloorRobot"):
+        FloorWorld(rooms(3, 3, []), [], (1.5, 1.5, 0.0), RobotModel(0.17))  # type: ignore[arg-type]
 
 
 def test_walls_stand():

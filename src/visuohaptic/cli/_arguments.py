@@ -1,4 +1,4 @@
-"""Declaration of an argument in one line: name, type or default, and help."""
+"""The parser of a verb, and the declaration of an argument in one line: name, type or default, and help."""
 
 from __future__ import annotations
 
@@ -6,18 +6,81 @@ import argparse
 import math
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
+
+from ..core.errors import VisuohapticError
+
+
+class UsageError(VisuohapticError):
+    """A command line that cannot be parsed."""
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse with one line for an error instead of the whole usage."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As of argparse, which stores the options that were given for the message.
+
+        Parameters
+        ----------
+        args
+            Words of the command line.
+        namespace
+            Receives the values.
+        """
+        self._words = [word.partition("=")[0] for word in args or () if re.match(r"--\w", word)]
+        return super().parse_known_args(args, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        """Raise the message of argparse with the verb, a suggestion, and where to read more.
+
+        Parameters
+        ----------
+        message
+            Of argparse.
+
+        Raises
+        ------
+        UsageError
+            Always.
+        """
+        if message.startswith("the following arguments are required"):
+            known = tuple(self._option_string_actions)
+            for word in self._words:  # a misspelt option often is why one is missing
+                if not any(option.startswith(word) for option in known):
+                    message = f"unrecognized arguments: {word}"
+                    break
+        unknown = re.search(r"unrecognized arguments: (--?[\w-]+)", message)
+        if unknown and (near := almost(unknown[1], self._option_string_actions)):
+            message += f"; did you mean {near}?"
+        raise UsageError(f"{self.prog.partition(' ')[2]}: {message}; see {self.prog} --help")
+
+
+def almost(name: str, known: Iterable[str]) -> str:
+    """What is almost written like it; empty without.
+
+    Parameters
+    ----------
+    name
+        As it was typed.
+    known
+        Names that exist.
+    """
+    import difflib
+
+    return next(iter(difflib.get_close_matches(name, list(known), n=1)), "")
 
 
 class Add:
     """Declares arguments; passed to verbs as ``add``.
 
-    Called with names, then the type or the default, whose type it has then (``bool`` is a switch), then the line of
-    help; options as of :meth:`argparse.ArgumentParser.add_argument`, and ``low``, ``high`` of a number, ``above`` where
-    ``low`` itself is too low.
+    Called with names, then the type or the default, whose type it has then (``bool`` is a switch, ``list`` an option
+    that may be repeated, of text or of another ``type``), then the line of help; options as of
+    :meth:`argparse.ArgumentParser.add_argument`, and ``low``, ``high`` of a number, ``above`` where ``low`` itself is
+    too low. A ``metavar`` of several words takes as many values.
 
     Parameters
     ----------
@@ -49,8 +112,13 @@ class Add:
             Options of :meth:`argparse.ArgumentParser.add_argument`; of numbers also ``low``, ``high`` and ``above``.
         """
         *names, kind, said = words
+        if len(parts := str(more.get("metavar", "")).split()) > 1:
+            more |= {"metavar": tuple(parts), "nargs": len(parts)}
         if kind is bool:
             more["action"] = "store_true"
+        elif kind is list:
+            more |= {"default": [], "action": "append"}
+            kind = more.pop("type", str)
         elif not isinstance(kind, type):
             more["default"] = kind
             kind = Path if isinstance(kind, Path) else type(kind)
@@ -133,6 +201,49 @@ def overwritten_file(args: argparse.Namespace) -> tuple[str, str] | None:
             elif not os.path.isdir(path):
                 files[path] = f"{one}, which --{name} writes"
     return None
+
+
+def wrong_argument(args: argparse.Namespace) -> str:
+    """What is wrong with an argument of any verb: a negative seed, or a file that would be lost; empty: nothing.
+
+    Parameters
+    ----------
+    args
+        Of a verb.
+    """
+    if getattr(args, "seed", None) is not None and args.seed < 0:
+        return f"--seed: found {args.seed}, expected 0 or more"
+    overwritten = overwritten_file(args)
+    return f"--{overwritten[0]} would overwrite {overwritten[1]}, choose another name" if overwritten else ""
+
+
+def check_figure(args: argparse.Namespace) -> None:
+    """Reject a ``--plot`` that is no figure, before anything is computed.
+
+    Parameters
+    ----------
+    args
+        Of a verb.
+    """
+    if isinstance(plot := getattr(args, "plot", None), Path):
+        from ..core.files import FIGURE_SUFFIXES, check_target
+
+        check_target(plot, FIGURE_SUFFIXES)
+
+
+def given_options(parser: argparse.ArgumentParser, args: argparse.Namespace) -> frozenset[str]:
+    """Options whose value is not the default, as ``--plot``.
+
+    Parameters
+    ----------
+    parser, args
+        Of a verb.
+    """
+    return frozenset(
+        one.option_strings[0]
+        for one in parser._actions
+        if one.option_strings and getattr(args, one.dest, one.default) != one.default
+    )
 
 
 def with_signed_axes(words: list[str]) -> list[str]:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sized
 from types import TracebackType
 from typing import Any, Generic, Self, TextIO, TypeVar
 
+from ..core.errors import InputError
 from ._result_text import result_lines
 
 Item = TypeVar("Item")
@@ -37,6 +38,26 @@ class Arguments(argparse.Namespace):
     console: Console
     parsers: Callable[[], dict[str, tuple[str, argparse.ArgumentParser]]]  #: help and parser of every verb
     exit_code: int = 0  #: a verb sets another when only part of its work was done
+    given: frozenset[str] = frozenset()  #: options whose value is not the default, as ``--plot``
+
+    def refuse(self, options: str, problem: str, remedy: str = "") -> None:
+        """Reject options that do not fit to the others.
+
+        Parameters
+        ----------
+        options
+            Separated by spaces; the first that is given is named.
+        problem, remedy
+            Of the error.
+
+        Raises
+        ------
+        InputError
+            One of them is given.
+        """
+        for option in options.split():
+            if option in self.given:
+                raise InputError(option, problem, remedy=remedy)
 
     def report(self, text: str = "") -> None:
         """Print a line of text.

@@ -90,7 +90,7 @@ def _plain_text(value: Any) -> str:
         return ", ".join(_plain_text(item) for item in value) if value else "none"
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return "unknown" if value is None else _number(value) if isinstance(value, float) else str(value)
+    return "none" if value is None else _number(value) if isinstance(value, float) else str(value)
 
 
 def _number(value: float) -> str:

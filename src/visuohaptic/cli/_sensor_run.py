@@ -52,10 +52,11 @@ def check_zero_alone(args: Any) -> None:
     args
         With ``zero``.
     """
-    names = ("out", "csv", "parquet", "plot", "page", "against")
-    if args.zero and (given := [name for name in names if getattr(args, name, None)]):
-        said = f"ends after the zero reference, without --{given[0]}"
-        raise InputError("--zero", said, remedy="zero first, then measure without --zero")
+    if args.zero:
+        said = "found with --zero, which ends after the zero reference"
+        args.refuse(
+            "--out --csv --parquet --plot --page --against", said, "measure without --zero afterwards"
+        )
 
 
 def is_live(source: str) -> bool:
@@ -183,8 +184,6 @@ def run_sensor(
     tables = [path for name in ("csv", "parquet") if (path := getattr(args, name, None))]
     plot: Path | None = getattr(args, "plot", None)
     run = SensorRun(out=[str(path) for path in (args.out, *tables, plot) if path])
-    if plot is not None:
-        files.check_target(plot, files.FIGURE_SUFFIXES)
     drawn: list[tuple[float, Mapping[str, Any], str]] = []
     events: list[core.Event] = []
     with ExitStack() as stack:

@@ -27,14 +27,22 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from types import ModuleType
-from typing import NoReturn
 
 from .._version import __version__
 from ..core.errors import VisuohapticError
-from ._arguments import Add, overwritten_file, with_signed_axes
+from ._arguments import (
+    Add,
+    Parser,
+    UsageError,
+    almost,
+    check_figure,
+    given_options,
+    with_signed_axes,
+    wrong_argument,
+)
 from ._console import Arguments, Console, OutputClosedError
 
 #: Heading of the overview -> room of ``cli.verbs``, verb and one line of help; kept here so that the overview imports
@@ -157,20 +165,6 @@ options of every verb:
 Start with: visuohaptic demo --quick, or, with your own camera: visuohaptic start"""
 
 
-class UsageError(VisuohapticError):
-    """A command line that cannot be parsed."""
-
-
-class _Parser(argparse.ArgumentParser):
-    """argparse with one line for an error instead of the whole usage."""
-
-    def error(self, message: str) -> NoReturn:
-        unknown = re.search(r"unrecognized arguments: (--?[\w-]+)", message)
-        if unknown and (near := _near(unknown[1], self._option_string_actions)):
-            message += f"; did you mean {near}?"
-        raise UsageError(f"{self.prog.partition(' ')[2]}: {message}; see {self.prog} --help")
-
-
 def main(argv: Sequence[str] | None = None, verbs: Mapping[str, tuple[str, str]] = VERBS) -> int:
     """Run one verb and return the exit code.
 
@@ -239,10 +233,9 @@ def _run(words: list[str], console: Console, verbs: Mapping[str, tuple[str, str]
         args = parser.parse_args(with_signed_axes(rest), namespace=Arguments())
     except SystemExit as stop:  # argparse has printed the help
         return int(stop.code or 0)
-    if getattr(args, "seed", None) is not None and args.seed < 0:
-        raise UsageError(f"{verb}: --seed: found {args.seed}, expected 0 or more")
-    if overwritten := overwritten_file(args):
-        raise UsageError(f"{verb}: --{overwritten[0]} would overwrite {overwritten[1]}, choose another name")
+    args.given = given_options(parser, args)
+    if problem := wrong_argument(args):
+        raise UsageError(f"{verb}: {problem}")
     console = Console(json=args.json, quiet=args.quiet, verbose=args.verbose)
     console.start_logging()
     args.console = console
@@ -263,6 +256,7 @@ def _do(verb: str, module: ModuleType, args: argparse.Namespace) -> Mapping[str,
     from ._extras import check_needs, library_of, missing_library_error
 
     check_needs(verb, module, args)
+    check_figure(args)
     try:
         return module.run(args)
     except VisuohapticError:
@@ -288,7 +282,7 @@ def verb_parser(
         The registry, with its line of help.
     """
     text = verbs[verb][1]
-    parser = _Parser(
+    parser = Parser(
         prog=f"visuohaptic {verb}",
         description=f"{text[:1].upper()}{text[1:]}.",
         epilog=_folded((module.__doc__ or "").partition("\n\n")[2]) or None,
@@ -325,7 +319,7 @@ def _find_verb(words: list[str], verbs: Mapping[str, tuple[str, str]]) -> tuple[
                 raise _unknown(" ".join(named[:2]), verbs)
             return candidate, rest
     both = " ".join(named[:2])
-    raise _unknown(both if _near(both, verbs) else named[0], verbs)
+    raise _unknown(both if almost(both, verbs) else named[0], verbs)
 
 
 def _group(name: str, verbs: Mapping[str, tuple[str, str]]) -> list[str]:
@@ -339,16 +333,9 @@ def _unknown(name: str, verbs: Mapping[str, tuple[str, str]]) -> UsageError:
         verb.partition(" ")[0]: verb.partition(" ")[0] for verb in verbs
     }
     words |= {verb.replace(" ", "-"): verb for verb in verbs}
-    near = _near(name, words)
+    near = almost(name, words)
     advice = f"did you mean '{words[near]}'?" if near else "see visuohaptic --help"
     return UsageError(f"unknown verb '{name}'; {advice}")
-
-
-def _near(name: str, known: Iterable[str]) -> str:
-    """What is almost written like it; empty without."""
-    import difflib
-
-    return next(iter(difflib.get_close_matches(name, list(known), n=1)), "")
 
 
 def _listed(names: Sequence[str]) -> str:

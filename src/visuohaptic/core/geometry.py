@@ -184,7 +184,7 @@ def polygon_area(outline_m: Float[np.ndarray, "n 2"]) -> float:
 
 
 def polygon_centroid(outline_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2"]:
-    """Centroid of a polygon's area, shape (2,) [m]; for zero area, the mean of its corners.
+    """Centroid of a polygon's area, shape (2,) [m]; for zero area, the mean of its corners; NaN without any.
 
     Parameters
     ----------
@@ -192,6 +192,8 @@ def polygon_centroid(outline_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "
         Corners in order, of either orientation, shape (n, 2) [m].
     """
     outline = np.asarray(outline_m, dtype=np.float64)
+    if not len(outline):
+        return np.full(2, np.nan)
     p, q, double = _fan(outline)
     total = double.sum()
     if abs(total) <= _MIN_AREA * np.ptp(outline, axis=0).max() ** 2:
@@ -200,18 +202,20 @@ def polygon_centroid(outline_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "
 
 
 def polygon_second_moments(outline_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2 2"]:
-    """Second moments of a polygon's area about its centroid, divided by the area: a covariance matrix [m^2].
+    """Second moments of a polygon's area about its centroid, divided by the area: a covariance matrix [m^2]; NaN without area.
 
     The trace is the squared polar radius of gyration.
 
     Parameters
     ----------
     outline_m
-        Corners in order, of either orientation, shape (n, 2) [m]; with nonzero area.
+        Corners in order, of either orientation, shape (n, 2) [m].
     """
     centred = np.asarray(outline_m, dtype=np.float64) - polygon_centroid(outline_m)
     p, q = centred, np.roll(centred, -1, axis=0)
     double = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
+    if not len(centred) or abs(double.sum()) <= _MIN_AREA * np.ptp(centred, axis=0).max() ** 2:
+        return np.full((2, 2), np.nan)
     # A triangle (0, p, q) contributes its area / 12 times p p^T + q q^T + (p + q) (p + q)^T.
     moments = sum((v * double[:, None]).T @ v for v in (p, q, p + q))
     return np.asarray(moments / (12 * double.sum()))

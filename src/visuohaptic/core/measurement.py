@@ -11,6 +11,8 @@ from jaxtyping import Bool, Float
 
 #: Gravitational acceleration [m/s^2] and air pressure [Pa], used if not measured.
 GRAVITY_M_S2, AIR_PA = 9.81, 101_325.0
+#: Standard deviation of normal errors, per median absolute deviation.
+SIGMA_PER_MAD = 1.4826
 
 
 def normal_sigmas(probability: float) -> float:

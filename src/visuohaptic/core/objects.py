@@ -204,7 +204,6 @@ class Geometry:
 class Appearance:
     """Visual appearance of the object."""
 
-    colour_rgb: tuple[float, float, float] | None = None  #: mean colour, 0..1
     template_png: bytes | None = None  #: image of a planar face
     template_size_m: tuple[float, float] | None = None  #: width and height
 

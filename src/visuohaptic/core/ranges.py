@@ -199,9 +199,12 @@ def finite_array(
     Raises
     ------
     InputError
-        The shape is another one, or a number is NaN, infinite or beyond :data:`MAX_NUMBER`.
+        They are no numbers, the shape is another one, or a number is NaN, infinite or beyond :data:`MAX_NUMBER`.
     """
-    array = np.asarray(values, dtype=np.float64, order="C")
+    try:
+        array = np.asarray(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as error:
+        raise InputError(where, f"found {brief(values)}, expected numbers", field=field) from error
     known = len(shape) == array.ndim and all(
         size in (None, found) for size, found in zip(shape, array.shape, strict=True)
     )

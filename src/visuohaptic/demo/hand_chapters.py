@@ -30,14 +30,7 @@ from ..tasks.manipulation.classify import (
 from ..tasks.manipulation.contents_task import LIFT_M_S, ContentsFinding, identify_contents, weigh
 from ..tasks.manipulation.foam_finger import FoamFingerOnDrive
 from ..tasks.memory import HEIGHT_SIGMA_M
-from .bottle import (
-    CUPS,
-    PLACE,
-    ROUND,
-    TableBottle,
-    container_of_class,
-    mission_classes,
-)
+from .bottle import CUPS, PLACE, ROUND, TableBottle, container_of_class, mission_classes
 from .judge import Claim
 from .probe_chapters import complete_the_bottle, identify
 from .report import belief_figure, grasp_figure
@@ -391,6 +384,11 @@ def _lift_plan(best: Grasp, height_m: float, known: Known) -> LiftPlan:
     angle = math.remainder(known.wide_rad + math.atan2(best.direction[1], best.direction[0]), math.pi)
     # Log-normal, as the stiffness.
     spread = best.deformation_sigma_m / best.deformation_m
-    bound = 2.0 * best.deformation_m * math.exp(3.0 * spread) + 0.001
-    place, give = Place(height_m, angle), min(bound, 0.01)
-    return LiftPlan(place, best.force_N, give, _foot_m(known), open_m=_open_m(known), arm_m_s=LIFT_M_S)
+    give = min(2.0 * best.deformation_m * math.exp(3.0 * spread) + 0.001, 0.01)
+    assert known.finger is not None
+    foam, length_m = (setup := known.finger.setup).material, np.ptp(setup.geometry.s_m)
+    stiffness = foam.slope(np.zeros(1))[0] * foam.height_m * length_m / foam.width_m
+    return LiftPlan(
+        Place(height_m, angle), best.force_N, give, _foot_m(known), open_m=_open_m(known),
+        finger_N_per_m=float(stiffness), arm_m_s=LIFT_M_S,
+    )  # fmt: skip

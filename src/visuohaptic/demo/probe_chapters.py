@@ -274,7 +274,9 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
 def _joined(
     completed_m: Float[np.ndarray, "k 2"], seen_m: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, "m 2"]:
-    """The visible outline, and between its heights the completed one."""
+    """The visible outline, and between and below its heights the completed one."""
+    if len(seen_m) and seen_m[1, 1] > SLICE_M:
+        seen_m = seen_m[1:]  # the foot repeats the lowest slice, which is not at the foot
     gap = (np.abs(completed_m[:, 1, None] - seen_m[None, :, 1]) > SLICE_M).all(axis=1)
     return np.vstack([seen_m, completed_m[gap]])[np.argsort(np.append(seen_m[:, 1], completed_m[gap, 1]))]
 

@@ -97,6 +97,10 @@ class Known:
     mass_sigma_kg: float = 0.0  #: its standard deviation
 
 
+#: What it knows before the first container.
+ON_THE_WAY = ("map", "map_now", "pose", "goal_m", "obstacles", "objects", "arrived", "probe_sigma_N", "probe")
+
+
 @dataclass(slots=True)
 class Mission:
     """Settings, the simulated world, and the knowledge so far."""
@@ -202,10 +206,12 @@ class Mission:
             Number of the place; 0: the one of a run with one container.
         """
         one = copy(self)
-        one.place, one.known = place, copy(self.known)
-        one.known.readings = []
+        one.place, one.known = place, Known()
+        for name in ON_THE_WAY:
+            if hasattr(self.known, name):
+                setattr(one.known, name, getattr(self.known, name))
         one.bottle = one.kitchen = one.hand = one.known_bottle = None
-        one.touches, one.robot_s = 0, 0.0
+        one.known_bottle_probability, one.touches, one.robot_s = 0.0, 0, 0.0
         return one
 
 

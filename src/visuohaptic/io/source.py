@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from ..core import Camera, Closing, Frame, InputError
+from ..core import Camera, Closing, DeviceError, Frame, InputError, StaleFrameError
 from ..core.ranges import SECONDS, check_numbers
 
 _log = logging.getLogger(__name__)
@@ -57,6 +57,58 @@ def indices_from_times(times_s: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
     # A gap of more than a minute at 1 kHz is a pause or a clock jump; this limits the index.
     steps = np.minimum(steps, 1e5)
     return np.concatenate([[0], np.cumsum(steps).astype(np.int64)])
+
+
+class LiveFrames(Closing):
+    """Frames that arrive while they are read, of a device or a topic, until the source is closed."""
+
+    frame_count: int | None = None  #: a live source has no end
+    _running = True
+    _patience_s = 5.0  #: iteration fails if no frame arrives within this time
+
+    @abstractmethod
+    def read(self, timeout_s: float = 2.0) -> Frame:
+        """Wait for the next frame.
+
+        Parameters
+        ----------
+        timeout_s
+            Maximum wait [s].
+        """
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Frames until the source is closed; :class:`.DeviceError` if none arrive."""
+        while not self._closed():
+            try:
+                yield self.read(self._patience_s)
+            except DeviceError:
+                if self._closed():
+                    return
+                raise
+
+    def _closed(self) -> bool:
+        return not self._running
+
+    @staticmethod
+    def check_age(age_s: float, max_age_ms: float) -> None:
+        """Reject an old frame.
+
+        Parameters
+        ----------
+        age_s
+            Since it was taken [s].
+        max_age_ms
+            Limit [ms].
+
+        Raises
+        ------
+        StaleFrameError
+            It is older.
+        """
+        if 1e3 * age_s > max_age_ms:
+            raise StaleFrameError(
+                f"the newest frame is {1e3 * age_s:.0f} ms old, the limit is {max_age_ms:.0f} ms"
+            )
 
 
 class RecordedSource(Closing):

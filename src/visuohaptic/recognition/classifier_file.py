@@ -12,11 +12,10 @@ from ..core import InputError, from_dict, to_dict
 from ..core.files import check_target, load_json, write_text
 from .data import FeatureSet, SqueezedObject, TouchProtocol, load_feature_set, save_feature_set
 from .touch import HapticModel, ModelSettings, class_statistics, fit_model, learn_from_curves, with_prior
-from .touch.nuisances import CORRELATION
 from .trees import ClassificationTree, load_tree, tree_mapping
 
-#: Temperature, log odds and tail of a :class:`.HapticModel`.
-Calibration = tuple[float, float, float]
+#: Temperature, log odds, tail and correlation of a :class:`.HapticModel`.
+Calibration = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +27,7 @@ class Classifier:
     data: FeatureSet | None = None  #: training objects with complete features
     squeezed: tuple[SqueezedObject, ...] = ()  #: training objects with measured curves
     #: Temperature, added log odds of "unknown" and tail, with widths and with stiffness alone, which is less informative.
-    calibration: tuple[Calibration, Calibration] = ((1.0, 0.0, 1.0), (1.0, 0.0, 1.0))
+    calibration: tuple[Calibration, Calibration] = ((1.0, 0.0, 1.0, 0.0), (1.0, 0.0, 1.0, 0.0))
     #: Cache of fitted models: use of widths -> model.
     fitted: dict[bool, HapticModel] = field(default_factory=dict, repr=False)
 
@@ -43,12 +42,15 @@ class Classifier:
             Visual prior by answer; uniform by default.
         """
         if use_width not in self.fitted:
-            # Real readings of the classes contain the errors of their simulation.
-            alike = 0.0 if self.squeezed else CORRELATION
-            settings = ModelSettings(use_width=use_width, correlation=alike)
-            warm, odds, tail = self.calibration[0 if use_width else 1]
-            model = self._learn(settings)
-            self.fitted[use_width] = replace(model, temperature=warm, unknown_log_odds=odds, tail=tail)
+            warm, odds, tail, common = self.calibration[0 if use_width else 1]
+            self.fitted[use_width] = replace(
+                self._learn(ModelSettings(use_width=use_width)),
+                temperature=warm,
+                unknown_log_odds=odds,
+                tail=tail,
+                # Real readings of the classes contain the errors of their simulation.
+                correlation=0.0 if self.squeezed else common,
+            )
         return with_prior(self.fitted[use_width], prior)
 
     def required_tree(self) -> ClassificationTree:
@@ -127,9 +129,9 @@ def load_classifier(path: Path | str) -> Classifier:
         return from_dict(_Card, {name: content[name] for name in names}, where=path)
 
     card = load_json(path, "a classifier", parsed, remedy="create one with classify train")
-    for warm, odds, tail in card.calibration:
-        if not (0 < warm < 1e3 and abs(odds) < 1e3 and 0 < tail < 1e3):
-            problem = f"found temperature {warm}, log odds {odds} and tail {tail}"
+    for warm, odds, tail, common in card.calibration:
+        if not (0 < warm < 1e3 and abs(odds) < 1e3 and 0 < tail < 1e3 and 0 <= common <= 1):
+            problem = f"found temperature {warm}, log odds {odds}, tail {tail} and correlation {common}"
             raise InputError(path, problem, field="calibration")
     found = Classifier(card.groups, squeezed=card.squeezed, calibration=card.calibration)
     if card.squeezed and not card.objects:

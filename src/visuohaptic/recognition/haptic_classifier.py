@@ -23,8 +23,8 @@ from .classifier_file import Classifier, load_classifier, save_classifier
 from .data import SqueezedObject, Touch, TouchReading, read_curves, read_squeezed, stiffness_grid
 from .data.data_set import FeatureSet, join_feature_sets, load_feature_set
 from .touch import HapticModel, ModelSettings, calibrate, fit_model, touch_gains
-from .touch.belief import contradicted_assumption, update_belief
-from .touch.nuisances import CORRELATION
+from .touch.belief import update_belief
+from .touch.steps import contradicted_assumption
 from .trees.tree import train_tree
 from .trees.tree_nodes import SCHEMES, ClassificationTree, mean_touches, next_touch
 
@@ -183,8 +183,8 @@ class HapticClassifier:
         found = dict(map_tasks(call, parts, name="classify train", workers=workers))
         tree, wide, plain = found[0], found[1], found[2]
         calibration = (
-            (wide.temperature, wide.unknown_log_odds, wide.tail),
-            (plain.temperature, plain.unknown_log_odds, plain.tail),
+            (wide.temperature, wide.unknown_log_odds, wide.tail, wide.correlation),
+            (plain.temperature, plain.unknown_log_odds, plain.tail, plain.correlation),
         )
         return Classifier(groups, tree, used, (), calibration, {True: wide, False: plain})
 
@@ -338,8 +338,7 @@ def _trained_tree(
 def _calibrated(
     used: FeatureSet, groups: Mapping[str, Sequence[str]], seed: int, *, use_width: bool
 ) -> HapticModel:
-    settings = ModelSettings(use_width=use_width, correlation=CORRELATION)
-    model = fit_model(used, groups, settings=settings)
+    model = fit_model(used, groups, settings=ModelSettings(use_width=use_width))
     return calibrate(model, used, np.random.default_rng(seed))
 
 

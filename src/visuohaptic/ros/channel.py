@@ -89,10 +89,13 @@ class SensorChannel:
         self.silent = True  #: whether no image has arrived for ``stale_s``
         self._last_index = -1
         self._thread: threading.Thread | None = None
+        self._lock, self._users = threading.Lock(), {"owner"}  # of the reader
 
     def start(self) -> None:
         """Start to measure with the next image; may be called again after a successful :meth:`join`."""
         self.frames.discard()
+        with self._lock:
+            self._users.add("thread")
         self._thread = threading.Thread(target=self._run, name=f"sensor {self.report.name}", daemon=True)
         self._thread.start()
 
@@ -114,6 +117,16 @@ class SensorChannel:
                 self._step()
         except Exception as error:  # noqa: BLE001 - raised in the caller's thread
             self._fail(error)
+        finally:
+            self._release("thread")
+
+    def _release(self, user: str) -> None:
+        """The last user of the reader closes it: an image may take longer than its owner waits."""
+        with self._lock:
+            last = self._users == {user}
+            self._users.discard(user)
+        if last:
+            self.reader.close()
 
     def _first_frames(self) -> Iterator[Frame]:
         for _ in range(self._section.zero_frames):
@@ -144,10 +157,9 @@ class SensorChannel:
     def close(self) -> SensorReport:
         """Close the channel, after ``stop`` was set; returns its image statistics."""
         self.frames.close()
-        ended = self.join()
+        self.join()
         if self._latest is not None:
             self._latest.close()
-        if ended:  # otherwise the thread still uses it
-            self.reader.close()
+        self._release("owner")
         self.report.left_out, self.report.damaged = self.frames.left_out, self.frames.damaged
         return self.report

@@ -7,15 +7,15 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from jaxtyping import UInt8
 
-from ..core import Camera, Closing, Frame, ImageMode, Pose, decode_image
+from ..core import Camera, Frame, ImageMode, Pose, decode_image
 from ..core.errors import DeviceError, InputError, StaleFrameError
 from ..io.ros.ros_image import camera_from_message, decode_raw
+from ..io.source import LiveFrames
 from .transports.topic_node import Received, TopicNode
 from .wire.graph import Qos
 
@@ -25,7 +25,7 @@ _log = logging.getLogger(__name__)
 SENSOR_QOS = Qos(reliable=False, depth=5)
 
 
-class TopicFrames(Closing):
+class TopicFrames(LiveFrames):
     """Frames of a ``sensor_msgs/Image`` or ``CompressedImage``; implements :class:`visuohaptic.core.robots.FrameSource`.
 
     The time of a frame is the timestamp in its header, or the sending time if that is zero. Its index is the
@@ -41,8 +41,6 @@ class TopicFrames(Closing):
         Camera model; images of another size are rejected. By default, from the ``CameraInfo`` topic of the images.
     depth
         Queue size for a slow reader; if full, the oldest frame is dropped. 1: always the latest.
-    timeout_s
-        Iteration fails if no image arrives within this time.
     grey
         Decode compressed images directly to grey.
     """
@@ -54,13 +52,11 @@ class TopicFrames(Closing):
         *,
         camera: Camera | None = None,
         depth: int = 2,
-        timeout_s: float = 5.0,
         grey: bool = False,
     ) -> None:
         if depth < 1:
             raise InputError("TopicFrames", f"found {depth}, expected 1 or more", field="depth")
         self.topic = node.resolve(topic)
-        self.timeout_s = timeout_s
         self.left_out = 0  #: frames dropped because they arrived faster than they were read
         self.damaged = 0  #: images that could not be decoded, or whose size differed from the previous ones
         self._camera, self._grey = camera, grey
@@ -69,7 +65,6 @@ class TopicFrames(Closing):
         self._newest: tuple[Received, int] | None = None
         self._came_s = 0.0
         self._gid, self._offset, self._last = b"", 0, -1
-        self._running = True
         self._fitted = self._interrupted = False
         compressed = self.topic.endswith("/compressed")
         datatype = "sensor_msgs/msg/" + ("CompressedImage" if compressed else "Image")
@@ -85,11 +80,6 @@ class TopicFrames(Closing):
     def camera(self) -> Camera | None:
         """Camera model, as soon as it is known."""
         return self._camera
-
-    @property
-    def frame_count(self) -> int | None:
-        """``None``: a topic has no end."""
-        return None
 
     def _describe(self, received: Received) -> None:
         self._camera = camera_from_message(received.message, info_topic(self.topic), self.topic)
@@ -176,11 +166,7 @@ class TopicFrames(Closing):
         frame = self._frame(*entry) if entry is not None else None
         if frame is None:
             raise StaleFrameError(f"{self.topic} has delivered no image yet; wait with read()")
-        age_ms = 1e3 * max(time.time() - frame.t_s, time.monotonic() - came_s)
-        if age_ms > max_age_ms:
-            raise StaleFrameError(
-                f"the newest image is {age_ms:.0f} ms old, the limit is {max_age_ms:.0f} ms"
-            )
+        self.check_age(max(time.time() - frame.t_s, time.monotonic() - came_s), max_age_ms)
         return frame
 
     def _frame(self, received: Received, index: int) -> Frame | None:
@@ -206,19 +192,6 @@ class TopicFrames(Closing):
             mode: ImageMode = "grey" if self._grey else "any"
             return decode_image(received.message.data, self.topic, mode, check_pixels=False)
         return decode_raw(received.message, self.topic)
-
-    def __iter__(self) -> Iterator[Frame]:
-        """Frames until the source is closed; :class:`DeviceError` if none arrive."""
-        while not self._closed():
-            try:
-                yield self.read(self.timeout_s)
-            except DeviceError:
-                if self._closed():
-                    return
-                raise
-
-    def _closed(self) -> bool:
-        return not self._running
 
     def close(self) -> None:
         """Unsubscribe; may be called repeatedly."""

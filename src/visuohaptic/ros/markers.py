@@ -96,6 +96,17 @@ def points_marker(
     return marker
 
 
+def clear_marker(t_s: float, frame: str, name: str) -> dict[str, Any]:
+    """``visualization_msgs/Marker`` that removes all earlier ones of its topic.
+
+    Parameters
+    ----------
+    t_s, frame, name
+        As in :func:`arrow`.
+    """
+    return _marker(t_s, frame, name, 0, _DELETE_ALL)
+
+
 def text_marker(
     t_s: float, frame: str, name: str, number: int, place_m: Float[np.ndarray, "3"], text: str
 ) -> dict[str, Any]:
@@ -134,7 +145,7 @@ def contact_markers(
     scale_m_per_N
         Length of an arrow per force [m/N].
     """
-    markers = [_marker(profile.t_s, frame, name, 0, _DELETE_ALL)]
+    markers = [clear_marker(profile.t_s, frame, name)]
     for number, contact in enumerate(profile.contacts):
         if contact.valid and len(contact.points_foam_m):
             x, y = np.asarray(contact.points_foam_m)[np.argmax(contact.delta_m)]

@@ -71,12 +71,19 @@ class RememberedContainer:
     id: str  #: its name in this memory; empty: a new one is given
     class_name: str
     probability: float  #: of the class
-    outline_m: Float[np.ndarray, "k 2"]
+    outline_m: Float[np.ndarray, "k 2"]  #: radii and heights, from the ground
     sigma_m: float | Float[np.ndarray, "k"]  #: standard deviation of its radii
     lid: str = UNKNOWN  #: ``open``, ``closed``, or ``UNKNOWN`` where the last visit did not decide
     fill: float = 0.0
     wall_m: float = math.nan  #: thickness
     alike: tuple[str, ...] = ()  #: of a recognised one: other stored ones of its class that it may be instead
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.outline_m)
+        if len(shape) != 2 or shape[0] < 2 or shape[1] != 2:
+            raise InputError(
+                "RememberedContainer", f"found shape {shape}, expected (k, 2) with k > 1", field="outline_m"
+            )
 
 
 class PlaceMemory(Closing):

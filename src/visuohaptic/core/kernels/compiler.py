@@ -12,13 +12,13 @@ from weakref import WeakKeyDictionary
 
 import numba
 import numpy as np
-from numba.core import analysis, errors, event
+from numba.core import errors, event
 from numba.core.base import BaseContext as TargetContext
 from numba.core.codegen import CPUCodeLibrary
 from numba.core.compiler import DEFAULT_FLAGS
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.event import Listener, register
-from numba.core.ir import Assign, Expr, Inst
+from numba.core.ir import Assign, Expr
 from numba.core.lowering import BaseLower
 from numba.core.targetconfig import ConfigStack
 from numba.core.typed_passes import NopythonRewrites
@@ -29,7 +29,6 @@ from numba.core.typing.context import BaseContext as TypingContext
 from numba.core.untyped_passes import InlineClosureLikes
 from numba.np.ufunc.dufunc import DUFunc
 
-from .analysis import live_at_entry, uses_and_definitions, variables
 from .callees import CHANGES, compiling
 
 _log = logging.getLogger(__name__)
@@ -143,9 +142,6 @@ _CHANGES: tuple[tuple[Any, str, Any], ...] = ((BaseFunction, "get_call_type", _r
 if numba.__version__.startswith(COMPARED):
     _CHANGES += (
         (CPUCodeLibrary, "_optimize_functions", _optimise_functions),
-        (Inst, "_rec_list_vars", variables),
-        (analysis, "compute_use_defs", uses_and_definitions),
-        (analysis, "compute_live_map", live_at_entry),
         (TypingContext, "refresh", lambda context: _refresh_changed(context, _refresh_types)),
         (TargetContext, "refresh", lambda context: _refresh_changed(context, _refresh_code)),
         # Entries for callers in C, of which there are none, also of numba's own functions.

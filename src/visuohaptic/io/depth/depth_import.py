@@ -56,6 +56,10 @@ from .poses import StampedPose, number_rows, poses_of_rows, read_poses, stamped_
 _log = logging.getLogger(__name__)
 
 LAYOUTS = ("arm", "apc", "cleargrasp", "plain", "sequence")
+#: File that only a folder of this layout has.
+_FILES = {
+    "camera.json": "arm", "cam.info.txt": "apc", "camera_intrinsics.yaml": "cleargrasp", "sequence.yaml": "sequence"
+}  # fmt: skip
 _NUMBER = re.compile(r"(\d+)")
 
 
@@ -150,20 +154,16 @@ def import_sequence(
     source, target = Path(source), Path(target)
     if not source.is_dir():
         raise InputError(source, "is not a folder")
+    if layout not in ("auto", *LAYOUTS):
+        raise InputError("layout", f"found {layout!r}, expected auto, {', '.join(LAYOUTS)}")
     chosen = _layout_of(source, camera) if layout == "auto" else layout
     _check_options(source, chosen, camera, poses, depth_scale_m, bit_rotation)
-    if chosen == "arm":
-        found = _arm(source)
-    elif chosen == "apc":
-        found = _apc(source)
-    elif chosen == "cleargrasp":
+    if chosen == "cleargrasp":
         found = _cleargrasp(source, kind)
     elif chosen == "plain":
         found = _plain(source, camera, poses, depth_scale_m, bit_rotation)
-    elif chosen == "sequence":
-        found = _sequence(source)
     else:
-        raise InputError("layout", f"found {layout!r}, expected auto, {', '.join(LAYOUTS)}")
+        found = {"arm": _arm, "apc": _apc, "sequence": _sequence}[chosen](source)
     if poses == NO_POSES:
         # The poses of these frames are not written.
         kept = [
@@ -178,7 +178,7 @@ def _check_options(source: Path, layout: str, camera: object, poses: object, *nu
     names = ("camera", "poses", "depth_scale_m", "bit_rotation")
     values = (camera, None if poses == NO_POSES else poses, *numbers)
     given = [name for name, value in zip(names, values, strict=True) if value]
-    if layout in LAYOUTS and layout != "plain" and given:
+    if layout != "plain" and given:
         remedy = "leave it out, or choose the layout plain"
         raise InputError(
             source, f"the layout {layout} states its own {given[0]}", field=given[0], remedy=remedy
@@ -188,14 +188,9 @@ def _check_options(source: Path, layout: str, camera: object, poses: object, *nu
 def _layout_of(source: Path, camera: Path | str | None) -> str:
     if camera is not None:
         return "plain"
-    if (source / "camera.json").is_file():
-        return "arm"
-    if (source / "cam.info.txt").is_file():
-        return "apc"
-    if (source / "camera_intrinsics.yaml").is_file():
-        return "cleargrasp"
-    if (source / "sequence.yaml").is_file():
-        return "sequence"
+    for name, layout in _FILES.items():
+        if (source / name).is_file():
+            return layout
     raise InputError(
         source,
         "has no camera.json, cam.info.txt or camera_intrinsics.yaml",

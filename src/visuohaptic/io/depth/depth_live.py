@@ -68,6 +68,7 @@ class LiveDepthSource(Closing):
     #: Module of the vendor's package, and the extra that installs it.
     module = ""
     extra = ""
+    frame_count: int | None = None  #: a live camera has no end
 
     def __init__(
         self,
@@ -112,11 +113,6 @@ class LiveDepthSource(Closing):
     def camera(self) -> Camera:
         """Camera model of the images."""
         return self._camera
-
-    @property
-    def frame_count(self) -> int | None:
-        """``None``: a live camera has no end."""
-        return None
 
     def read(self) -> DepthColorImage:
         """Wait for the next image.

@@ -27,7 +27,8 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
-from ...core import POSITIVE, Camera, InputError, Pose, check_numbers, load_yaml_model, read_image
+from ...core import Camera, InputError, Pose, load_yaml_model, read_image
+from ...core.errors import brief
 from ...core.resources import memory_bytes
 from ..image_folder import natural, seconds_in
 from ._conventions import check_conventions, compared
@@ -254,9 +255,14 @@ class DepthSequence:
         Raises
         ------
         InputError
-            ``every`` is not positive, the frames would not fit into the memory that this process may use, or none can be used.
+            ``every`` is no whole number of 1 or more, the frames would not fit into the memory that this process may use, or none can be used.
         """
-        check_numbers("DepthSequence.load", POSITIVE, every=every)
+        if not isinstance(every, int | np.integer) or every < 1:
+            raise InputError(
+                "DepthSequence.load",
+                f"found {brief(every)}, expected a whole number of 1 or more",
+                field="every",
+            )
         width, height = self.camera.width, self.camera.height
         image_bytes = width * height * _PIXEL_BYTES
         needed = len(range(0, len(self.paths), every)) * image_bytes

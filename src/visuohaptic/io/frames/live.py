@@ -6,12 +6,13 @@ import logging
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import UInt8
 
-from ...core import Camera, Closing, DeviceError, Frame, StaleFrameError
+from ...core import Camera, DeviceError, Frame, StaleFrameError
+from ..source import LiveFrames
 from .camera_backend import CameraBackend, CameraSettings, FoundCamera, time_s
 
 _log = logging.getLogger(__name__)
@@ -22,7 +23,7 @@ _LIVE = re.compile(r"(?:(?P<driver>uvc|camera):)?(?P<which>.+)")
 _BARE = re.compile(r"[0-9]{1,4}|/dev/video\d+|(?:rtsps?|rtmp|udp|tcp|https?)://.+")
 
 
-class LiveSource(Closing):
+class LiveSource(LiveFrames):
     """Frames of a live camera; implements :class:`visuohaptic.core.robots.FrameSource`.
 
     A thread fetches every image from the driver, so that the latest one never
@@ -52,11 +53,12 @@ class LiveSource(Closing):
         self._backend = backend
         self._camera = camera
         self._reconnect_s = reconnect_s
+        # Longer than a reconnection may take, during which no frames arrive.
+        self._patience_s = reconnect_s + 5.0
         self._clock = clock or time_s
         self._new = threading.Condition()
         self._frame: Frame | None = None
         self._problem: Exception | None = None
-        self._running = True
         self._next_index = 0
         self._last_read = -1
         self.reconnections = 0  #: number of reconnections to a lost device
@@ -68,11 +70,6 @@ class LiveSource(Closing):
     def camera(self) -> Camera | None:
         """Camera model, if known: the given one, or the vendor's."""
         return self._camera or getattr(self._backend, "camera", None)
-
-    @property
-    def frame_count(self) -> int | None:
-        """``None``: a live camera has no end."""
-        return None
 
     def read(self, timeout_s: float = 2.0) -> Frame:
         """Wait for a frame newer than all frames read before.
@@ -120,23 +117,8 @@ class LiveSource(Closing):
             frame = self._frame
         if frame is None:
             raise StaleFrameError("the camera has delivered no frame yet; wait with read()")
-        age_ms = (self._clock() - frame.t_s) * 1e3
-        if age_ms > max_age_ms:
-            raise StaleFrameError(
-                f"the newest frame is {age_ms:.0f} ms old, the limit is {max_age_ms:.0f} ms"
-            )
+        self.check_age(self._clock() - frame.t_s, max_age_ms)
         return frame
-
-    def __iter__(self) -> Iterator[Frame]:
-        """Frames until the source is closed; lost devices raise :class:`DeviceError`."""
-        while self._running:
-            try:
-                # Longer than a reconnection may take, during which no frames arrive.
-                yield self.read(self._reconnect_s + 5.0)
-            except DeviceError:
-                if self._closed():
-                    return
-                raise
 
     def close(self) -> None:
         """Stop the thread and release the device; may be called repeatedly."""
@@ -146,9 +128,6 @@ class LiveSource(Closing):
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout=5.0)
         self._backend.close()
-
-    def _closed(self) -> bool:
-        return not self._running
 
     def _raise_problem(self) -> None:
         if self._problem is not None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import secrets
+import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from multiprocessing import AuthenticationError
-from multiprocessing.connection import Client
+from multiprocessing.connection import Connection
 from typing import Any, cast
 
 from ...core import (
@@ -26,9 +26,18 @@ from ...core import (
 )
 from ...core.robots import ROBOT_CONTRACT, Gripper, MapPose, MobileBase, ProbeArm
 from . import server
-from .wire import MAX_MESSAGE_BYTES, PROTOCOLS, RemoteDepth, RemoteTouch, pack, unpack
+from .wire import (
+    MAX_MESSAGE_BYTES,
+    PROTOCOLS,
+    RemoteDepth,
+    RemoteTouch,
+    handshake,
+    limit_waiting,
+    pack,
+    unpack,
+)
 
-#: Time-out of a reply [s]: a simulated world renders, a robot's driver waits.
+#: Time-out of the connection, and of each reply [s]: a simulated world renders, a robot's driver waits.
 PATIENCE_S = 60.0
 
 
@@ -55,8 +64,12 @@ class RemoteRobot(Closing):
     ) -> None:
         self._process, self._lock = process, threading.Lock()
         try:
-            self._connection = Client(address, authkey=key)
-        except (OSError, EOFError, AuthenticationError) as problem:
+            with socket.create_connection(address, PATIENCE_S) as line:
+                line.setblocking(True)
+                self._connection: Connection[Any, Any] = Connection(line.detach())
+            handshake(self._connection, key, PATIENCE_S, asks_first=False)
+            limit_waiting(self._connection, PATIENCE_S)
+        except (OSError, DeviceError) as problem:
             raise DeviceError(
                 f"the robot at {address[0]}:{address[1]} does not answer ({problem})"
             ) from problem
@@ -107,6 +120,7 @@ class RemoteRobot(Closing):
                     pack({"part": part, "member": member, "arguments": tuple(arguments)})
                 )
             except OSError as problem:
+                self._connection.close()
                 raise DeviceError(
                     f"{part}.{member}: lost the connection to the robot ({problem})"
                 ) from problem
@@ -140,6 +154,7 @@ class RemoteRobot(Closing):
                 raise DeviceError(f"the robot has not answered for {PATIENCE_S:g} s")
             reply = unpack(self._connection.recv_bytes(MAX_MESSAGE_BYTES))
         except (OSError, EOFError) as problem:
+            self._connection.close()
             raise DeviceError(f"lost the connection to the robot ({type(problem).__name__})") from problem
         if not isinstance(reply, dict):
             raise DeviceError(f"found {type(reply).__name__}, expected the reply of a robot")

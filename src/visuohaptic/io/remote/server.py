@@ -8,14 +8,15 @@ import logging
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from multiprocessing import AuthenticationError
 from multiprocessing.connection import Connection, Listener
 from typing import Any
 
-from ...core import ROBOT_CONTRACT, InputError, VisuohapticError
-from .wire import MAX_MESSAGE_BYTES, PROTOCOLS, RemoteTouch, pack, unpack
+from ...core import ROBOT_CONTRACT, DeviceError, InputError, VisuohapticError
+from .wire import MAX_MESSAGE_BYTES, PROTOCOLS, RemoteTouch, handshake, pack, unpack
 
 _log = logging.getLogger(__name__)
+#: Time in which a client must prove that it has the key [s]: four messages of some bytes on one machine.
+HANDSHAKE_S = 2.0
 
 
 def serve_robot(parts: Mapping[str, Any], *, key: bytes, ready: Callable[[tuple[str, int]], None]) -> None:
@@ -38,20 +39,22 @@ def serve_robot(parts: Mapping[str, Any], *, key: bytes, ready: Callable[[tuple[
     """
     if unknown := sorted(set(parts) - set(PROTOCOLS)):
         raise InputError("serve_robot", f"found part {unknown[0]!r}, expected some of {', '.join(PROTOCOLS)}")
-    with Listener(("127.0.0.1", 0), authkey=key) as listener:
+    with Listener(("127.0.0.1", 0)) as listener:
         host, port = listener.address[:2]
         ready((str(host), int(port)))
-        with _accepted(listener) as connection:
+        with _accepted(listener, key) as connection:
             _answer(_Served(parts), connection)
 
 
-def _accepted(listener: Listener) -> Connection[Any, Any]:
-    """The first client that has the key; others on this machine may try, and do not end the service."""
+def _accepted(listener: Listener, key: bytes) -> Connection[Any, Any]:
+    """The first client that has the key; others on this machine may try, or stay silent, and do not end the service."""
     while True:
         try:
-            return listener.accept()
-        except (AuthenticationError, EOFError, OSError) as problem:
-            _log.warning("refused a client without the key (%s)", type(problem).__name__)
+            connection = listener.accept()
+            handshake(connection, key, HANDSHAKE_S, asks_first=True)
+            return connection
+        except (DeviceError, OSError) as problem:
+            _log.warning("refused a client: %s", problem)
 
 
 def _answer(served: _Served, connection: Connection[Any, Any]) -> None:

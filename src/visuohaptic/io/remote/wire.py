@@ -8,7 +8,13 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import socket
+import struct
+import threading
 from dataclasses import dataclass, is_dataclass
+from multiprocessing import AuthenticationError
+from multiprocessing.connection import Connection, answer_challenge, deliver_challenge
 from typing import Any
 
 import numpy as np
@@ -71,6 +77,70 @@ PROTOCOLS: dict[str, tuple[str, ...]] = {
     "weigh": ("read",),
     "wait": ("wait",),
 }
+
+
+def handshake(connection: Connection[Any, Any], key: bytes, patience_s: float, *, asks_first: bool) -> None:
+    """Both ends prove that they have the key, within a time that no number of small messages prolongs.
+
+    Parameters
+    ----------
+    connection
+        Of a ``Listener`` or ``Client`` without a key; closed if the proof fails.
+    key
+        Shared secret.
+    patience_s
+        Time for all messages together [s].
+    asks_first
+        Whether this end sends the first challenge: the server does.
+
+    Raises
+    ------
+    DeviceError
+        The other end has another key, no protocol, or is silent.
+    """
+    with _line(connection) as line:
+        watch = threading.Timer(patience_s, line.shutdown, (socket.SHUT_RDWR,))
+        watch.daemon = True
+        watch.start()
+        try:
+            for step in (deliver_challenge, answer_challenge)[:: 1 if asks_first else -1]:
+                step(connection, key)
+        except (AuthenticationError, AssertionError, EOFError, OSError) as problem:
+            connection.close()
+            # Its text would hold what the other end has sent.
+            raise DeviceError(f"no proof of the key ({type(problem).__name__})") from problem
+        finally:
+            watch.cancel()
+            watch.join()
+
+
+def limit_waiting(connection: Connection[Any, Any], patience_s: float) -> None:
+    """Let each transfer of bytes end with ``OSError`` if the other end does not take part in it for this time.
+
+    Parameters
+    ----------
+    connection
+        Of a socket.
+    patience_s
+        Time [s].
+    """
+    value = (
+        int(patience_s * 1000)
+        if os.name == "nt"
+        else struct.pack("@ll", int(patience_s), int(patience_s % 1 * 1e6))
+    )
+    with _line(connection) as line:
+        for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
+            line.setsockopt(socket.SOL_SOCKET, option, value)
+
+
+def _line(connection: Connection[Any, Any]) -> socket.socket:
+    """Another handle of the connection's socket."""
+    own = socket.socket(fileno=connection.fileno())
+    try:
+        return own.dup()
+    finally:
+        own.detach()
 
 
 def pack(value: Any) -> bytes:

@@ -25,6 +25,9 @@ _log = logging.getLogger(__name__)
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 #: First bytes of data packed by zstandard; CDR begins with zero.
 _ZSTD = b"\x28\xb5\x2f\xfd"
+#: Bytes to which each byte of a file may unpack, all parts together, beyond one part of full size: what deflate reaches with
+#: zeros. zstandard packs zeros ten times as densely, so that a megabyte would keep a reader busy for ten gigabytes.
+_UNPACKED_PER_BYTE = 1032
 #: Frames that are out of order in a file are sorted within this number of messages.
 REORDER = 64
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _FOOTER = 0x03, 0x04, 0x05, 0x06, 0x02
@@ -122,6 +125,7 @@ class McapFile:
         self.schemas: dict[int, RecordedSchema] = {}
         self.channels: dict[int, RecordedChannel] = {}
         self._decoders: dict[int, Any] = {}
+        self._budget = 0  # bytes that may still be unpacked
 
     def messages(self, topics: set[str] | None = None) -> Iterator[McapMessage]:
         """All intact messages of the selected topics; afterwards, ``damage`` describes what was lost.
@@ -131,7 +135,7 @@ class McapFile:
         topics
             Topics to read; all by default.
         """
-        self.damage = McapDamage()
+        self.begin()
         with self.path.open("rb") as stream:
             size = stream.seek(0, 2)
             stream.seek(len(MCAP_MAGIC))
@@ -142,6 +146,21 @@ class McapFile:
                     yield from self._record(opcode, body, topics)
         if self.damage:
             _log.warning("%s is damaged: %s", self.path, self.damage)
+
+    def begin(self) -> None:
+        """Forget the damage that was found, before the recording is read once more."""
+        self.damage = McapDamage()
+        self._budget = MAX_DATA_BYTES + _UNPACKED_PER_BYTE * sum(part.stat().st_size for part in self.parts)
+
+    def _spend(self, size: int) -> None:
+        """Reject a part that unpacks to more than any, or with those before it to more than the file may."""
+        if size > MAX_DATA_BYTES:
+            raise ValueError(f"declares {size} bytes, expected at most {MAX_DATA_BYTES}")
+        if size > self._budget:
+            raise ValueError(
+                f"declares {size} bytes, and the file unpacks to more than {_UNPACKED_PER_BYTE} times its size"
+            )
+        self._budget -= size
 
     def _records(self, stream: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
         """Records of the file's top level; large records that are not needed are skipped unread."""
@@ -214,8 +233,7 @@ class McapFile:
         unpacked, checksum = struct.unpack_from("<QI", body, 16)
         compression, start = _text(body, 28)
         (length,) = struct.unpack_from("<Q", body, start)
-        if unpacked > MAX_DATA_BYTES:
-            raise ValueError(f"declares {unpacked} bytes, expected at most {MAX_DATA_BYTES}")
+        self._spend(unpacked)
         packed = body[start + 8 : start + 8 + length]
         whole = len(packed) == length
         if not whole and not self.damage.cut:
@@ -247,10 +265,24 @@ class McapFile:
         if channel.encoding != "cdr" or data[:4] != _ZSTD:
             return data
         try:
-            return _whole_frame(data, self.path)
+            return self._whole_frame(data)
         except ValueError as error:
             self.spoilt(f"message {sequence} of {channel.topic}: {error}")
             return None
+
+    def _whole_frame(self, packed: bytes) -> bytes:
+        """Decompress a frame that states its size; one that is cut, or unpacks to another size, raises :class:`ValueError`."""
+        with needs("zstandard", "recording", f"reading {self.path}"):
+            import zstandard
+        try:
+            size = zstandard.frame_content_size(packed)
+            if size < 0:
+                raise ValueError("states no size")
+            self._spend(size)
+            # A stream would return what there is of a frame that is cut, without an error.
+            return zstandard.ZstdDecompressor().decompress(packed)
+        except zstandard.ZstdError as error:
+            raise ValueError(f"cannot be unpacked ({error})") from error
 
     def spoilt(self, problem: str) -> None:
         """Record a damaged section.
@@ -347,21 +379,6 @@ def _decompress(compression: str, packed: bytes, unpacked: int, path: Path, *, w
     except ImportError as error:
         raise MissingExtraError(str(error.name), "recording", f"reading {path}") from error
     raise ValueError(f"compression {compression!r} is not known")
-
-
-def _whole_frame(packed: bytes, path: Path) -> bytes:
-    """Decompress a frame that states its size; one that is cut, or unpacks to another size, raises :class:`ValueError`."""
-    with needs("zstandard", "recording", f"reading {path}"):
-        import zstandard
-    try:
-        size = zstandard.frame_content_size(packed)
-        if not 0 <= size <= MAX_DATA_BYTES:
-            stated = f"{size} bytes" if size >= 0 else "no size"
-            raise ValueError(f"states {stated}, expected at most {MAX_DATA_BYTES} bytes")
-        # A stream would return what there is of a frame that is cut, without an error.
-        return zstandard.ZstdDecompressor().decompress(packed)
-    except zstandard.ZstdError as error:
-        raise ValueError(f"cannot be unpacked ({error})") from error
 
 
 def _read_some(stream: IO[bytes], limit: int, problem: type[Exception], whole: bool) -> bytes:

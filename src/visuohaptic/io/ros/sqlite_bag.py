@@ -13,7 +13,7 @@ from typing import Any
 from ...core import InputError, read_head, save_yaml
 from ...core.files.plain_json import dumps
 from ._ros_definitions import definition
-from .mcap_records import McapDamage, McapFile, McapMessage, RecordedChannel, RecordedSchema
+from .mcap_records import McapFile, McapMessage, RecordedChannel, RecordedSchema
 
 _log = logging.getLogger(__name__)
 
@@ -105,7 +105,7 @@ class SqliteBag(McapFile):
 
     def messages(self, topics: set[str] | None = None) -> Iterator[McapMessage]:
         """All intact messages of the selected topics; afterwards, ``damage`` describes what was lost."""
-        self.damage = McapDamage()
+        self.begin()
         for number, part in enumerate(self.parts):
             try:
                 with closing(sqlite3.connect(f"{part.resolve().as_uri()}?mode=ro", uri=True)) as bag:

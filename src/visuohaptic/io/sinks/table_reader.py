@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,16 @@ _REFERENCE_COLUMNS = (
     ("mass_g", "mass_sigma_g", 9.80665e-3),
     ("mass_kg", "mass_sigma_kg", 9.80665),
 )
+
+#: Columns that hold no numbers: how their text is read, and what is expected.
+_KINDS: dict[str, tuple[Callable[[str], Any], str]] = {
+    "reason": (Reason, f"one of {', '.join(Reason)}"),
+    "valid": (
+        lambda text: {"0": False, "1": True, "false": False, "true": True}[text.lower()],
+        "true or false",
+    ),
+    "contacts": (int, "a whole number"),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,21 +174,11 @@ def read_columns(path: Path, expected: Sequence[str]) -> dict[str, list[Any]]:
 
 def _value(row: CsvRow, name: str) -> Any:
     text = row[name]
+    convert, expected = _KINDS.get(name, (float, "a number"))
     try:
-        if name == "reason":
-            return Reason(text)
-        if name == "valid":
-            return {"0": False, "1": True, "false": False, "true": True}[text.lower()]
-        if name == "contacts":
-            return int(text)
-        value = float(text)
+        value = convert(text)
     except (ValueError, KeyError) as error:
-        kinds = {
-            "reason": f"one of {', '.join(Reason)}",
-            "valid": "true or false",
-            "contacts": "a whole number",
-        }
-        raise row.problem(f"found {text!r}, expected {kinds.get(name, 'a number')}", name) from error
+        raise row.problem(f"found {text!r}, expected {expected}", name) from error
     if name == "t_s" and not math.isfinite(value):
         raise row.problem(f"found {text!r}, expected a finite time", name)
     return value

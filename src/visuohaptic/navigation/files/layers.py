@@ -28,8 +28,6 @@ from ..problem import MovableObject, RobotModel, failure_probability, manipulabi
 #: 16 bit levels for values that are not finite numbers.
 _NAN, _INF, _MINUS_INF, _TOP = 65535, 65534, 65533, 65532
 
-_KINDS = {"bool": np.bool_, "int32": np.int32, "float32": np.float32, "float64": np.float64}
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layer:
@@ -174,9 +172,8 @@ def load_layer(path: Path | str) -> Layer:
     for code, value in codes:
         if code is not None:
             raw[pixels == code] = value
-    kind = _KINDS[layer.kind]
-    values = (
-        raw > 0.5 if layer.kind == "bool" else (np.rint(raw) if layer.kind == "int32" else raw).astype(kind)
+    values = (raw > 0.5 if layer.kind == "bool" else np.rint(raw) if layer.kind == "int32" else raw).astype(
+        layer.kind
     )
     x, y, yaw = info.origin
     return Layer(layer.name, values, info.resolution, (x, y, yaw), layer.unit)

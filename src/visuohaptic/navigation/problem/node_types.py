@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from .outlines import outline_of
 from .passages import Passage, PassageKind
 from .planning_problem import MovableObject
 from .push_costs import PushCosts, failure_probability, push_cost
@@ -34,6 +35,9 @@ class NodeType:
     task_s: float = float("inf")  #: time of its task for one robot; infinite if it cannot be passed
     failure_probability: float = 1.0  #: of the task, for the same robot
     in_map: bool = False  #: whether the map contains it as occupied cells (an object) or not (glass)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "outline_m", outline_of(self.outline_m, f"NodeType {self.id!r}"))
 
 
 def push_node(

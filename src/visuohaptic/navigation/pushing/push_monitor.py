@@ -64,6 +64,9 @@ class PushMonitor:
             raise InputError("PushMonitor", f"found a radius of {radius_m} m, expected more than 0")
         self._path: list[Float[np.ndarray, "3"]] = []
         self._angle: list[float] = []
+        self._readings: list[
+            tuple[float, float, float]
+        ] = []  #: since the last step: x, y of the platform, angle on its rim
         self._value = np.zeros(4)
         self._covariance = np.diag(self._sigma**2)
         self._lateral = np.zeros(2)
@@ -71,7 +74,7 @@ class PushMonitor:
     def update(self, platform_m: Sequence[float], contact_m: Sequence[float] | None) -> bool:
         """Add an observation; returns whether the estimate has changed.
 
-        Readings less than one step after the last one are ignored.
+        After every step of the drive, the estimate is updated with the mean of the readings along the last half of the step.
 
         Parameters
         ----------
@@ -81,12 +84,14 @@ class PushMonitor:
             Contact point on its rim: x, y [m], map frame; ``None`` without contact.
         """
         pose = np.asarray(platform_m, dtype=np.float64)
+        away = np.full(2, np.nan) if contact_m is None else np.asarray(contact_m, dtype=np.float64) - pose[:2]
+        self._readings.append((pose[0], pose[1], float(np.arctan2(away[1], away[0]))))
         if self._path and np.hypot(*(pose[:2] - self._path[-1][:2])) < 0.8 * STEP_M:
             return False
-        angle = np.nan
-        if contact_m is not None and np.isfinite(np.asarray(contact_m, dtype=np.float64)).all():
-            away = np.asarray(contact_m, dtype=np.float64) - pose[:2]
-            angle = float(np.arctan2(away[1], away[0]))
+        x, y, angles = np.array(self._readings).T
+        near = angles[np.isfinite(angles) & (np.hypot(x - pose[0], y - pose[1]) < 0.5 * STEP_M)]
+        angle = float(near[-1] + np.mean(wrap_angle(near - near[-1]))) if len(near) else np.nan
+        self._readings.clear()
         self._path.append(pose)
         self._angle.append(angle)
         if len(self._path) == 2:
@@ -100,12 +105,9 @@ class PushMonitor:
         """The model and the object's pose that explain the contacts so far."""
         model, start = self._with(self._value)
         residual = self._residual(self._value)[: -len(self._value)] * CONTACT_SIGMA_M
-        where = start
-        if len(self._path) > 1:
-            # The object has not moved since the last observed contact, whatever the model predicts afterwards.
-            seen = np.flatnonzero(np.isfinite(self._angle))
-            if len(seen):
-                where = self._simulate(self._value).object_m[seen[-1]]
+        # The object has not moved since the last observed contact, whatever the model predicts afterwards.
+        seen = np.flatnonzero(np.isfinite(self._angle))
+        where = self._simulate(self._value).object_m[seen[-1]] if len(self._path) > 1 and len(seen) else start
         rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else 0.0
         return PushEstimate(model, where, self._value.copy(), self._covariance.copy(), rms)
 

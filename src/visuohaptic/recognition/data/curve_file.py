@@ -17,6 +17,8 @@ from .readings import CurveCoefficients, MAX_SIZE_m, TouchNoise, TouchReading, f
 
 #: Files with more samples are rejected.
 MAX_SAMPLES = 1_000_000
+#: No gripper or hand presses harder [N]; three newtons in millinewtons do.
+MAX_FORCE_N = 1000.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,10 +191,16 @@ def _sample(row: CsvRow, place: str, more: tuple[str, ...]) -> _Sample:
     if height not in range(1, HEIGHTS + 1):
         raise row.problem(f"found height {height:g}, expected 1 to {HEIGHTS}", place)
     sizes = [_size(row, key) for key in ("width_m", "object_height_m")]
-    label, name, curve = (row.get(key) for key in ("label", "object", "curve"))
+    # One space or two in a name: a difference that nobody sees is none.
+    label, name, curve = (" ".join(row.get(key).split()) for key in ("label", "object", "curve"))
     if "label" in more and not label:
         raise row.problem("found no label, expected the class of the object", "label")
     sample = row.number("deformation_m"), row.number("force_N")
+    if abs(sample[1]) > MAX_FORCE_N:
+        raise row.problem(
+            f"found {sample[1]:g}, expected newtons, up to {MAX_FORCE_N:g}; divide millinewtons by 1000",
+            "force_N",
+        )
     return _Sample(label, name, curve, int(height), side, *sample, *sizes)
 
 

@@ -7,7 +7,6 @@ from .belief import Belief as Belief
 from .belief import belief_of as belief_of
 from .belief import by_answer as by_answer
 from .belief import condition as condition
-from .belief import contradicted_assumption as contradicted_assumption
 from .belief import evidence as evidence
 from .belief import log_likelihood as log_likelihood
 from .belief import update_belief as update_belief
@@ -43,6 +42,7 @@ from .state import simulate_state_curves as simulate_state_curves
 from .state import state_features as state_features
 from .state import state_probability as state_probability
 from .steps import Listener as Listener
+from .steps import contradicted_assumption as contradicted_assumption
 from .steps import planner_follower as planner_follower
 from .steps import planner_steps as planner_steps
 from .steps import tree_follower as tree_follower

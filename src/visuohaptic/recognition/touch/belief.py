@@ -21,7 +21,7 @@ from scipy.special import chdtrc, chdtri
 from ..data.places import HEIGHTS
 from ..data.readings import TouchReading
 from .haptic_model import HapticModel
-from .nuisances import NUISANCES, ModelSettings
+from .nuisances import ModelSettings
 from .unknown_class import CURVATURE, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 from .zeros import curvatures, with_zeros
 
@@ -32,8 +32,6 @@ WIDTH_VARIANCE = 0.0024**2
 FALSE_ALARM = 0.01
 #: Touches of the explorations by which "unknown" is calibrated; errors of its densities accumulate with the values that are read.
 JUDGED_TOUCHES = 10
-#: Standard deviations from which a nuisance is reported as contradicted: for each nuisance, one exploration in 20 by chance.
-_CONTRADICTION_SIGMAS = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,9 +139,9 @@ def log_likelihood(
     """
     fit, square = sequential_likelihood(model, place, value, noise, np.array([len(place)]))[0]
     fit = fit + _by_exemplars(model, fit, (place, value, noise))
-    each = model.temperature * model.unknown_log_odds / values_of(model.settings, JUDGED_TOUCHES)
-    fit = np.where(model.part < 0, fit + each * len(place), fit)
     freedom = model.freedom + len(place)
+    each = model.temperature * model.unknown_log_odds / values_of(model.settings, JUDGED_TOUCHES)
+    fit = np.where(model.part < 0, fit + each * freedom, fit)
     if not freedom:
         return np.stack([fit, np.full_like(fit, -np.inf)])
     limit = model.tail * chdtri(freedom, FALSE_ALARM)
@@ -235,11 +233,26 @@ def sequential_likelihood(
     ends
         Numbers of values that are used, up to o.
     """
-    root, white = _whitened(model, place, value, noise)
-    terms = np.zeros((2, len(white), len(place) + 1))
+    square, size = running_sums(*_whitened(model, place, value, noise), ends).transpose(0, 2, 1)
+    return np.stack([model.fit - 0.5 * square - size, model.square + square], axis=1)
+
+
+def running_sums(
+    root: Float[np.ndarray, "n o o"], white: Float[np.ndarray, "n o"], ends: Int[np.ndarray, "e"]
+) -> Float[np.ndarray, "2 n e"]:
+    """Chi-squares of the first values, and logarithms of the roots of their determinants.
+
+    Parameters
+    ----------
+    root, white
+        Of :func:`whiten`.
+    ends
+        Numbers of values, up to o.
+    """
+    terms = np.zeros((2, len(white), white.shape[1] + 1))
     terms[0, :, 1:], terms[1, :, 1:] = white**2, np.log(np.diagonal(root, axis1=1, axis2=2))
-    square, size = np.cumsum(terms, axis=2)[:, :, ends].transpose(0, 2, 1)
-    return np.stack([-0.5 * square - size, model.square + square], axis=1)
+    out: np.ndarray = np.cumsum(terms, axis=2)[:, :, ends]
+    return out
 
 
 def condition(
@@ -286,14 +299,14 @@ def with_outline(
     noise = at.T @ errors @ at + WIDTH_VARIANCE * np.eye(len(level))
     read = FIRST_WIDTH + 2 * level, np.log(2.0 * outline_m[:, 0]) @ at, noise
     mean, covariance = condition(model, *read)
-    score = model.log_prior + log_likelihood(model, *read)[0] / model.temperature
+    fit, square = sequential_likelihood(model, *read, np.array([len(level)]))[0]
     return replace(
         model,
         mean=mean,
         covariance=covariance,
-        log_prior=score - np.logaddexp.reduce(score),
-        square=(_whitened(model, *read)[1] ** 2).sum(axis=1),
-        freedom=len(level),
+        fit=fit,
+        square=square,
+        freedom=model.freedom + len(level),
         exemplars=None,  # their density is not conditioned
     )
 
@@ -301,16 +314,28 @@ def with_outline(
 def _whitened(
     model: HapticModel, place: np.ndarray, value: np.ndarray, noise: np.ndarray
 ) -> tuple[Float[np.ndarray, "c o o"], Float[np.ndarray, "c o"]]:
-    """Cholesky factor of the covariance of the readings, and whitened residuals.
-
-    With the residuals as an additional row, the last row of the Cholesky factor contains the whitened residuals.
-    """
-    count = len(place)
-    bordered = np.empty((len(model.mean), count + 1, count + 1))
+    """Cholesky factor of the covariance of the readings under each Gaussian, and whitened residuals."""
     flat = model.covariance.reshape(len(model.mean), -1)
     seen = flat.take(place[:, None] * model.mean.shape[1] + place, axis=1)  # twice as fast as by two indices
-    bordered[:, :count, :count] = seen + (noise if noise.ndim == 2 else np.diag(noise))
-    bordered[:, count, :count] = bordered[:, :count, count] = value - model.mean[:, place]
+    return whiten(seen + (noise if noise.ndim == 2 else np.diag(noise)), value - model.mean[:, place])
+
+
+def whiten(
+    covariance: Float[np.ndarray, "n o o"], residual: Float[np.ndarray, "n o"]
+) -> tuple[Float[np.ndarray, "n o o"], Float[np.ndarray, "n o"]]:
+    """Cholesky factors of covariances, and the residuals that they whiten.
+
+    With the residuals as an additional row, the last row of the Cholesky factor contains the whitened residuals.
+
+    Parameters
+    ----------
+    covariance, residual
+        Of n sets of o values.
+    """
+    count = residual.shape[1]
+    bordered = np.empty((len(covariance), count + 1, count + 1))
+    bordered[:, :count, :count] = covariance
+    bordered[:, count, :count] = bordered[:, :count, count] = residual
     bordered[:, count, count] = 1e300  # above any squared residual; no other entry depends on it
     root = np.linalg.cholesky(bordered)
     return root[:, :count, :count], root[:, count, :count]
@@ -326,7 +351,7 @@ def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"], values: 
     likelihood
         See :func:`log_likelihood`.
     values
-        Number of values that were read.
+        Number of values that were read, without those of an outline.
     """
     score, beside = likelihood / model.temperature + model.log_prior
     foreign = model.answer_of == len(model.answers) - 1
@@ -338,7 +363,7 @@ def belief_of(model: HapticModel, likelihood: Float[np.ndarray, "2 c"], values: 
         score[foreign] += np.logaddexp(other, unlike) - other
     # Among themselves, the classes share the errors of their simulation.
     if np.isfinite(score[~foreign]).any():
-        common = model.log_prior + likelihood[0] / model.temperature_of(values)
+        common = model.log_prior + likelihood[0] / model.temperature_of(model.freedom + values)
         both = [np.logaddexp.reduce(part[~foreign]) for part in (score, common)]
         score = np.where(foreign, score, common + both[0] - both[1])
     weight = np.exp(score - score.max())
@@ -359,39 +384,3 @@ def by_answer(weight: Float[np.ndarray, "*s c"], model: HapticModel) -> Float[np
     belongs = model.answer_of[:, None] == np.arange(len(model.answers))
     out: np.ndarray = weight @ belongs.astype(float)
     return out
-
-
-def contradicted_assumption(model: HapticModel, readings: Sequence[TouchReading]) -> str:
-    """Deviation of the exploration or the object with which the readings fit the most probable class; "" for none.
-
-    Parameters
-    ----------
-    model, readings
-        As of :func:`update_belief`, of one object.
-    """
-    place, value, noise = evidence(model, readings)
-    if not len(place):
-        return ""
-    belief = update_belief(model, readings)
-    best = int(np.argmax(np.where(model.answer_of < len(model.answers) - 1, belief.weight, -1.0)))
-    seen = model.covariance[best][np.ix_(place, place)] + np.diag(noise)
-    effect = model.nuisance[best][:, place]
-    # Posterior means of nuisances with a standard normal prior; that of the height in units of an accurate pose.
-    sigmas = effect @ np.linalg.solve(seen, value - model.mean[best, place])
-    sigmas *= np.where(np.array(NUISANCES) == "height", model.pose[best], 1.0)
-    worst = int(np.argmax(np.abs(sigmas)))
-    settings, much = model.settings, float(sigmas[worst])
-    name = model.answers[model.answer_of[best]]
-    if abs(much) >= _CONTRADICTION_SIGMAS:
-        height = 1e3 * settings.pose_m * much
-        said = (
-            f"that is {100 * np.expm1(settings.gain * much):+.0f} % stiffer, or read so",
-            f"pressed {abs(height):.1f} mm {'higher' if height > 0 else 'lower'}",
-            f"with a zero of the force that is {settings.zero_N * much:+.2f} N wrong",
-            f"with a contact that is {1e3 * settings.zero_m * much:+.2f} mm wrong",
-            f"with a stiffness of {np.exp(settings.mouth * much):.2f} times that of the training objects at the mouth",
-        )[worst]
-        return f"the readings fit {name} {said}"
-    if model.spread[best] > 1:
-        return f"the readings fit {name} outside the range of the training objects"
-    return ""

@@ -6,6 +6,10 @@ classes, if it is better than 1 by more than the standard error of that differen
 outside the training set are larger than those of a Gaussian. Both have the same rate of false alarms, with which
 :data:`.FALSE_ALARM` of the explorations exceed one of them or both.
 
+Objects that are left out at random lie between the others of their class, where a Gaussian interpolates. Real objects differ in what
+no training object shows, and their errors are common to the readings of an object. How much, is learned from the outer objects of each
+class (:data:`OUTER`): the others are extrapolated to them. The correlation of the errors maximises the likelihood of their classes.
+
 The limits are quantiles of N simulated explorations. The rate p beyond an empirical quantile has a standard error of
 sqrt(p (1 - p) / N), so that a relative error of :data:`RATE_ERROR` requires N = (1 - p) / (p RATE_ERROR^2) explorations.
 """
@@ -19,6 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.optimize import minimize_scalar
 from scipy.special import chdtri
 
 from ...core.errors import InputError
@@ -33,17 +38,20 @@ from .belief import (
     class_likelihood,
     evidence,
     log_likelihood,
-    sequential_likelihood,
+    running_sums,
     values_of,
+    whiten,
 )
 from .exemplars import learn_exemplars, pooled_powers, thinned
 from .haptic_model import RANGE_WIDENING, HapticModel, fit_model
-from .nuisances import APART
+from .nuisances import APART, log_features
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
 #: Number of folds of the training objects, each of which is left out in turn; candidate temperatures.
 FOLDS = 3
 TEMPERATURES = np.geomspace(0.5, 6.0, 16)
+#: Fraction of each class, those farthest from its mean, that is left out for the correlation: as many as in a fold.
+OUTER = 1 / FOLDS
 #: Objects of each class that are left out for the powers of Gaussians and kernels, which a few hundred determine to a tenth.
 JUDGED = 100
 #: Fraction of explorations that may be wrong at any confidence when the temperature is fitted (a mixture with chance): a few of
@@ -55,6 +63,8 @@ RATE_ERROR = 0.15
 #: Number of explorations for the limits, and for the temperature: as a mean, it is accurate to a few percent with these.
 EXPLORATIONS = round((1.0 - FALSE_ALARM) / FALSE_ALARM / RATE_ERROR**2)
 TEMPERED = 600
+#: Explorations that are factorised together: their matrices fit into a cache, and the results are the same with any number.
+BLOCK = 96
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,12 +75,22 @@ class _Judged:
     likelihood: Float[np.ndarray, "n t 2 c"]  #: and chi-square, after each touch
     truth: Int[np.ndarray, "n"]  #: answers, of this model
     obj: Int[np.ndarray, "n"]  #: object of each exploration
-    freedom: int  #: number of values after the last touch
+    values: Int[np.ndarray, "t"]  #: number of values after each touch
 
-    def losses(self, temperature: float) -> Float[np.ndarray, "o"]:
+    @property
+    def freedom(self) -> int:
+        """Number of values after the last touch."""
+        return int(self.values[-1])
+
+    def losses(
+        self, temperature: float, correlation: float = 0.0, explorations: int = TEMPERED // FOLDS
+    ) -> Float[np.ndarray, "o"]:
         """Mean log loss of each object among the known classes, :data:`IGNORED_FRACTION` of which may be wrong at any confidence."""
-        used = self.likelihood[: TEMPERED // FOLDS, :, 0]
-        score = self.model.log_prior + used / temperature
+        used = self.likelihood[:explorations, :, 0]
+        divisor = replace(self.model, temperature=temperature, correlation=correlation).temperature_of(
+            self.values
+        )
+        score = self.model.log_prior + used / divisor[:, None]
         known = np.where(self.model.answer_of < len(self.model.answers) - 1, score, -np.inf)
         right = self.model.answer_of == self.truth[: len(used), None, None]
         own = np.logaddexp.reduce(np.where(right, score, -np.inf), axis=2)
@@ -106,7 +126,7 @@ def calibrate(
     explorations: int = EXPLORATIONS,
     max_touches: int = JUDGED_TOUCHES,
 ) -> HapticModel:
-    """Fit the temperature, the offset of the log odds of "unknown", and the factor of the limit of chi-square.
+    """Fit the temperature, the correlation of errors, the offset of the log odds of "unknown", and the factor of the limit of chi-square.
 
     Parameters
     ----------
@@ -143,7 +163,27 @@ def calibrate(
         float(np.quantile(margins, rate)) * values_of(model.settings, JUDGED_TOUCHES) / judged[0].freedom
     )
     tail = max(float(np.quantile(tails, 1.0 - rate)), 1.0)
-    return replace(model, temperature=temperature, unknown_log_odds=log_odds, tail=tail)
+    count = explorations // FOLDS
+    outer = _explored(model, data, answer, _outer(model, data), count, max_touches, rng, stretches=(1.0,))
+    common = minimize_scalar(
+        lambda one: outer.losses(temperature, one, count).mean(), bounds=(0.0, 1.0), options={"xatol": 2e-3}
+    )
+    return replace(
+        model, temperature=temperature, correlation=float(common.x), unknown_log_odds=log_odds, tail=tail
+    )
+
+
+def _outer(model: HapticModel, data: FeatureSet) -> Bool[np.ndarray, "n"]:
+    """Objects farthest from the means of their classes, :data:`OUTER` of each, by the first Gaussian of each class."""
+    features, out = log_features(data, model.protocol), np.zeros(len(data), dtype=bool)
+    for k in range(len(data.classes)):
+        rows = np.flatnonzero(data.number == k)
+        first = int(np.flatnonzero(model.part == k)[0])
+        white = np.linalg.solve(
+            np.linalg.cholesky(model.covariance[first]), (features[rows] - model.mean[first]).T
+        )
+        out[rows[np.argsort(-(white**2).sum(axis=0))[: math.ceil(OUTER * len(rows))]]] = True
+    return out
 
 
 def with_exemplars(
@@ -231,11 +271,12 @@ def _explored(
     explorations: int,
     max_touches: int,
     rng: np.random.Generator,
+    stretches: Sequence[float] = (1.0, RANGE_WIDENING),
 ) -> _Judged:
     """Explorations of the objects that are left out, with a model fitted to the others."""
     without = fit_model(data.take(~out), model.groups, settings=model.settings, protocol=model.protocol)
     rows = np.resize(rng.permutation(np.flatnonzero(out)), explorations)  # all of them equally often
-    value, noise = _features_as_touched(data, rows, model, rng)
+    value, noise = _features_as_touched(data, rows, model, rng, stretches)
     order = np.argsort(rng.random((explorations, len(TOUCHES))), axis=1)[:, :max_touches]
     # Touches are sorted by height, then by axis: touch k reads features 2 k and 2 k + 1, and width k.
     place = np.stack([2 * order, 2 * order + 1, FIRST_WIDTH + order], axis=2)
@@ -246,24 +287,51 @@ def _explored(
         first = 1
     ends = first + place.shape[2] * np.arange(1, max_touches + 1)
     place = np.column_stack([np.full((explorations, first), HEIGHT), place.reshape(explorations, -1)])
-    found = np.stack([
-        sequential_likelihood(without, here, value[k, here], noise[k, here], ends)
-        for k, here in enumerate(place)
-    ])  # fmt: skip
+    value, noise = (np.take_along_axis(one, place, axis=1) for one in (value, noise))
+    found = _explored_likelihoods(without, place, value, noise, ends)
     truth = np.array([without.answers.index(str(name)) for name in answer[rows]])
-    return _Judged(without, found, truth, rows, int(ends[-1]))
+    return _Judged(without, found, truth, rows, ends)
+
+
+def _explored_likelihoods(
+    model: HapticModel,
+    place: Int[np.ndarray, "n o"],
+    value: Float[np.ndarray, "n o"],
+    noise: Float[np.ndarray, "n o"],
+    ends: Int[np.ndarray, "e"],
+) -> Float[np.ndarray, "n e 2 c"]:
+    """:func:`sequential_likelihood` of many explorations with the same number of values.
+
+    Gaussian by Gaussian: the covariance of one fits into the cache, those of all do not.
+    """
+    out = np.empty((len(place), len(ends), 2, len(model.mean)))
+    pairs = place[:, :, None] * model.mean.shape[1] + place[:, None, :]
+    own = np.arange(place.shape[1])
+    parts = [slice(first, first + BLOCK) for first in range(0, len(place), BLOCK)]
+    fit, before = (np.broadcast_to(one, len(model.mean)) for one in (model.fit, model.square))
+    for k, (mean, covariance) in enumerate(zip(model.mean, model.covariance, strict=True)):
+        for at in parts:
+            seen = covariance.ravel().take(pairs[at])
+            seen[:, own, own] += noise[at]
+            square, size = running_sums(*whiten(seen, value[at] - mean[place[at]]), ends)
+            out[at, :, 0, k], out[at, :, 1, k] = fit[k] - 0.5 * square - size, before[k] + square
+    return out
 
 
 def _features_as_touched(
-    data: FeatureSet, rows: Int[np.ndarray, "n"], model: HapticModel, rng: np.random.Generator
+    data: FeatureSet,
+    rows: Int[np.ndarray, "n"],
+    model: HapticModel,
+    rng: np.random.Generator,
+    stretches: Sequence[float],
 ) -> tuple[Float[np.ndarray, "n p"], Float[np.ndarray, "n p"]]:
     """Features of objects as measured by explorations, and their variances.
 
-    The factors of the range of their class and of the pose error are those of the model, with equal probability, and the
+    The factors of the range of their class (``stretches``) and of the pose error have equal probability, and the
     nuisances have the effects on the mean of the class.
     """
     settings, count = model.settings, len(rows)
-    stretch = rng.choice((1.0, RANGE_WIDENING), count)
+    stretch = rng.choice(stretches, count)
     pose_m = settings.pose_m * rng.choice(settings.poses, count)
 
     def moved(values: np.ndarray) -> np.ndarray:

@@ -265,12 +265,14 @@ def _scatter(
             for apart in places:
                 covariance = spread + apart**2 * np.diag(part)
                 score[repeat[k], apart] = sum(one.log_likelihood(covariance) for one in read)
-        weight = np.exp(np.array(list(score.values())) - max(score.values()))
-        differ, apart = np.sqrt(weight @ np.array(list(score)) ** 2 / weight.sum())
         # A width is as accurate as it is declared, unless one more parameter is worth it (Schwarz).
         gain = max(score.values()) - max(score[0.0, one] for one in places)
         count = sum(len(one[0]) for objects in seen for one in objects)
-        repeats.append(0.0 if k and gain <= 0.5 * np.log(max(count, 1)) else float(differ))
+        if k and gain <= 0.5 * np.log(max(count, 1)):
+            score = {one: fit for one, fit in score.items() if one[0] == 0.0}
+        weight = np.exp(np.array(list(score.values())) - max(score.values()))
+        differ, apart = np.sqrt(weight @ np.array(list(score)) ** 2 / weight.sum())
+        repeats.append(float(differ))
         spread = spread + apart**2 * np.diag(part)
     return (repeats[0], repeats[1]), spread
 

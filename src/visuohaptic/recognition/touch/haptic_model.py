@@ -81,11 +81,14 @@ class HapticModel:
     #: Added to those of "unknown" after ten touches, in proportion before, see :mod:`.calibration`.
     unknown_log_odds: float = 0.0
     tail: float = 1.0  #: factor of the chi-square limit of known classes, see :mod:`.calibration`
-    square: Float[np.ndarray, "c"] | float = 0.0  #: chi-square of an outline, see :func:`.with_outline`
+    #: Correlation of the errors of the classes beyond those of their Gaussians, see :mod:`.calibration`.
+    correlation: float = 0.0
+    fit: Float[np.ndarray, "c"] | float = 0.0  #: log likelihood of an outline, see :func:`.with_outline`
+    square: Float[np.ndarray, "c"] | float = 0.0  #: its chi-square
     freedom: int = 0  #: number of its values
     exemplars: ExemplarDensity | None = None  #: of the trained classes, see :mod:`.exemplars`
 
-    def temperature_of(self, values: int) -> float:
+    def temperature_of(self, values: int | Int[np.ndarray, "e"]) -> Float[np.ndarray, "*e"]:
         """Divisor of the evidence between trained classes: values with correlated errors count as fewer independent ones.
 
         Parameters
@@ -93,7 +96,7 @@ class HapticModel:
         values
             Number of values.
         """
-        return self.temperature * (1.0 + self.settings.correlation * max(values - 1, 0))
+        return self.temperature * (1.0 + self.correlation * np.maximum(np.asarray(values) - 1.0, 0.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

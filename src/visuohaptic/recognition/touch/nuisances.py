@@ -20,10 +20,6 @@ NUISANCES = ("gain", "height", "zero of the force", "zero of the deformation", "
 APART = [k for k, name in enumerate(NUISANCES) if name != "height"]  # the height is part of the pose
 #: Places over which the effect of the mouth's closure falls by e: fitted to maps of bottles with free and with fixed mouths.
 MOUTH_REACH = 2.2
-#: Of 168 open objects of :mod:`benchmarks.shell_evidence` in each of its conditions, the divisors of the evidence with the highest
-#: likelihood of the true classes are 1.5, 2.2 and 6 after 5, 10 and 32 touches by stiffness (10, 20 and 64 values), and 1.7, 3.1 and 6
-#: with widths (16, 31 and 97).
-CORRELATION = 0.06
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +36,6 @@ class ModelSettings:
     gain: float = 0.09  #: common to all stiffnesses: force gain 5 %, modulus within 12 % (std 7 % if uniform)
     zero_N: float = 0.05  #: error of the force's zero, common to all touches
     zero_m: float = 5e-5  #: error of the deformation's zero (contact), common to all touches
-    #: Correlation of the errors of a simulated class beyond these: n values count as n / (1 + (n - 1) correlation) independent ones.
-    correlation: float = 0.0
     repeat: float = 0.0  #: relative difference of repeated touches of a place, learned from curves
     width_repeat: float = 0.0  #: of repeated widths of a place, learned from curves
     curvature: float = np.inf  #: between places of an object, learned from curves; infinite: no evidence

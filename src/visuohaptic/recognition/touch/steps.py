@@ -1,4 +1,4 @@
-"""Text log of an exploration while it runs, for a page, a log or a file."""
+"""Text log of an exploration while it runs, for a page, a log or a file; and the assumption that its readings contradict."""
 
 from __future__ import annotations
 
@@ -10,9 +10,12 @@ from jaxtyping import Float
 
 from ..data import Touch, TouchReading
 from ..trees.tree_nodes import ClassificationTree, feature_name, scaled_features, scaling_touches
-from .belief import update_belief
+from .belief import evidence, update_belief
 from .haptic_model import HapticModel
+from .nuisances import NUISANCES
 
+#: Standard deviations from which a nuisance is reported as contradicted: for each nuisance, one exploration in 20 by chance.
+_CONTRADICTION_SIGMAS = 2.0
 #: Question and answer; a pending question has an empty answer.
 Step = tuple[str, str]
 
@@ -158,3 +161,39 @@ def _teller(listener: Listener) -> Callable[[Sequence[Step], str], None]:
 
 def _newtons(values: Sequence[float] | Float[np.ndarray, "2"]) -> str:
     return " and ".join(f"{value / 1e3:.3g}" for value in values if np.isfinite(value)) + " N/mm"
+
+
+def contradicted_assumption(model: HapticModel, readings: Sequence[TouchReading]) -> str:
+    """Deviation of the exploration or the object with which the readings fit the most probable class; "" for none.
+
+    Parameters
+    ----------
+    model, readings
+        As of :func:`update_belief`, of one object.
+    """
+    place, value, noise = evidence(model, readings)
+    if not len(place):
+        return ""
+    belief = update_belief(model, readings)
+    best = int(np.argmax(np.where(model.answer_of < len(model.answers) - 1, belief.weight, -1.0)))
+    seen = model.covariance[best][np.ix_(place, place)] + np.diag(noise)
+    effect = model.nuisance[best][:, place]
+    # Posterior means of nuisances with a standard normal prior; that of the height in units of an accurate pose.
+    sigmas = effect @ np.linalg.solve(seen, value - model.mean[best, place])
+    sigmas *= np.where(np.array(NUISANCES) == "height", model.pose[best], 1.0)
+    worst = int(np.argmax(np.abs(sigmas)))
+    settings, much = model.settings, float(sigmas[worst])
+    name = model.answers[model.answer_of[best]]
+    if abs(much) >= _CONTRADICTION_SIGMAS:
+        height = 1e3 * settings.pose_m * much
+        said = (
+            f"that is {100 * np.expm1(settings.gain * much):+.0f} % stiffer, or read so",
+            f"pressed {abs(height):.1f} mm {'higher' if height > 0 else 'lower'}",
+            f"with a zero of the force that is {settings.zero_N * much:+.2f} N wrong",
+            f"with a contact that is {1e3 * settings.zero_m * much:+.2f} mm wrong",
+            f"with a stiffness of {np.exp(settings.mouth * much):.2f} times that of the training objects at the mouth",
+        )[worst]
+        return f"the readings fit {name} {said}"
+    if model.spread[best] > 1:
+        return f"the readings fit {name} outside the range of the training objects"
+    return ""

@@ -30,9 +30,7 @@ def run(out: Output) -> None:
         sensor.reset()
         forces = squeezing.FORCES_N[:2] if out.quick else squeezing.FORCES_N
         found = squeezing.squeeze(sensor, rig.gripper(squeezing.BOTTLE, rng=rng), forces)
-    path = out.folder / "squeeze.png"
-    squeezing.plot_squeeze(found, path)
-    out.pictures.append(path.name)
+    out.drawn("squeeze", lambda path: squeezing.plot_squeeze(found, path))
     rows = Columns("target_N measured_N true_N x_m y_m")
     for one in found:
         for point in one.reading.contour_m:

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from ...core.files import new_figure
-from ...reconstruction.completion import Completion, Touch
+from ...reconstruction.completion import Completion
 from ...reconstruction.mesh import SurfaceMesh
 from ...simulation.tabletop.bottles import Bottle, random_bottle
 from .._solid import frame_3d, shaded
 from ..output import Columns, Output
-from ..worlds.virtual_completion import SIGMA_M, errors_m, scene, true_points
+from ..worlds.virtual_completion import errors_m, explore, scene, true_points
 
 SHOWN = (0, 3, 10)
 
@@ -52,21 +52,15 @@ def run(out: Output) -> None:
 
 
 def _explored(out: Output, bottle: Bottle, row: int, shown: tuple[int, ...]) -> list[Any]:
-    visible, region = scene(bottle)
-    completion = Completion(visible, region)
-    truth = true_points(bottle)
-    rng = out.rng(row, 1)
-    found = []
-    for number in range(shown[-1] + 1):
+    truth, found = true_points(bottle), list[Any]()
+
+    def look(number: int, completion: Completion) -> None:
         if number in shown:
             surface = completion.surface()
             found.append((surface, [t.contact_m for t in completion.touches], errors_m(truth, surface),
                           completion.uncertainty()))  # fmt: skip
-        plan = completion.next_touch()
-        way = plan.end_m - plan.start_m
-        length = float(np.linalg.norm(way))
-        contact = bottle.probe(plan.start_m, way / length, length, sigma_m=SIGMA_M, rng=rng)
-        completion.add(Touch(contact, plan.start_m, plan.end_m, SIGMA_M))
+
+    explore(bottle, out.rng(row, 1), touches=shown[-1] + 1, on_plan=look)
     return found
 
 

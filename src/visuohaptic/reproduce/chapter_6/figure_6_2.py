@@ -6,7 +6,6 @@ wall; (c) local stiffness of (b), dark soft, bright stiff (simulated, as in the 
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from ...core.files import draw_surface, new_figure
 from ...deformation import PinchPlane, load_object, object_map, side_vertex
 from ...deformation.maps.map_file import colours
 from ...grasping.confirm import confirm_grasp
+from ...reconstruction.mesh import SurfaceMesh
 from .._solid import frame_3d, shaded
 from ..output import Columns, Output
 
@@ -43,10 +43,8 @@ def run(out: Output) -> None:
         stiffness = 1.0 / float(PinchPlane(container).linear(vertex).mean())
         rows.add(name, 1e3 * moved[name], stiffness)
         amount = np.linalg.norm(confirmation.shape_m - points, axis=1)
-        mesh = replace(container.mesh, vertices_m=confirmation.shape_m)
-        shaded(
-            axis, _Surface(mesh.vertices_m, container.surface_faces), amount / max(float(amount.max()), 1e-9)
-        )
+        surface = SurfaceMesh(confirmation.shape_m, container.surface_faces)
+        shaded(axis, surface, amount / max(float(amount.max()), 1e-9))
         low, high = points.min(axis=0), points.max(axis=0)
         frame_3d(axis, low, high, elev=20, zoom=1.05)
         axis.set_title(f"{letter}  {name}: {1e3 * moved[name]:.1f} mm at {FORCE_N:g} N", fontsize=10)
@@ -77,10 +75,3 @@ def _scale(figure: Any, axis: Any, colours: str, norm: Any, label: str) -> None:
 
     bar = figure.colorbar(ScalarMappable(norm, colours), ax=axis, shrink=0.6, pad=0.02, label=label)
     bar.ax.tick_params(which="both", labelsize=8)
-
-
-class _Surface:
-    """Vertices and faces, for drawing."""
-
-    def __init__(self, vertices_m: np.ndarray, faces: np.ndarray) -> None:
-        self.vertices_m, self.faces = vertices_m, faces

@@ -15,7 +15,8 @@ from ...grasping import GraspTask, GripperModel, ScoreParameters
 from ...grasping.planner import plan_grasps
 from ...io.ros import ros_messages as messages
 from ...recognition import TouchNoise, load_classifier, read_curves
-from ...recognition.touch.belief import contradicted_assumption, update_belief
+from ...recognition.touch.belief import update_belief
+from ...recognition.touch.steps import contradicted_assumption
 from ..wire.graph import LATCHED
 from .component import Component, Status
 from .parameters import NodeParameters

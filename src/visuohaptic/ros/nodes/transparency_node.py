@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from pydantic import Field
 
 from ...core import Camera, DeviceError, Pose
@@ -14,9 +15,9 @@ from ...io.depth.depth_sequence import DepthFrame
 from ...io.ros import ros_messages as messages
 from ...io.ros.ros_image import camera_from_message, decode_depth
 from ...reconstruction.fusion import sensor_noise, space_of_interest
-from ...reconstruction.pipeline import reconstruct
+from ...reconstruction.pipeline import Reconstruction, reconstruct
 from ..frames import info_topic, message_pose
-from ..markers import text_marker
+from ..markers import LINES, clear_marker, points_marker, text_marker
 from ..transports.topic_node import Received
 from ..wire.graph import LATCHED, Qos
 from .component import Component, Status
@@ -108,11 +109,7 @@ class TransparentPartsNode(Component):
         columns = [(axis, "float32", found.points_m[:, place]) for place, axis in enumerate("xyz")]
         cloud = messages.cloud(t_s, frame, [*columns, ("score", "float32", found.scores)])
         self._points.publish(cloud)
-        labels = [
-            text_marker(t_s, frame, "transparent", number, region.centroid_m, f"{region.score:.2f}")
-            for number, region in enumerate(found.regions)
-        ]
-        self._parts.publish({"markers": labels})
+        self._parts.publish({"markers": part_markers(t_s, frame, found)})
         parts = [
             {"centroid_m": region.centroid_m, "size_m": region.size_m, "score": region.score}
             for region in found.regions
@@ -127,3 +124,29 @@ class TransparentPartsNode(Component):
 
     def status(self) -> Status:
         return Status(True, "ok", {"views": len(self._views), "without_pose": self._missed})
+
+
+def part_markers(t_s: float, frame: str, found: Reconstruction) -> list[dict[str, Any]]:
+    """Markers that replace those of the last detection: the score of each part at its centroid, the edges of all panes.
+
+    Parameters
+    ----------
+    t_s, frame
+        Time [s], and the frame of the camera poses.
+    found
+        The detected parts and panes.
+    """
+    edges_m = [
+        corner
+        for pane in found.panes
+        for pair in zip(pane.corners_m, np.roll(pane.corners_m, -1, axis=0), strict=True)
+        for corner in pair
+    ]
+    return [
+        clear_marker(t_s, frame, "transparent"),
+        *(
+            text_marker(t_s, frame, "transparent", number, region.centroid_m, f"{region.score:.2f}")
+            for number, region in enumerate(found.regions)
+        ),
+        points_marker(t_s, frame, "panes", LINES, edges_m, size_m=0.005),
+    ]

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from importlib import import_module
+from typing import Literal
 
-from ...core.errors import InputError, brief
+from ...core.ranges import check_choice
 from .session import RosOptions
 from .topic_node import TopicNode
 
 Transport = Literal["zenoh", "rclpy", "cyclonedds"]
-TRANSPORTS: tuple[str, ...] = get_args(Transport)
+#: Module and class of their nodes, imported when one is opened.
+TRANSPORTS = {
+    "zenoh": ("zenoh_node", "RosNode"), "rclpy": ("rclpy_node", "RclpyNode"), "cyclonedds": ("cyclone_node", "CycloneNode")
+}  # fmt: skip
 
 
 def open_node(name: str, options: RosOptions | None = None, transport: str = "zenoh") -> TopicNode:
@@ -34,16 +38,7 @@ def open_node(name: str, options: RosOptions | None = None, transport: str = "ze
     DeviceError
         No router responds.
     """
-    if transport == "zenoh":
-        from .zenoh_node import RosNode
-
-        return RosNode(name, options)
-    if transport == "rclpy":
-        from .rclpy_node import RclpyNode
-
-        return RclpyNode(name, options)
-    if transport == "cyclonedds":
-        from .cyclone_node import CycloneNode
-
-        return CycloneNode(name, options)
-    raise InputError("transport", f"found {brief(transport)}, expected one of {', '.join(TRANSPORTS)}")
+    check_choice("transport", TRANSPORTS, transport)
+    module, kind = TRANSPORTS[transport]
+    make: type[TopicNode] = getattr(import_module(f".{module}", __package__), kind)
+    return make(name, options)

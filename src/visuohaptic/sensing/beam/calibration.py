@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from ...core.errors import CalibrationError, InputError
 from ...core.geometry import so3_exp
+from ...core.measurement import SIGMA_PER_MAD
 from .correction import Correction, prior_correction
 from .estimate import estimate_wrench
 from .mechanics import Beam, compliance
@@ -228,7 +229,7 @@ def _refuse_noise(
             f"{100 * MIN_EXPLAINED:.0f} % or more",
             remedy="repeat the session: settle, zero, heavier weights",
         )
-    robust = 1.4826 * np.median(np.abs(rest), axis=0)
+    robust = SIGMA_PER_MAD * np.median(np.abs(rest), axis=0)
     away = np.abs(rest) / np.maximum(robust, 0.005 * span)
     if away.max() > OUTLIER:
         row, k = divmod(int(np.argmax(away)), 6)

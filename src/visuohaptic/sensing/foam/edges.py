@@ -28,6 +28,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Num
 
 from ...core.kernels import kernel
+from ...core.measurement import SIGMA_PER_MAD
 from ...tracking._solve_kernels import median
 from ...tracking.contours.contour import PIXEL_PX, quick_median
 from ._chain_kernels import ALIKE
@@ -170,7 +171,7 @@ def shift_by_light_px(
     even = measured & (np.abs(excess_px2) <= quick_median(np.abs(excess_px2[measured])))
     remainder = found[1] - quick_median((found[1] - excess_px2)[even])
     shift = np.where(near, strip.rest_px - front - found[0], 0.0)
-    scatter = max((1.4826 * quick_median(np.abs(shift[even]))) ** 2, 1e-12)
+    scatter = max((SIGMA_PER_MAD * quick_median(np.abs(shift[even]))) ** 2, 1e-12)
     error = scatter + np.where(near, found[3] ** 2, 0.0)
     odds = 0.5 * (shift**2 / error - np.log1p(blur**2 / error))
     # Light is no matter of a single point.
@@ -203,7 +204,7 @@ def _floor_probability(
     if not len(beside):
         return np.zeros(len(lit))  # black or saturated: without texture and noise
     usual = quick_median(beside)
-    scatter = max(1.4826 * quick_median(np.abs(beside - usual)), 1e-3)
+    scatter = max(SIGMA_PER_MAD * quick_median(np.abs(beside - usual)), 1e-3)
     with np.errstate(invalid="ignore", divide="ignore"):
         away = np.log(lit) - usual
         odds = 0.5 * (count - 2.0) * np.log(plain / lit) - 0.5 * (away / scatter) ** 2
@@ -239,7 +240,7 @@ def gap_shift_px(
         return np.zeros(len(rest_px)), np.zeros(len(rest_px))
     # Median absolute deviation: a standard deviation would include edges beside a gap. An edge that has moved has other texture than at rest,
     # and a blurred step has half as much information on its blur as on its position.
-    still = 1.4826 * quick_median(np.abs(scatter - quick_median(scatter)))
+    still = SIGMA_PER_MAD * quick_median(np.abs(scatter - quick_median(scatter)))
     texture = (strip.front.sigma_px**2 - strip.front.noise_px**2) * (1.0 - np.exp(-0.5 * moved**2))
     error = np.sqrt(still**2 + 8.0 * strip.front.blur_px**2 * np.maximum(texture, 0.0))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -394,5 +395,5 @@ def local_statistics(values: Float[np.ndarray, "K"]) -> Float[np.ndarray, "2 K"]
             result[0, k] = median(near, count, work)
             for i in range(count):
                 near[i] = abs(near[i] - result[0, k])
-            result[1, k] = 1.4826 * median(near, count, work) * math.sqrt(0.5 * math.pi / count)
+            result[1, k] = SIGMA_PER_MAD * median(near, count, work) * math.sqrt(0.5 * math.pi / count)
     return result

@@ -51,6 +51,11 @@ class FloorWorld:
         Pose of the robot (x, y, heading).
     robot
         Size and strength.
+
+    Raises
+    ------
+    InputError
+        ``robot`` is of another kind, such as the planner's model of it.
     """
 
     def __init__(
@@ -64,6 +69,10 @@ class FloorWorld:
             import mujoco
         self._mujoco: Any = mujoco
         self.robot = robot if robot is not None else FloorRobot()
+        if not isinstance(self.robot, FloorRobot):
+            raise InputError(
+                "FloorWorld", f"found {type(robot).__name__}, expected FloorRobot", field="robot"
+            )
         self.objects = tuple(objects)
         self._map, self._boxes = map, wall_boxes(map)
         self._model: Any = mujoco.MjModel.from_xml_string(

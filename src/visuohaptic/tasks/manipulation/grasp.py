@@ -13,8 +13,10 @@ from ...core.ranges import POSITIVE, Ranged
 from ..framework import Ending, Rule, Trace
 from .hand import Hand, HandCommand, HandObservation, HandTask, Place, run_hand
 
-#: Fraction of the force over which its rise per closing is measured: several times the noise of a reading.
-RISE = 0.1
+#: Fraction of its force by which a grasp may exceed it, apart from the noise of the reading that ends it.
+EXCESS = 0.1
+#: Standard deviations of a reading that are exceeded with a probability of one in a hundred.
+NOISE = 2.33
 
 
 class GraspState(StrEnum):
@@ -48,8 +50,10 @@ class LiftPlan(Ranged):
     deformation_m: float = field(default=0.01, metadata=POSITIVE)  #: maximum deformation of the object
     object_m: tuple[float, float, float] = (0.5, 0.0, 0.0)  #: centre of its bottom in the base frame
     lift_m: float = field(default=0.1, metadata=POSITIVE)
-    open_m: float = field(default=0.11, metadata=POSITIVE)
+    open_m: float = field(default=0.11, metadata=POSITIVE)  #: opening at which the object is not touched
     finger_m_s: float = field(default=0.015, metadata=POSITIVE)
+    #: upper bound of the stiffness of the foam of one finger before a rigid flat wall [N/m]
+    finger_N_per_m: float = field(default=3e4, metadata=POSITIVE)
     arm_m_s: float = field(default=0.12, metadata=POSITIVE)
     hold_s: float = 0.5
     put_back: bool = False  #: whether to put it back, as after weighing
@@ -94,7 +98,7 @@ class GraspAndLiftTask(HandTask[GraspState]):
         self.rules = {
             s.OPEN: Rule((s.REACH,), 20.0),
             s.REACH: Rule((s.CLOSE,), 30.0),
-            s.CLOSE: Rule((s.LIFT, s.OPEN), 30.0, s.OPEN, count),
+            s.CLOSE: Rule((s.LIFT, s.OPEN), 60.0, s.OPEN, count),
             s.LIFT: Rule((s.CHECK, s.PUT_DOWN), 30.0, s.PUT_DOWN, count),
             s.CHECK: Rule((s.LOWER, s.PUT_DOWN), 10.0, s.PUT_DOWN, count),
             s.LOWER: Rule((), 30.0),
@@ -105,6 +109,7 @@ class GraspAndLiftTask(HandTask[GraspState]):
         self._first_m = math.nan
         self._weak = 0
         self._closing: list[tuple[float, float]] = []  #: opening [m] and force [N]
+        self._idle_N: list[float] = []  #: force before a contact [N]
         self._unloaded_N: list[float] = []  #: load on the table [N]
         self._loaded_N: list[float] = []
 
@@ -173,23 +178,30 @@ class GraspAndLiftTask(HandTask[GraspState]):
     def _next_opening_m(self, seen: HandObservation) -> float:
         """Opening up to which to close until the next frame.
 
-        Of the way to the force, by its rise so far, one half, since walls and foam stiffen, and at least
-        the rise of half the resolution. The rise since the last frame without contact would be too small, as the contact
-        began somewhere between: after the first frame with a contact it is that of the foam before a rigid wall.
+        A contact is felt at its next frame only: before a rigid wall, the foam of both fingers then presses with less than
+        the force. Afterwards, one half of the way to the force by its rise so far, since walls and foam stiffen, and at
+        least the rise of half the excess. The rise since the last frame without contact would be too small, as the contact
+        began somewhere between: after the first frame with a contact it is that of the foam before a rigid wall. By the
+        noise of the readings before the contact, the rise is larger with a probability of one in a hundred.
         """
         p, felt_N = self.plan, seen.force_N
-        weaker = [one for one in self._closing if one[1] <= felt_N - RISE * p.force_N]
+        weaker = [one for one in self._closing if one[1] <= felt_N - EXCESS * p.force_N]
         foam_m = seen.surface_m - 0.5 * seen.opening_m
         if math.isfinite(foam_m):
             self._closing.append((seen.opening_m, felt_N))
+        elif not self._closing:
+            self._idle_N.append(felt_N)
+        noise_N = NOISE * float(np.std(self._idle_N)) if self._idle_N else 0.0
+        start_m, N_per_m = seen.opening_m, 0.5 * p.finger_N_per_m
+        rise_N = 0.5 * max(p.force_N - felt_N, EXCESS * p.force_N)
         if weaker:
             opening_m, force_N = weaker[-1]
-            m_per_N = (opening_m - seen.opening_m) / (felt_N - force_N)
-        elif foam_m > 0.0 and felt_N > RISE * p.force_N:
-            m_per_N = 2.0 * foam_m / felt_N
+            N_per_m = (felt_N - force_N + math.sqrt(2.0) * noise_N) / (opening_m - seen.opening_m)
+        elif foam_m > 0.0 and felt_N > EXCESS * p.force_N:
+            N_per_m = (felt_N + noise_N) / (2.0 * foam_m)
         else:
-            return 0.0
-        return max(0.0, seen.opening_m - 0.5 * max(p.force_N - felt_N, RISE * p.force_N) * m_per_N)
+            start_m, rise_N = min(start_m, p.open_m), (1.0 - EXCESS) * p.force_N
+        return max(0.0, start_m - rise_N / N_per_m)
 
     def weighs(self, t_s: float) -> bool:
         """Read the load while the object is lifted, and before for as long with nothing between the fingers.
@@ -223,7 +235,7 @@ class GraspAndLiftTask(HandTask[GraspState]):
         if state is GraspState.OPEN and self._others:
             self.plan = self._others.pop(0)
             self._weak, self._first_m, self.deformation_m, self._closing = 0, math.nan, math.nan, []
-            self._unloaded_N, self._loaded_N = [], []
+            self._idle_N, self._unloaded_N, self._loaded_N = [], [], []
 
 
 def grasp_and_lift(hand: Hand, plan: LiftPlan, *others: LiftPlan) -> GraspAndLift:

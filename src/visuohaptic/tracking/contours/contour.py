@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from ...core import NON_NEGATIVE, POSITIVE, InputError, Ranged, at_least, finite_array, within
+from ...core.measurement import SIGMA_PER_MAD
 from . import _fit_kernels as columns
 from ._classify_kernels import classify_points
 from ._refine_kernels import SHARED, refine, start_on_edge
@@ -376,4 +377,6 @@ def _first_noise(grey: UInt8[np.ndarray, "rows columns"], lines: ConstraintLines
     column = np.clip(np.rint(points[:, 0]), 1, grey.shape[1] - 2).astype(np.int64)
     row = np.clip(np.rint(points[:, 1]), 0, grey.shape[0] - 1).astype(np.int64)
     left, middle, right = (grey[row, column + i].astype(np.float64) for i in (-1, 0, 1))
-    return max(2.0, 1.4826 * float(np.median(np.abs(left - 2.0 * middle + right))) / float(np.sqrt(6.0)))
+    return max(
+        2.0, SIGMA_PER_MAD * float(np.median(np.abs(left - 2.0 * middle + right))) / float(np.sqrt(6.0))
+    )

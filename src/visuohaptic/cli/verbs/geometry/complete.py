@@ -35,8 +35,7 @@ def add_arguments(add: Any) -> None:
         "--hidden",
         float,
         "instead of --region: corners of a box around what no view shows of an opaque object, as its back [m]",
-        nargs=6,
-        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
+        metavar="X0 Y0 Z0 X1 Y1 Z1",
     )
     add("--cluster", int, "number of the region (default: the one nearest to the model)")
     add("--clear", bool, "complete a fully clear vessel from its outlines, without a visible band")
@@ -49,8 +48,7 @@ def add_arguments(add: Any) -> None:
         "--apart-m",
         float,
         "distance of the further fingers' starts from that of the first [m] (0.01 0.1)",
-        nargs=2,
-        metavar=("LOW", "HIGH"),
+        metavar="LOW HIGH",
     )
     add("--bound-m", 0.001, "expected error at which to stop [m] (0.001)", low=0, above=True)
     add("--plot", Path, "figure of the completed surface (.png, .pdf, .svg)")

@@ -33,8 +33,7 @@ def add_arguments(add: Any) -> None:
         "--space",
         float,
         "corners of the space of interest [m] (default: 1 m around the point that the cameras look at)",
-        nargs=6,
-        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
+        metavar="X0 Y0 Z0 X1 Y1 Z1",
     )
     add("--voxel-m", 0.005, "edge of a voxel [m] (default: %(default)s)", low=0, high=0.5, above=True)
     add("--false-alarm-rate", 0.02, "expected false transparent parts of a search (default: %(default)s)")

@@ -84,11 +84,7 @@ def run(args: Any) -> dict[str, Any]:
 
 def _imported(args: Any, poses: str | None) -> io.ImportedSequence:
     if not depth.is_recording(args.source):
-        for name in ("depth_topic", "color_topic"):
-            if getattr(args, name):
-                raise core.InputError(
-                    f"--{name.replace('_', '-')}", f"{args.source} is not a recording with topics"
-                )
+        args.refuse("--depth-topic --color-topic", f"{args.source} is not a recording with topics")
         return io.import_sequence(
             args.source,
             args.out,
@@ -99,11 +95,7 @@ def _imported(args: Any, poses: str | None) -> io.ImportedSequence:
             depth_scale_m=args.depth_scale_m,
             bit_rotation=args.bit_rotation,
         )
-    for name, unused in (("layout", "auto"), ("kind", "transparent"), ("bit_rotation", 0)):
-        if getattr(args, name) != unused:
-            raise core.InputError(
-                f"--{name.replace('_', '-')}", f"does not apply to {args.source}, a recording"
-            )
+    args.refuse("--layout --kind --bit-rotation", f"does not apply to {args.source}, a recording")
     images = depth.BagImages(
         args.source,
         args.depth_topic,

@@ -38,14 +38,7 @@ def add_arguments(add: Any) -> None:
     add("--no-width", bool, "do not use widths as evidence")
     add("--force-noise", 0.1, "standard deviation of one force sample [N]", low=0, high=1e3, above=True)
     add("--deformation-noise", 1e-4, "standard deviation of one deformation sample [m]", low=0, high=0.1)
-    add(
-        "--prior",
-        str,
-        "probability of a class from vision; may be repeated",
-        default=[],
-        action="append",
-        metavar="CLASS=PROBABILITY",
-    )
+    add("--prior", list, "probability of a class from vision; may be repeated", metavar="CLASS=PROBABILITY")
     add("--state", Path, "state.json of this object: also estimate its state")
     add("--view", bool, "show the touches in the browser")
     add("--port", 8080, "port of --view on 127.0.0.1", low=0, high=65535)
@@ -106,7 +99,7 @@ def _readings(args: Any) -> Any:
 
 
 def _result(args: Any, found: Any, model: Any, readings: Any) -> dict[str, Any]:
-    from ....recognition.touch.belief import contradicted_assumption
+    from ....recognition.touch.steps import contradicted_assumption
 
     belief = recognition.update_belief(model, readings)
     tree = found.tree

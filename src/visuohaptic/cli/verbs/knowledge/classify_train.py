@@ -35,14 +35,7 @@ def add_arguments(add: Any) -> None:
     add("--states", str, "learn the states of this container instead", metavar="CONTAINER")
     add("--out", Path, "tree or states to write, .json", required=True)
     add("--classes", str, "classes to use, separated by commas (all)")
-    add(
-        "--group",
-        str,
-        "classes to report under one name; may be repeated",
-        default=[],
-        action="append",
-        metavar="NAME=CLASS,CLASS",
-    )
+    add("--group", list, "classes to report under one name; may be repeated", metavar="NAME=CLASS,CLASS")
     add("--scheme", "centre", "scaling of the features", choices=("norm", "centre", "point"))
     add("--reuse", 0.1, "preference for features that are already measured, 0..1")
     add("--tune", bool, "choose --scheme and --reuse by cross-validation (with --objects)")
@@ -51,7 +44,13 @@ def add_arguments(add: Any) -> None:
     add("--plot", Path, "plot of the tree and the features to write")
     states = add.group("with --states")
     states(
-        "--fill", float, "fill level of a closed state, 0..1; may be repeated", default=[], action="append"
+        "--fill",
+        list,
+        "fill level of a closed state, 0..1; may be repeated",
+        type=float,
+        low=0,
+        high=1,
+        above=True,
     )
     states("--places", "y+4,y+6,y+8,y+10", "places to consider, side and height (y+4,y+6,y+8,y+10)")
     states("--variants", 8, "random variants of wall and modulus, each with 10 %% (8)", low=3, high=1000)
@@ -76,8 +75,6 @@ def run(args: Any) -> dict[str, Any]:
 def _states(args: Any) -> dict[str, Any]:
     import numpy as np
 
-    if bad := [fill for fill in args.fill if not 0 < fill <= 1]:
-        raise InputError("--fill", f"found {bad[0]:g}, expected more than 0 to 1")
     states: dict[str, deformation.Contents | None] = {"open": None, "closed": deformation.Contents()}
     states |= {f"closed, {100 * fill:g} % full": deformation.Contents(fill=fill) for fill in args.fill}
     places = [place.strip() for place in args.places.split(",")]

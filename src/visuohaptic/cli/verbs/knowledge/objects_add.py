@@ -28,24 +28,11 @@ def add_arguments(add: Any) -> None:
     add("--name", "", "name for display")
     add("--class", "", "visual class", dest="visual_class")
     add("--licence", "", "licence of the data, an SPDX identifier")
-    add(
-        "--state",
-        str,
-        "state, for example lid=open or fill=0.5",
-        default=[],
-        action="append",
-        metavar="NAME=VALUE",
-    )
-    add("--estimate", str, "estimate in SI units", default=[], action="append", metavar="PLACE=VALUE+-SIGMA")
+    add("--state", list, "state, for example lid=open or fill=0.5", metavar="NAME=VALUE")
+    add("--estimate", list, "estimate in SI units", metavar="PLACE=VALUE+-SIGMA")
     add("--source", "command line", "origin of the evidence", dest="origin")
-    add("--seen", float, "current position in the map [m]", nargs=3, metavar=("X", "Y", "Z"))
-    add(
-        "--context",
-        str,
-        "words that describe its place, such as kitchen,sink; may be repeated",
-        default=[],
-        action="append",
-    )
+    add("--seen", float, "current position in the map [m]", metavar="X Y Z")
+    add("--context", list, "words that describe its place, such as kitchen,sink; may be repeated")
     add_database(add)
 
 

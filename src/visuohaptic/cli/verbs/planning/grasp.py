@@ -19,9 +19,14 @@ from pathlib import Path
 from typing import Any
 
 from .... import core, deformation, grasping
-from ....core import files
 from ....core.files.plain_json import picked
 from ._container import add_container_arguments, read_container
+
+#: Options of wall, shape and contents, which change nothing about a map.
+_OF_OBJECTS = (
+    "--material --thickness --thickness-spread --youngs-modulus --poisson --open-top --base-stiffness --variant --seed "
+    "--around --unit --up --remesh --state --fill"
+)
 
 
 def add_arguments(add: Any) -> None:
@@ -43,8 +48,7 @@ def add_arguments(add: Any) -> None:
         "--place",
         float,
         "place of the middle of its foot in the scene [m], and rotation about z [degrees] (0 0 0 0)",
-        nargs=4,
-        metavar=("X", "Y", "Z", "YAW"),
+        metavar="X Y Z YAW",
     )
     add("--several", int, "also distribute the force over the M best grasps, acting at once", metavar="M")
     hand = add.group("hand")
@@ -67,24 +71,23 @@ def add_arguments(add: Any) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Plan and report; returns the mapping that ``--json`` prints."""
-    if args.plot:
-        files.check_target(args.plot, files.FIGURE_SUFFIXES)
     if args.several is not None and not 2 <= args.several <= args.count:
         raise core.InputError("--several", f"found {args.several}, expected 2 to {args.count}, the --count")
-    if args.mass_sigma and args.mass is None:
-        raise core.InputError("--mass-sigma", "found without --mass", remedy="give the --mass it belongs to")
+    if args.mass is None:
+        args.refuse("--mass-sigma", "found without --mass", "give the --mass it belongs to")
     if args.mass is not None and not 0 <= args.mass_sigma <= max(args.mass, 0):
         found = f"found {args.mass_sigma:g} kg, expected 0 to the --mass of {args.mass:g} kg"
         raise core.InputError("--mass-sigma", found)
-    if args.place is not None and args.scene is None:
-        raise core.InputError("--place", "found without --scene", remedy="give the --scene it refers to")
+    if args.scene is None:
+        args.refuse("--place", "found without --scene", "give the --scene it refers to")
     begin = time.perf_counter()
     container = None
     if Path(args.object).suffix.lower() == ".npz":
-        for flag in ("confirm", "several"):
-            if getattr(args, flag):
-                raise core.InputError(args.object, f"is a map: --{flag} needs the object itself")
-        _refuse_options_of_objects(args)
+        if args.confirm:
+            raise core.InputError(args.object, "is a map: --confirm needs the object itself")
+        args.refuse("--several", f"{args.object} is a map, expected the object itself")
+        said = f"changes nothing: {args.object} is a map of one wall in one state"
+        args.refuse(_OF_OBJECTS, said, "give the object itself, or compute its map with this option")
         surface = deformation.load_map(args.object)
         name = Path(args.object).stem
         task = _task(args, surface.vertices_m.mean(axis=0))
@@ -145,26 +148,6 @@ def _scene(args: Any, vertices_m: Any) -> Any:
     pose[:2, :2], pose[:3, 3] = ((cos, -sin), (sin, cos)), place
     extent = np.stack([vertices_m.min(axis=0), vertices_m.max(axis=0)])
     return grasping.scene_points(points, faces, pose, extent, str(args.scene))
-
-
-def _refuse_options_of_objects(args: Any) -> None:
-    """Reject options of wall, shape and contents for a map, which would change nothing."""
-    names = "material thickness thickness-spread youngs-modulus poisson open-top base-stiffness variant seed around unit up remesh state fill"
-    renamed = {
-        "thickness-spread": "wall_spread",
-        "youngs-modulus": "youngs_modulus_Pa",
-        "poisson": "poisson_ratio",
-        "base-stiffness": "base_N_per_m",
-    }
-    standard = {"up": "z", "remesh": "auto", "state": "open"}
-    for flag in names.split():
-        value = getattr(args, renamed.get(flag, flag.replace("-", "_")))
-        if value and value != standard.get(flag):
-            raise core.InputError(
-                f"--{flag}",
-                f"found {value}, but {args.object} is a map of one wall in one state",
-                remedy="give the object itself, or compute its map with this option",
-            )
 
 
 def _task(args: Any, centre_m: Any) -> grasping.GraspTask:

@@ -35,13 +35,7 @@ def add_arguments(add: Any) -> None:
     add("--spacing", float, "keep connection nodes at this spacing [m]", dest="spacing_m")
     add("--stub", float, "remove dead ends shorter than this [m]", dest="stub_length_m")
     add("--objects", Path, "objects.yaml: movable objects, passages and glass")
-    add(
-        "--route",
-        float,
-        "also compute the path from one point to another [m]",
-        nargs=4,
-        metavar=("X", "Y", "X", "Y"),
-    )
+    add("--route", float, "also compute the path from one point to another [m]", metavar="X Y X Y")
     add("--frame", "map", "name of the map frame in the files")
     add("--plot", bool, "also write a plot like figure 4.1")
     add("--unknown-is-free", bool, "treat unknown cells as free")

@@ -57,9 +57,9 @@ def add_arguments(add: Any) -> None:
     add("--objects", Path, "objects.yaml; without it nothing is pushed")
     add("--glass", Path, "regions.json: transparent parts and panes to avoid, in the map frame")
     add("--robot", Path, "robot.yaml", required=True)
-    add("--start", float, "start in the map frame [m]", required=True, nargs=2, metavar=("X", "Y"))
+    add("--start", float, "start in the map frame [m]", required=True, metavar="X Y")
     add("--yaw", float, "heading at the start of a robot with a footprint [rad]; default: any", metavar="RAD")
-    add("--goal", float, "goal in the map frame [m]; optional with --explore", nargs=2, metavar=("X", "Y"))
+    add("--goal", float, "goal in the map frame [m]; optional with --explore", metavar="X Y")
     add("--explore", float, "plan a tour that explores unknown objects within this time [s]", metavar="S")
     add(
         "--keep-routes",
@@ -98,9 +98,8 @@ def run(args: Any) -> dict[str, Any]:
 
     if args.goal is None and args.explore is None:
         raise InputError("--goal", "is missing", remedy="give a goal, or --explore with a time")
-    for option in ("compare", "prove"):
-        if args.explore is not None and getattr(args, option):
-            raise InputError(f"--{option}", "does not apply to --explore", remedy="leave it out")
+    if args.explore is not None:
+        args.refuse("--compare --prove", "does not apply to --explore", "leave it out")
     robot = load_robot(args.robot)
     objects = load_objects(args.objects) if args.objects else ()
     if args.glass:
@@ -109,10 +108,8 @@ def run(args: Any) -> dict[str, Any]:
         objects += glass_objects(load_glass_hulls(args.glass))
     passages, areas = (load_passages(args.objects), load_areas(args.objects)) if args.objects else ((), ())
     start_m, goal_m = np.array(args.start), np.array(args.goal or args.start)
-    if args.yaw is not None and not robot.footprint_m:
-        raise InputError(
-            "--yaw", "does not apply to a disc", remedy="leave it out, or give the robot a footprint"
-        )
+    if not robot.footprint_m:
+        args.refuse("--yaw", "does not apply to a disc", "leave it out, or give the robot a footprint")
     map = io.OccupancyMap.load(args.map)
     problem = PlanningProblem(map, robot, start_m, goal_m, objects, passages, args.yaw, areas)
     if args.explore is not None:

@@ -28,7 +28,7 @@ from ._container import add_container_arguments, add_contents_arguments, read_co
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add_container_arguments(add)
-    add("--at", float, "position of the first fingertip [m]", nargs=3, metavar=("X", "Y", "Z"))
+    add("--at", float, "position of the first fingertip [m]", metavar="X Y Z")
     add("--side", str, "instead of --at: side of the container (x+)", choices=("x+", "x-", "y+", "y-"))
     add("--height", float, "instead of --at: height above the foot [m] (half of the container's)")
     limit = add.one_of()
@@ -40,24 +40,19 @@ def add_arguments(add: Any) -> None:
     add_contents_arguments(add)
     felt = add.group("measured squeezes")
     felt("--measured", Path, "infer lid and contents from these squeezes: .csv")
-    felt("--mass", float, "as weighed, with its contents", metavar="KG")
-    felt("--mass-sigma", float, "standard deviation of --mass (0.005)", metavar="KG")
+    felt("--mass", float, "as weighed, with its contents", metavar="KG", low=0, above=True)
+    felt("--mass-sigma", float, "standard deviation of --mass (0.005)", metavar="KG", low=0, above=True)
 
 
 def run(args: Any) -> dict[str, Any]:
     """Compute and report; returns the mapping that ``--json`` prints."""
     if args.measured:
         return _contents(args)
-    for flag in ("mass", "mass_sigma"):
-        if getattr(args, flag) is not None:
-            raise core.InputError(f"--{flag.replace('_', '-')}", "found without --measured")
-    if args.plot:
-        files.check_target(args.plot, files.FIGURE_SUFFIXES)
+    args.refuse("--mass --mass-sigma", "found without --measured")
     if args.out:
         files.check_target(args.out, (".csv",))
-    for flag in ("height", "side"):
-        if args.at and getattr(args, flag) is not None:
-            raise core.InputError(f"--{flag}", "found with --at, expected one of them")
+    if args.at:
+        args.refuse("--height --side", "found with --at, expected one of them")
     begin = time.perf_counter()
     container = read_container(args)
     contents, inside = read_contents(args)
@@ -98,14 +93,10 @@ def _contents(args: Any) -> dict[str, Any]:
 
     from ....recognition.touch.contents import EMPTY, ENCLOSED, FILLINGS, MAX_DEFORMATION_M
 
-    for flag in ("at", "side", "height", "force", "deformation", "points", "out", "plot", "fill", "closed"):
-        if getattr(args, flag) not in (None, False):
-            raise core.InputError(f"--{flag}", "found with --measured, which simulates nothing")
-    if args.mass is None and args.mass_sigma is not None:
-        raise core.InputError("--mass-sigma", "found without --mass", remedy="give the --mass it belongs to")
-    for flag, value in (("--mass", args.mass), ("--mass-sigma", args.mass_sigma)):
-        if value is not None and not 0 < value < math.inf:
-            raise core.InputError(flag, f"found {value:g} kg, expected more than 0")
+    simulated = "--at --side --height --force --deformation --points --out --plot --fill --closed"
+    args.refuse(simulated, "found with --measured, which simulates nothing")
+    if args.mass is None:
+        args.refuse("--mass-sigma", "found without --mass", "give the --mass it belongs to")
     begin = time.perf_counter()
     squeezes = recognition.read_squeezes(args.measured)
     container = read_container(args)

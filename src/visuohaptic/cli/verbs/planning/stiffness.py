@@ -34,9 +34,8 @@ def add_arguments(add: Any) -> None:
         "--at",
         float,
         "also print the stiffness at the nearest surface point, interpolated between vertices, and its distance [m]; z is measured from the foot, x and y from the axis of a class or YAML description, and as in the file of a mesh; may be repeated",
-        nargs=3,
         action="append",
-        metavar=("X", "Y", "Z"),
+        metavar="X Y Z",
     )
     add_contents_arguments(add)
     add("--no-sigma", bool, "do not compute the standard deviation; halves the time")
@@ -48,8 +47,6 @@ def run(args: Any) -> dict[str, Any]:
 
     if args.out:
         files.check_target(args.out, maps.MAP_SUFFIXES)
-    if args.plot:
-        files.check_target(args.plot, files.FIGURE_SUFFIXES)
     for point in args.at or ():
         if not np.isfinite(point).all():
             raise core.InputError("--at", f"found {point}, expected finite numbers")

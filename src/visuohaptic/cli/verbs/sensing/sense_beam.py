@@ -28,7 +28,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .... import core, io, report, sensing, tracking
-from ....core.errors import InputError
 from ....core.files.plain_json import picked
 from ..._sensor_run import (
     Outputs,
@@ -97,10 +96,7 @@ def _images(args: Any, stack: ExitStack) -> tuple[sensing.SensorReader[Any], Ite
 
 def _poses(args: Any) -> tuple[sensing.SensorReader[Any], Iterator[Any], list[str]]:
     """A reader of template poses, those of ``--poses``, and the names of the templates."""
-    if args.view or args.start or args.stop != float("inf") or args.rate_Hz is not None:
-        raise InputError(
-            "--poses", "has no images", remedy="--view, --start, --stop and --rate-Hz belong to --source"
-        )
+    args.refuse("--view --start --stop --rate-Hz", "found with --poses, which has no images")
     from ....sensing.beam import BeamSensorConfig, read_template_poses
 
     setup = BeamSensorConfig.load(args.config)

@@ -25,7 +25,6 @@ from pathlib import Path
 from typing import Any
 
 from .... import core, report, sensing
-from ....core.errors import InputError
 from ....core.files.plain_json import picked
 from ....sensing import foam
 from ..._sensor_run import (
@@ -73,8 +72,8 @@ def add_arguments(add: Any) -> None:
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
     check_zero_alone(args)
-    if args.page and args.against is None:
-        raise InputError("--page", "found without --against, expected a reference to compare with")
+    if args.against is None:
+        args.refuse("--page", "found without --against, expected a reference to compare with")
     reference = None if args.against is None else checked_reference(args, args.against)
     sensor = foam.load_foam_sensor(args.config)
     with opened_frames(args, sensor.setup.camera) as source:

@@ -162,8 +162,7 @@ def add_arguments(add: Any) -> None:
 def run(args: Any) -> dict[str, Any]:
     """Run the verb; returns the mapping that ``--json`` prints."""
     if args.kind is None:
-        if given := "--out" if args.out else "--config" if args.config else "":
-            raise InputError(given, f"found without a kind, expected one of {', '.join(_KINDS)} before it")
+        args.refuse("--out --config", f"found without a kind, expected one of {', '.join(_KINDS)} before it")
         for name, kind in _KINDS.items():
             args.report(f"{name:<11}{kind.file:<16}read by {kind.verb}")
         return {"kinds": {name: {"file": kind.file, "verb": kind.verb} for name, kind in _KINDS.items()}}

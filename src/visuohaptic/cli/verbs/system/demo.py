@@ -93,21 +93,15 @@ def run(args: Any) -> dict[str, Any]:
 
     from .view import wait
 
-    chosen = {"--world": args.world, "--visit": args.visit, "--memory": args.memory, "--apart": args.apart}
-    other = next((name for name, value in chosen.items() if value), args.part or args.map)
-    if args.quick and other:
+    chosen = min(args.given & {"--world", "--visit", "--memory", "--apart"}, default="")
+    if args.quick and (other := chosen or args.part or args.map):
         raise InputError("--quick", f"found with {other}", remedy="it replays the whole recorded mission")
-    if args.bring and (args.quick or args.part or args.map):
-        raise InputError(
-            "--bring", "found with --quick, --map or a part", remedy="it needs the whole mission"
-        )
-    if args.map is not None and args.part not in (None, "foam"):
-        raise InputError("--map", f"found with {args.part}", remedy="maps are for the foam part")
-    given = next((name for name, value in chosen.items() if value), None)
-    if args.map is not None and given:
-        raise InputError(
-            "--map", f"found with {given}", remedy="a map is a world of its own, without a mission"
-        )
+    if args.quick or args.part or args.map:
+        args.refuse("--bring", "found with --quick, --map or a part", "it needs the whole mission")
+    if args.part not in (None, "foam"):
+        args.refuse("--map", f"found with {args.part}", "maps are for the foam part")
+    if chosen:
+        args.refuse("--map", f"found with {chosen}", "a map is a world of its own, without a mission")
     with ExitStack() as stack:
         page = None
         if args.view:

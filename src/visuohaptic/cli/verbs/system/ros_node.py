@@ -34,9 +34,7 @@ from ..._stop import signals
 def add_arguments(add: Any) -> None:
     """Arguments of the verb."""
     add("name", str, "name of the node, such as foam", nargs="?")
-    add(
-        "--param", str, "set a parameter; may be repeated", default=[], action="append", metavar="NAME:=VALUE"
-    )
+    add("--param", list, "set a parameter; may be repeated", metavar="NAME:=VALUE")
     add("--list", bool, "list the node's parameters")
     add_transport(add)
     add("--managed", bool, "wait for a lifecycle manager")

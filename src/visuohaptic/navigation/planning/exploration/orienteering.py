@@ -140,7 +140,7 @@ def _knapsack(weights: list[int], values: list[int], room: int) -> int:
     total = 0
     for weight, value in sorted(zip(weights, values, strict=True), key=lambda one: -one[1] / max(one[0], 1)):
         if weight > room:
-            return total + value * max(room, 0) // weight + 1
+            return total + value * room // weight + 1
         room, total = room - weight, total + value
     return total
 

@@ -159,7 +159,8 @@ def changed_drives_cost(
         if total >= most:
             return np.inf
         key = _key(*new)
-        if key not in domain.drives:
+        # A bounded search ends without a cost where its blocks are too coarse for the drive.
+        if not np.isfinite(domain.drives.get(key, (0, None, np.inf))[2]):
             block, nodes, _, _ = _drive(domain, old)
             # From the start of the new drive to the old one, along the old one, and to the goal of the new one.
             first, last = (resampled(np.stack(pair), 2 + int(np.hypot(*(pair[1] - pair[0])))) // block

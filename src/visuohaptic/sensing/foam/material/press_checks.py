@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ....core.errors import CalibrationError
+from ....core.measurement import SIGMA_PER_MAD
 from .stress_curve import StressCurve
 
 #: Minimum number of different strains on the loading branch.
@@ -103,7 +104,7 @@ def refuse_unsuitable(
     x, y = strain[order], stress[order]
     top = float(y.max())
     residual = y - spline.stress(x)
-    spread = 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
+    spread = SIGMA_PER_MAD * float(np.median(np.abs(residual - np.median(residual))))
     groups = np.array_split(np.arange(len(x)), min(20, len(x) // 2))
     means = np.array([y[g].mean() for g in groups])
     centres = np.array([x[g].mean() for g in groups])

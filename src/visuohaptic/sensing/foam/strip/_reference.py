@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ....core.kernels import kernel
+from ....core.measurement import SIGMA_PER_MAD
 from ....tracking._solve_kernels import median
 
 #: Prior standard deviations of the motion [px]: shift x, shift y, and the displacement by rotation and scale at
@@ -105,7 +106,7 @@ def _tukey_fit(basis, shift, sigma, usable, parameters, covariance, residual):
             if usable[k]:
                 away[count] = abs(residual[k])
                 count += 1
-        scale = max(1.4826 * median(away, count, work), least)
+        scale = max(SIGMA_PER_MAD * median(away, count, work), least)
         for i in range(4):
             for j in range(9):
                 rows[i, j] = 1.0 if j == 5 + i else 0.0

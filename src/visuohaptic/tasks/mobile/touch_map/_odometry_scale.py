@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ....core.camera.frame import USUAL_RATE_Hz
-from ....core.measurement import Contact, ForceProfile, Reason
+from ....core.measurement import SIGMA_PER_MAD, Contact, ForceProfile, Reason
 
 if TYPE_CHECKING:
     from ..explore import ObstacleExploration
@@ -62,7 +62,7 @@ class OdometryScale:
             return 1.0
         ratios = np.array(self._ratios)
         middle = float(np.median(ratios))
-        spread = max(1.4826 * float(np.median(np.abs(ratios - middle))), ONE_SIGMA)
+        spread = max(SIGMA_PER_MAD * float(np.median(np.abs(ratios - middle))), ONE_SIGMA)
         if len(ratios) < FEW:
             spread = max(spread, FEW_SIGMA)
         agree = ratios[np.abs(ratios - middle) <= 3.0 * spread]

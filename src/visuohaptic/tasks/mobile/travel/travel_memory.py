@@ -33,7 +33,6 @@ class _Known:
     item: MovableObject  #: as given, with its present tag
     own_m: Float[np.ndarray, "p 2"]  #: initial outline about its centroid
     place_m: Float[np.ndarray, "3"]  #: x, y of the centroid, rotation since the start
-    lever_m: float
     offset_m: Float[np.ndarray, "2"]  #: centre of friction in the object's frame
     covariance: Float[np.ndarray, "2 2"]
     learned: bool = False  #: whether a push has updated the offset
@@ -148,8 +147,8 @@ class TravelMemory:
         """
         return self._known[id].failures
 
-    def friction(self, id: str) -> tuple[Float[np.ndarray, "2"], float]:
-        """Centre of friction from the centroid in the object's frame, and ratio of maximum friction moment to force.
+    def push_model(self, id: str) -> tuple[PushModel, Float[np.ndarray, "3"]]:
+        """Model of an object about its centroid, with the estimated centre of friction, and its pose.
 
         Parameters
         ----------
@@ -159,10 +158,10 @@ class TravelMemory:
         Returns
         -------
         tuple
-            Offset (2,) [m] and lever [m].
+            Model, and x, y of the centroid [m], rotation since the start [rad], (3,).
         """
         known = self._known[id]
-        return known.offset_m, known.lever_m
+        return PushModel.of_footprint(known.own_m).with_centre_moved(*known.offset_m), known.place_m
 
     def seen(self, id: str, place_m: Float[np.ndarray, "3"]) -> bool:
         """Update the pose of a located object; returns whether it has moved.
@@ -336,7 +335,6 @@ def _known(item: MovableObject) -> _Known:
         item,
         own,
         np.array([*centre, 0.0]),
-        lever_m,
         offset,
         np.eye(2) * (CENTRE_FRACTION * lever_m) ** 2
         if item.friction_covariance_m2 is None

@@ -61,6 +61,9 @@ class TravelPushes:
         self.margin_m = 0.0  #: margin beside the robot of the present plan
         self.behind_m = 0.0  #: known free distance straight behind the robot after the last push
         self._at_wall = False  #: whether the last push ended at a wall
+        self._felt_m: Float[np.ndarray, "3"] | None = (
+            None  #: pose of the last pushed object, if it is known by touch only
+        )
         self._gone_m = 0.0  #: length of the last push
 
     def push(self, task: Task) -> Motion[bool]:
@@ -86,7 +89,7 @@ class TravelPushes:
             back_m = float((self._motion.pose_m()[:2] - task.path_m[-1]) @ ahead)
             self.behind_m = min(max(self.behind_m, back_m), self._gone_m + 0.02)
         known = self._memory.item(task.object).tag is not None
-        seen = yield from self._look(task.object)
+        seen = yield from self._look(task.object, self._felt_m)
         as_planned = (
             push.end is PushEnd.DONE
             and seen is not None
@@ -99,7 +102,7 @@ class TravelPushes:
         stalled = push.end is PushEnd.STALLED and not self._at_wall
         moved = good or moved_m > settings.moved_m
         self._learn(task.object, moved=moved, failed=not good, heavy=self._too_heavy(push), fixed=stalled)
-        if (beside := push.centre_offset_m()) is not None:
+        if self._felt_m is None and (beside := push.centre_offset_m()) is not None:
             self._memory.learn_centre(task.object, _direction(task), beside)
         self._note(
             "pushed", task.object, end=str(push.end), moved_m=[float(v) for v in push.moved_m],
@@ -210,7 +213,7 @@ class TravelPushes:
         start, touch, end = np.array(task.path_m[:3])
         direction = math.atan2(*(end - start)[::-1])
         length_m = max(float(np.hypot(*(end - touch))), 0.01)
-        push = yield from self._contact(task.object, start, direction, length_m, None)
+        push = yield from self._contact(task.object, start, direction, length_m)
         self.count += 1
         after = yield from self._motion.look(task.object)
         off = np.zeros(3) if before is None or after is None else after - before
@@ -224,9 +227,12 @@ class TravelPushes:
             turned_rad=float(off[2]), predicted_rad=task.turn_rad, force_N=_finite(push.force_N[1]),
         )  # fmt: skip
 
-    def _look(self, id: str) -> Motion[Float[np.ndarray, "3"] | None]:
-        """Locate an object, and update its pose if it has moved."""
+    def _look(
+        self, id: str, felt_m: Float[np.ndarray, "3"] | None = None
+    ) -> Motion[Float[np.ndarray, "3"] | None]:
+        """Locate an object, by touch where it is not seen, and update its pose if it has moved."""
         seen = yield from self._motion.look(id)
+        seen = felt_m if seen is None else seen
         if seen is not None and self._memory.seen(id, seen):
             self._note("looked", id, place_m=[float(value) for value in seen])
         return seen
@@ -246,8 +252,9 @@ class TravelPushes:
         return push.end is PushEnd.TOO_HEAVY and not self._at_wall
 
     def _through_centre(self, task: Task, length_m: float, turn_rad: float = 0.0) -> Motion[SteeredPush]:
-        """Push an object through its centre, steered by its located poses."""
+        """Push an object through its centre, steered by its pose, which is seen or follows from the contacts."""
         place = yield from self._motion.look(task.object)
+        place = self._memory.push_model(task.object)[1] if place is None else place
         stand = np.array(task.path_m[0])
         direction = _direction(task)
         left = np.array([-math.sin(direction), math.cos(direction), 0.0])
@@ -273,7 +280,7 @@ class TravelPushes:
         stand: Float[np.ndarray, "2"],
         direction: float,
         length_m: float,
-        place: Float[np.ndarray, "3"] | None,
+        place: Float[np.ndarray, "3"] | None = None,
         aside_m: float = math.inf,
         turn_rad: float = 0.0,
         curvature: float = 0.0,
@@ -281,7 +288,7 @@ class TravelPushes:
         """Turn to the object, push it, stop; straight if its pose is not given."""
         motion, settings, robot = self._motion, self._settings, self._robot
         yield from motion.turn_to(direction)
-        offset, lever = self._memory.friction(id)
+        model, _ = self._memory.push_model(id)
         speed = min(robot.v_push_m_s, robot.v_max_m_s)
         planned = robot.grown(self.margin_m)
         limits = PushSettings(
@@ -298,8 +305,8 @@ class TravelPushes:
         # At the first contact, the platform's own momentum may reach the limit: from there it is pressed once more, from rest.
         for _ in range(2):
             push = SteeredPush(
-                stand, direction, length_m, turn_rad=turn_rad, object_m=place, offset_m=offset, lever_m=lever,
-                settings=limits,
+                stand, direction, length_m, turn_rad=turn_rad, object_m=place, offset_m=model.centre_m,
+                lever_m=model.lever_m, settings=limits,
             )  # fmt: skip
             yield from self._steered(push, id, place)
             point = motion.point_m()
@@ -319,12 +326,23 @@ class TravelPushes:
         return push
 
     def _steered(self, push: SteeredPush, id: str, place: Float[np.ndarray, "3"] | None) -> Motion[None]:
-        """Drive until the push has ended, looking at the object if its pose is given."""
+        """Drive until the push has ended, looking at the object if its pose is given.
+
+        While it is not located, its pose is that which explains the contacts on the rim.
+        """
         motion, looked_s, seen = self._motion, -math.inf, place
+        monitor: PushMonitor | None = None
+        felt, felt_at = None, motion.pose_m()  # pose by the monitor, and of the platform then
+        self._felt_m = None
         while True:
             now_s = motion.now_s()
             force_N, point_m = motion.seen.force_N, motion.seen.point_m
-            speed_m_s, turn = push.command(now_s, motion.pose_m(), force_N, point_m, seen)
+            pose = motion.pose_m()
+            if monitor is not None and monitor.update(motion.seen.pose_m, point_m) and push.touched:
+                felt, felt_at = monitor.estimate().object_m, pose
+            if felt is not None:  # since the last step of the monitor, it has moved as far as the platform
+                self._felt_m = seen = felt + np.array([*(pose - felt_at)[:2], 0.0])
+            speed_m_s, turn = push.command(now_s, pose, force_N, point_m, seen)
             if push.end is PushEnd.UNREAD:
                 raise force_unread()
             if push.end is not None:
@@ -332,8 +350,13 @@ class TravelPushes:
             # A look requested with this command is observed after it.
             due = place is not None and now_s + PERIOD_S - looked_s >= self._settings.look_s
             yield TravelCommand(speed_m_s, turn, (id,) if due else ())
-            if due:
-                seen, looked_s = motion.place_m(id), motion.now_s()
+            if not due:
+                continue
+            located, looked_s = motion.place_m(id), motion.now_s()
+            if located is not None:
+                seen, monitor, felt, self._felt_m = located, None, None, None
+            elif monitor is None and seen is not None:
+                monitor = PushMonitor(self._memory.push_model(id)[0], seen.tolist(), self._robot.front_m)
 
 
 def _direction(task: Task) -> float:
