@@ -31,8 +31,6 @@ class EsmSettings:
     tolerance_px: float = 0.06  #: final passes stop when the corners move by less
 
 
-#: Maximum pixel size of the template's chain in image pixels, if a finer chain exists.
-_COARSER = 1.0
 #: Margin of the image around the search area [px]: the range of interpolation on the coarsest level.
 MARGIN_PX = 8.0
 #: An offset of this shape means none.
@@ -117,7 +115,7 @@ class Work:
         # Not larger than the image's: if the template is the coarser one, image pixels between its samples
         # are not used.
         halves = np.log2(max(self.scale, 1e-6))
-        chain = int(np.floor(2.0 * (np.log2(_COARSER) - halves)))
+        chain = int(np.floor(-2.0 * halves))
         self.chain = min(max(chain, 0), len(template.chains) - 1)
         self.block = template.blocks[self.chain]
         self.blur = template.first_blur if blur is None else template.blur_index(self.chain, blur)
