@@ -278,3 +278,53 @@ def lattice_path(
             heap = _queue(heap, used, new + to_go[onto], following)
             used += 1
     return np.empty(0, np.int64)
+
+
+@kernel
+def reaches(counts, runs, starts, step, start, goals):
+    """Whether open boxes of (place, heading) lead from a start with any heading to one of the goals.
+
+    Parameters
+    ----------
+    counts
+        Occupied cells before each column.
+    runs, starts
+        Cells that the robot covers in all poses of a box, by heading, from the box's corner.
+    step
+        Edge of a box [cells].
+    start, goals
+        x, y; x, y [cells], heading [rad] (NaN: any), on the map.
+    """
+    count = len(starts) - 1
+    rows, columns = (counts.shape[0] - 1) // step + 1, (counts.shape[1] - 2) // step + 1
+    marks = np.zeros(rows * columns * count, np.uint8)  # 1: queued, 2: a goal
+    for g in range(len(goals)):
+        place = int(goals[g, 1]) // step * columns + int(goals[g, 0]) // step
+        for h in range(count):
+            if math.isnan(goals[g, 2]) or h == int(round(goals[g, 2] / (2.0 * math.pi) * count)) % count:
+                marks[place * count + h] = 2
+    first = (int(start[1]) // step * columns + int(start[0]) // step) * count
+    queue = [first + h for h in range(count)]
+    for state in queue:
+        marks[state] |= 1
+    while len(queue) > 0:
+        state = queue.pop()
+        place, h = state // count, state % count
+        row, column = place // columns, place % columns
+        if not runs_clear(counts, runs, starts[h], starts[h + 1], column * step, row * step):
+            continue
+        if marks[state] > 1:
+            return True
+        for k in range(6):
+            r, c, turned_to = row, column, h
+            if k < 2:
+                turned_to = (h + (1 if k == 0 else count - 1)) % count
+            elif k < 4:
+                r += 2 * k - 5
+            else:
+                c += 2 * k - 9
+            onto = (r * columns + c) * count + turned_to
+            if 0 <= r < rows and 0 <= c < columns and marks[onto] & 1 == 0:
+                marks[onto] |= 1
+                queue.append(onto)
+    return False
