@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visuohaptic.deformation.nonlinear import EquilibriumPath, follow_arc, follow_displacement, reach_loads
+from visuohaptic.deformation.nonlinear import EquilibriumPath, follow_displacement, reach_loads
+from visuohaptic.deformation.nonlinear.load_stepping import _Constraint, _Walk
 from visuohaptic.deformation.shapes import grid_faces
 from visuohaptic.deformation.shells import CorotationalShell, IsotropicMaterial, ShellMesh, ShellModel
 from visuohaptic.reproduce.worlds import mitc4_factor, mitc4_stiffness
@@ -467,6 +468,27 @@ def hinged_roof(n: int = 16, thickness: float = 12.7) -> Walked:
         ]  # fmt: skip
     path = follow_arc(CorotationalShell(model), load, first=150.0, until=1.1 * 3000)
     return _walked(path, 3000.0, [(0, Z, -1)], mesh, reference)
+
+
+def follow_arc(
+    shell: CorotationalShell, load: np.ndarray, *, first: float, until: float, points: int = 200
+) -> EquilibriumPath:
+    """The path by arc length, through limit points and snap-back, until the load factor exceeds a bound.
+
+    The linear step that would reach the factor ``first`` sets the first arc length; the number of iterations adapts it.
+    """
+    walk, found = _Walk(shell, load), []
+    moved = shell.linearised(walk.state)[1].solve(walk.load.reshape(-1, 1)).reshape(walk.load.shape)
+    arc = first * float(np.linalg.norm(walk._lengths(moved)))
+    longest = 8 * arc
+    while len(found) < points and (not found or found[-1].load < until) and arc > longest / 4096:
+        walk.spent = 0
+        if walk._step(_Constraint("arc", arc), arc):
+            found.append(walk._point())
+            arc = min(longest, arc * np.sqrt(5.0 / max(walk.spent, 2)))
+        else:
+            arc *= 0.5
+    return EquilibriumPath(tuple(found), bool(found) and found[-1].load >= until)
 
 
 NONLINEAR: dict[str, Callable[[], Walked]] = {

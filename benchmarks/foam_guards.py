@@ -19,6 +19,7 @@ from benchmarks.house import SOURCE, code_lines, read_modules
 GUARDS = (
     "edges",
     "posterior",
+    "shadowed",
     "deflection",
     "validity",
     "_chain_kernels",

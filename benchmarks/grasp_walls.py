@@ -134,7 +134,7 @@ def grasped(seed: int, oval: bool = False) -> dict[str, Any] | None:
     best = plan.grasps[0]
     depth = np.linspace(0.0, 0.02, 4000)
     height = float(best.first_m[2]) / scale
-    felt = bottle.container.turned(hand_chapters._lift_plan(best, height, known).place.angle_rad)
+    felt = bottle.container.turned(known.wide_rad + math.atan2(best.direction[1], best.direction[0]))
     force = [felt.force_at(height, float(d)) for d in depth]
     return {
         "seed": seed, "kind": bottle.name, "height": height / bottle.height_m, "force_N": best.force_N,

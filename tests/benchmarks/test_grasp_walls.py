@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from benchmarks.grasp_walls import most_probable
+from benchmarks.grasp_walls import grasped, most_probable
 
 from visuohaptic.grasping.feasibility import UNSTATED_SIGMA
 from visuohaptic.recognition.touch.refinement import CLASS, OUTLINE
@@ -27,3 +27,11 @@ def test_the_fit_finds_the_constants_of_drawn_walls() -> None:
     assert common == pytest.approx(0.5, rel=0.3)
     assert local == pytest.approx(0.25, rel=0.1)
     assert reach_m == pytest.approx(0.008, rel=0.1)
+
+
+def test_a_grasp_is_compared_with_the_wall_it_was_planned_for() -> None:
+    """One container: the expected deformation is that of the true wall within four of its standard deviations."""
+    row = grasped(0)
+    assert row is not None
+    off = np.log(row["expected_m"] / row["true_m"]) / (row["sigma_m"] / row["expected_m"])
+    assert abs(off) < 4

@@ -11,7 +11,6 @@ from benchmarks.shell_nonlinear import PINCH, quarter_tube
 from benchmarks import _shell_problems as problems
 from visuohaptic.core import InputError
 from visuohaptic.deformation.nonlinear import (
-    follow_arc,
     follow_displacement,
     pinch_curve,
     reach_loads,
@@ -191,7 +190,7 @@ def test_displacement_control_goes_round_a_snap_back():
     path = follow_displacement(shell, load, targets)
     assert path.complete
     np.testing.assert_allclose(path.control_m, targets, rtol=1e-5)
-    arc = follow_arc(shell, load, first=50.0, until=900.0)
+    arc = problems.follow_arc(shell, load, first=50.0, until=900.0)
     assert np.any(np.diff(arc.control_m) < 0)
     # Each point lies on the path: within the straight lines between its points.
     shown = np.stack([arc.control_m / 26, arc.load / 600], axis=1)

@@ -43,7 +43,7 @@ def test_vocabulary_finds_the_groups() -> None:
     rng = np.random.default_rng(1)
     groups = rng.integers(0, 200, (9, 128))
     data = np.repeat(groups, 40, axis=0) + rng.integers(0, 5, (360, 128))
-    centres = train_vocabulary(data.astype(np.uint8), 9, rng, rounds=10)
+    centres = train_vocabulary(data.astype(np.uint8), 9, rng)
     # Groups lie thousands of grey levels apart and are 5 wide: a group is never divided among distant words.
     label_of = nearest_words(data.astype(np.uint8), centres)
     together = [len(np.unique(label_of[k * 40 : (k + 1) * 40])) for k in range(9)]

@@ -99,6 +99,32 @@ def fit(seen: list[OutlineView], low_m: np.ndarray, high_m: np.ndarray) -> Uprig
     return next(iter(fit_bodies(seen, points_m, np.ones(len(points_m)))), None)
 
 
+@pytest.mark.parametrize("first", [0, 8])
+def test_what_is_outside_of_an_image_is_no_evidence(first):
+    """Images that end in the middle of the body: as whole images without evidence there, and the body is still where it is."""
+    seen = views(np.random.default_rng(3), np.linspace(0, 6.0, 12), 0.5)
+    kept = slice(first, first + seen[0].evidence.shape[1] // 2)
+    cut, blind = [], []
+    for view in seen:
+        fx, fy, cx, cy = view.matrix
+        parts = (part[:, kept] for part in (view.evidence, view.changed, view.limit_m))
+        evidence, changed, limit_m = (np.ascontiguousarray(part) for part in parts)
+        matrix = (fx, fy, cx - first, cy)
+        cut.append(replace(view, evidence=evidence, changed=changed, limit_m=limit_m, matrix=matrix))
+        told = np.zeros_like(view.evidence)
+        told[:, kept] = evidence
+        blind.append(replace(view, evidence=told))
+    middle_m = np.array([*AXIS_M, 0.11])
+    ends = [np.array([AXIS_M[0] + x, AXIS_M[1], r, r, LOW_M, HIGH_M]) for x, r in ((0, 0.035), (0.03, 0.06))]
+    for end in ends:
+        own, other = (Outlines(some, middle_m).log_likelihood(end, 0.0) for some in (cut, blind))
+        np.testing.assert_allclose(own, other, atol=1e-4)
+    body = fit(cut, np.array([-0.05, -0.08, 0.08]), np.array([0.05, 0.03, 0.2]))
+    assert body is not None
+    # Of the two edges of every outline about one is left.
+    assert np.linalg.norm(body.axis_m - AXIS_M) < 0.0035 * np.sqrt(2)
+
+
 @pytest.mark.parametrize(("count", "arc_rad"), [(12, 6.0), (8, 2.5)])
 def test_the_axis_follows_from_the_outlines(count, arc_rad):
     rng = np.random.default_rng(count)

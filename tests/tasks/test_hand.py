@@ -17,6 +17,7 @@ from visuohaptic.core import FrameSource, Gripper, InputError
 from visuohaptic.core.camera import Frame
 from visuohaptic.deformation.shells import RevolutionShell
 from visuohaptic.simulation.tabletop import DeformableContainer, FingerObservation, KitchenTable
+from visuohaptic.simulation.tabletop.gripper_setup import ROD, RUBBER_FOAM
 from visuohaptic.tasks.framework import Supervisor, Trace, replay
 from visuohaptic.tasks.manipulation import (
     ClassifyOutcome,
@@ -126,6 +127,12 @@ def test_a_grasp_ends_at_its_force(stiffness_N_per_m: float, force_N: float) -> 
         # A reading ends it, whose noise is .08 N.
         low, high = -3.0 * kitchen.force_sigma_N, 0.05 * force_N + 3.0 * kitchen.force_sigma_N
         assert low < kitchen.force_N - force_N < high
+
+
+def test_the_stiffness_of_an_unknown_finger_is_that_of_the_stiffest_simulated_one() -> None:
+    """A flat wall over all of the strip: the modulus at small strains is twice the sum of the law's moduli."""
+    stiffest = 2.0 * sum(RUBBER_FOAM.mu_Pa) * ROD.length_m * ROD.height_m / ROD.width_m
+    assert stiffest < LiftPlan(Place(0.1), 1.0).finger_N_per_m < 1.2 * stiffest
 
 
 def test_nothing_there_and_a_blind_sensor() -> None:

@@ -7,7 +7,8 @@ import pytest
 from scipy.ndimage import map_coordinates
 from scipy.special import betaln, expit
 
-from visuohaptic.tracking.templates.alignment._block_kernels import block_step, block_sums
+from visuohaptic.tracking.templates.alignment._block_kernels import block_step, block_sums, template_sums
+from visuohaptic.tracking.templates.alignment._sample_kernels import sample_rows
 from visuohaptic.tracking.templates.alignment._scatter_kernels import block_covariance, seen_blurs
 
 SIDE, DOWN, ACROSS, BORDER = 8, 3, 4, 2
@@ -34,8 +35,11 @@ def test_sums_equal_their_numpy_twin(cubic: bool) -> None:
     template, gx, gy = (rng.normal(0, 30, (ROWS, COLUMNS)).astype(np.float32) for _ in range(3))
     offset = rng.uniform(-0.4, 0.4, (2, ROWS, COLUMNS)).astype(np.float32)
     h = np.array([[1.1, 0.1, 12.0], [-0.1, 0.9, 36.0], [1e-3, -2e-3, 1.0]])
-    sums = np.zeros((DOWN, ACROSS, 28))
-    block_sums(image, template, gx, gy, offset, h, cubic, SIDE, BORDER, sums)
+    sums, fixed = np.zeros((2, DOWN, ACROSS, 28))
+    samples = np.full((2, ROWS, COLUMNS), np.nan, np.float32)
+    sample_rows(image, h, offset, np.arange(ROWS), cubic, *samples)
+    template_sums(template, gx, gy, SIDE, BORDER, fixed)
+    block_sums(*samples, template, gx, gy, fixed, SIDE, BORDER, sums)
 
     v, u = np.mgrid[:ROWS, :COLUMNS].astype(float)
     q = h[2, 0] * u + h[2, 1] * v + 1

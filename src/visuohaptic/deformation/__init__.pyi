@@ -32,7 +32,6 @@ from .nonlinear.contents import liquid_level_m as liquid_level_m
 from .nonlinear.contents import pinch_curve as pinch_curve
 from .nonlinear.equilibrium_path import EquilibriumPath as EquilibriumPath
 from .nonlinear.equilibrium_path import PathPoint as PathPoint
-from .nonlinear.load_stepping import follow_arc as follow_arc
 from .nonlinear.load_stepping import follow_displacement as follow_displacement
 from .nonlinear.load_stepping import reach_loads as reach_loads
 from .nonlinear.self_contact import SelfContactGuard as SelfContactGuard

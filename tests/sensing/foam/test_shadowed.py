@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 from tests.worlds import foam_disturbances as disturbances
+from tests.worlds.foam import pincers
 
 from benchmarks import foam_evidence
 from visuohaptic.sensing.foam.posterior import _compressed
-from visuohaptic.sensing.foam.shadowed import _SHIFT, _SHIFTS, merged_fronts
+from visuohaptic.sensing.foam.shadowed import _SHIFT, _SHIFTS, _extended, merged_fronts
 from visuohaptic.tracking.contours.contour import ContourSettings
 
 FRONT = 40.3
@@ -55,9 +59,15 @@ def test_foam_as_grey_as_the_surface_beyond_has_no_front() -> None:
     assert np.abs(step[found[:, 1] < 1.0]).max() < ContourSettings().min_contrast
 
 
-def test_the_edge_of_a_shadow_is_known_within_half_a_pixel() -> None:
-    """Three slopes with an error of 0.05 (measured .02 to .05), extrapolated over four lines that are 6 px apart."""
-    assert 0.05 / np.sqrt(3.0) * 4 * 6.0 == pytest.approx(0.5 * _SHIFT * (_SHIFTS - 1), rel=0.45)
+def test_the_edges_that_are_tried_are_those_that_an_extrapolation_may_mean() -> None:
+    """Places and slopes of five lines that are 6 px apart, extrapolated over five more lines, in a pseudo-random experiment."""
+    rng, s_px = np.random.default_rng(1), 6.0 * np.arange(10.0)
+    shadow, away = np.arange(10) < 5, []
+    for _ in range(400):
+        place, slope = 5.0 + 0.5 * s_px + 0.1 * rng.standard_normal(10), 0.5 + 0.025 * rng.standard_normal(10)
+        edge, _ = _extended(cast(Any, SimpleNamespace(position_px=place, slope=slope)), shadow, s_px)
+        away.append(edge[-1] - 5.0 - 0.5 * s_px[-1])
+    assert 2.15 < 0.5 * _SHIFT * (_SHIFTS - 1) / np.std(away) < 2.7
 
 
 def test_foam_that_is_pressed_moves_its_texture_with_it() -> None:
@@ -79,3 +89,9 @@ def test_a_press_is_read_while_the_edge_of_a_shadow_creeps_over_it() -> None:
     error = np.abs(frames["force_N"] - frames["truth_N"])[read]
     assert (error < 4.0 * frames["sigma_N"][read]).all()
     assert np.median(error / frames["truth_N"][read]) < 0.02
+
+
+def test_the_penumbra_of_a_shadow_is_no_edge_beyond_which_a_front_is_sought() -> None:
+    """Two soft shadows beside the front at rest; a second edge within the blur of the first one read 2.1 N."""
+    frames = foam_evidence.frames_of([foam_evidence.run_sequence(pincers(587))])
+    assert not (frames["valid"] & (frames["force_N"] > 3.0 * frames["sigma_N"] + 0.05)).any()

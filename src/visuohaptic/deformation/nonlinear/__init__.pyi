@@ -7,7 +7,6 @@ from .contents import liquid_level_m as liquid_level_m
 from .contents import pinch_curve as pinch_curve
 from .equilibrium_path import EquilibriumPath as EquilibriumPath
 from .equilibrium_path import PathPoint as PathPoint
-from .load_stepping import follow_arc as follow_arc
 from .load_stepping import follow_displacement as follow_displacement
 from .load_stepping import reach_loads as reach_loads
 from .self_contact import SelfContactGuard as SelfContactGuard

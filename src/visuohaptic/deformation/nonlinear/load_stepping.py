@@ -26,8 +26,6 @@ _log = logging.getLogger(__name__)
 MAX_ITERATIONS = 16
 #: Maximum number of arc-length steps through a snap-back.
 MAX_ARCS = 60
-#: Maximum number of arc-length points; a longer path ends there.
-MAX_POINTS = 200
 #: Residual force at which a step has converged, relative to the larger of load and reactions.
 TOLERANCE = 1e-5
 
@@ -97,31 +95,6 @@ def reach_loads(
     return walk.run(list(factors), "load", past_limits=past_limits)
 
 
-def follow_arc(
-    shell: CorotationalShell,
-    load: Float[np.ndarray, "v 6"],
-    *,
-    first: float,
-    until: float,
-) -> EquilibriumPath:
-    """Follow the path by arc-length control until the load factor exceeds a bound.
-
-    The arc length is adapted to the number of iterations. Limit points and snap-back are passed.
-
-    Parameters
-    ----------
-    shell
-        Wall and contents.
-    load
-        Reference load at the vertices [N], [N m]; directions do not follow the wall.
-    first
-        Load factor that the first, linear step would reach; it sets the first arc length.
-    until
-        Load factor at which the path is complete.
-    """
-    return _Walk(shell, load).run_arc(first, until)
-
-
 _Kind = Literal["load", "displacement", "arc"]
 
 
@@ -131,7 +104,6 @@ class _Constraint:
 
     kind: _Kind
     target: float  #: load factor, displacement of the control [m], or arc length [m]
-    direction: float = 1.0  #: of a first step by arc length: +1 increases the load, -1 decreases it
 
 
 class _Walk:
@@ -224,28 +196,6 @@ class _Walk:
         self.state, self.factor, self.last_step, self.last_factor, self.last_advance = kept
         return False
 
-    def run_arc(self, first: float, until: float) -> EquilibriumPath:
-        points: list[PathPoint] = []
-        _, tangent = self.shell.linearised(self.state)
-        moved = tangent.solve(self.load.reshape(-1, 1)).reshape(self.load.shape)
-        arc = abs(first) * float(np.linalg.norm(self._lengths(moved)))
-        longest = 8 * arc
-        self.spent = 0
-        shrunk = 0
-        while len(points) < MAX_POINTS:
-            before = self.spent
-            if self._step(_Constraint("arc", arc, float(np.sign(first))), arc):
-                points.append(self._point())
-                if (until - points[-1].load) * np.sign(until) <= 0:
-                    return EquilibriumPath(tuple(points), True)
-                arc = min(longest, arc * np.sqrt(5.0 / max(self.spent - before, 2)))
-                self.spent, shrunk = 0, 0
-            else:
-                arc, shrunk = 0.5 * arc, shrunk + 1
-                if shrunk > 8:
-                    break
-        return EquilibriumPath(tuple(points), False, f"stopped after {len(points)} points")
-
     def _point(self) -> PathPoint:
         return PathPoint(self.factor, self._control(self.state), self.state, self.spent, self.stable)
 
@@ -318,7 +268,7 @@ class _Walk:
             return (target - self._control(state) - float(np.sum(self.control * by_residual))) / along
         done, r, q = (self._lengths(part) for part in (step, by_residual, by_load))
         if not done.any():
-            forward = constraint.direction * sign
+            forward = sign
             if self.last_step is not None:
                 forward = np.sign(np.sum(self._lengths(self.last_step) * q)) or forward
             return forward * target / float(np.linalg.norm(q))

@@ -191,7 +191,7 @@ def _sample(row: CsvRow, place: str, more: tuple[str, ...]) -> _Sample:
     if height not in range(1, HEIGHTS + 1):
         raise row.problem(f"found height {height:g}, expected 1 to {HEIGHTS}", place)
     sizes = [_size(row, key) for key in ("width_m", "object_height_m")]
-    # One space or two in a name: a difference that nobody sees is none.
+    # Names that differ by the number of spaces only are the same name.
     label, name, curve = (" ".join(row.get(key).split()) for key in ("label", "object", "curve"))
     if "label" in more and not label:
         raise row.problem("found no label, expected the class of the object", "label")

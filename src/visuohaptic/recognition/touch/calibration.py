@@ -6,9 +6,9 @@ classes, if it is better than 1 by more than the standard error of that differen
 outside the training set are larger than those of a Gaussian. Both have the same rate of false alarms, with which
 :data:`.FALSE_ALARM` of the explorations exceed one of them or both.
 
-Objects that are left out at random lie between the others of their class, where a Gaussian interpolates. Real objects differ in what
-no training object shows, and their errors are common to the readings of an object. How much, is learned from the outer objects of each
-class (:data:`OUTER`): the others are extrapolated to them. The correlation of the errors maximises the likelihood of their classes.
+Objects that are left out at random lie between the others of their class, where a Gaussian interpolates. Real objects deviate beyond
+the training objects, and this error is common to the readings of an object. It is learned from the outer objects of each class
+(:data:`OUTER`), to which the others are extrapolated: the correlation of the errors maximises the likelihood of their classes.
 
 The limits are quantiles of N simulated explorations. The rate p beyond an empirical quantile has a standard error of
 sqrt(p (1 - p) / N), so that a relative error of :data:`RATE_ERROR` requires N = (1 - p) / (p RATE_ERROR^2) explorations.

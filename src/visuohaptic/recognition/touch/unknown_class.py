@@ -57,7 +57,7 @@ GROOVED, GROOVES, GROOVE_m, GROOVE_DEPTH_m, GROOVE_END = 0.25, 4, 0.012, (5e-4, 
 RIMMED, RIM, RIM_m, LIDDED = 0.3, (2, 5), 0.003, 0.5
 #: Standard deviation of the logarithm of the ratio of the axes of an oval container; seven of eight are less than twice as wide as deep.
 OVAL_SIGMA = 0.45
-#: Probability that a known state is rejected.
+#: Probability that a known state is rejected, alpha, for all pieces together.
 FALSE_ALARM = 1e-3
 
 
@@ -233,8 +233,6 @@ def posterior_with_unknown(
     log_likelihood: Float[np.ndarray, "s"],
     chi2: Float[np.ndarray, "s m"],
     freedom: Int[np.ndarray, "m"],
-    *,
-    false_alarm: float = FALSE_ALARM,
 ) -> tuple[Float[np.ndarray, "s"], float]:
     """Probabilities of the states and of "none of them"; they sum to 1.
 
@@ -246,12 +244,10 @@ def posterior_with_unknown(
         Of every piece, by state.
     freedom
         Degrees of freedom (number of values) of every piece.
-    false_alarm
-        alpha, for all pieces together.
     """
     from scipy.stats import chi2 as chi2_distribution
 
-    limit = chi2_distribution.isf(false_alarm / len(freedom), freedom)
+    limit = chi2_distribution.isf(FALSE_ALARM / len(freedom), freedom)
     worst = 0.5 * (chi2 - limit).max(axis=1)
     parts = np.concatenate([log_likelihood, log_likelihood + worst])
     fraction = np.exp(parts - parts.max())

@@ -14,17 +14,15 @@ from ..data import HEIGHTS, FeatureSet
 from .tree_nodes import ClassificationTree, feature_name, scaled_features
 
 
-def class_correlation(data: FeatureSet, scheme: str = "centre") -> Float[np.ndarray, "c c"]:
+def class_correlation(data: FeatureSet) -> Float[np.ndarray, "c c"]:
     """Mean normalised cross-correlation of the features of two classes (Fig. 6.6).
 
     Parameters
     ----------
     data
         Training objects.
-    scheme
-        Of the features.
     """
-    x = scaled_features(data.features[..., 0], scheme)
+    x = scaled_features(data.features[..., 0], "centre")
     x = x - x.mean(axis=1, keepdims=True)
     x = x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-300)
     fraction = np.eye(len(data.classes))[data.number]
@@ -69,7 +67,7 @@ def plot_tree(path: Path | str, tree: ClassificationTree | None, data: FeatureSe
     save_figure(path, figure)
 
 
-def plot_correlation(path: Path | str, data: FeatureSet, scheme: str = "centre") -> None:
+def plot_correlation(path: Path | str, data: FeatureSet) -> None:
     """Plot the similarity of classes (Fig. 6.6).
 
     Parameters
@@ -78,11 +76,9 @@ def plot_correlation(path: Path | str, data: FeatureSet, scheme: str = "centre")
         Figure to write.
     data
         Training objects.
-    scheme
-        Of the features.
     """
     figure, (axes,) = new_figure(1, 1, size=(6.5, 5.5), layout="constrained")
-    values = class_correlation(data, scheme)
+    values = class_correlation(data)
     shown = axes.imshow(values, vmin=-1, vmax=1, cmap="RdBu_r")
     names = [literal(name) for name in data.classes]
     axes.set_xticks(range(len(values)), names, rotation=45, ha="right")

@@ -24,6 +24,8 @@ SIDE_PX = 800
 _BYTE_STEPS = 510.0
 #: Maximum number of descriptors for the training of a vocabulary.
 _TRAINING = 60_000
+#: Iterations of Lloyd's algorithm.
+_ROUNDS = 6
 #: Ratio of nearest to second-nearest distance above which a match is ambiguous; maximum distance of an inlier from a
 #: homography [px]; minimum number of significant matches.
 RATIO, AGREES_px, MINIMUM = 0.8, 5.0, 6
@@ -81,7 +83,7 @@ def find_features(
 
 
 def train_vocabulary(
-    descriptors: UInt8[np.ndarray, "n 128"], words: int, rng: np.random.Generator, *, rounds: int = 6
+    descriptors: UInt8[np.ndarray, "n 128"], words: int, rng: np.random.Generator
 ) -> Float32[np.ndarray, "w 128"]:
     """Centres of at most ``words`` clusters of descriptors: k-means in two levels.
 
@@ -97,8 +99,6 @@ def train_vocabulary(
         Maximum number of centres.
     rng
         Source of the initial centres.
-    rounds
-        Number of iterations of Lloyd's algorithm.
     """
     if words < 1 or len(descriptors) < 1:
         raise InputError("train_vocabulary", f"found {len(descriptors)} descriptors for {words} words")
@@ -106,14 +106,14 @@ def train_vocabulary(
         descriptors = descriptors[np.sort(rng.choice(len(descriptors), _TRAINING, replace=False))]
     data = descriptors.astype(np.float32)
     words = min(words, len(data))
-    coarse = _k_means(data, max(round(words**0.5), 1), rng, rounds)
+    coarse = _k_means(data, max(round(words**0.5), 1), rng)
     group = nearest_words(data, coarse)
     centres = []
     for k in range(len(coarse)):
         members = data[group == k]
         if len(members):
             fraction = min(max(round(words * len(members) / len(data)), 1), len(members))
-            centres.append(_k_means(members, fraction, rng, rounds))
+            centres.append(_k_means(members, fraction, rng))
     return np.concatenate(centres)
 
 
@@ -136,11 +136,11 @@ def nearest_words(descriptors: np.ndarray, centres: Float32[np.ndarray, "w 128"]
 
 
 def _k_means(
-    data: Float32[np.ndarray, "n 128"], count: int, rng: np.random.Generator, rounds: int
+    data: Float32[np.ndarray, "n 128"], count: int, rng: np.random.Generator
 ) -> Float32[np.ndarray, "k 128"]:
     """Lloyd's algorithm from random members; a centre that loses all members is kept."""
     centres = data[np.sort(rng.choice(len(data), min(count, len(data)), replace=False))]
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         label = nearest_words(data, centres)
         order = np.argsort(label, kind="stable")
         filled, first = np.unique(label[order], return_index=True)

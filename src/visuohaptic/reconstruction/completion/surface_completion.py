@@ -296,10 +296,10 @@ class Completion:
         return self._radial
 
     def uncertainty(self) -> SurfaceUncertainty:
-        """Score and standard deviation of every vertex of the planning mesh."""
+        """Standard deviation of every vertex of the planning mesh."""
         if self._uncertainty is None:
-            mesh, _, score, missing = self._planned()
-            self._uncertainty = SurfaceUncertainty(mesh, score, self._deviation_m(mesh.vertices_m), missing)
+            mesh, _, _, missing = self._planned()
+            self._uncertainty = SurfaceUncertainty(mesh, self._deviation_m(mesh.vertices_m), missing)
         return self._uncertainty
 
     def sigma_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:

@@ -22,7 +22,6 @@ class SurfaceUncertainty:
     """Standard deviation of the estimated surface at the vertices of the planning mesh."""
 
     mesh: SurfaceMesh  #: the planning mesh
-    score: Float[np.ndarray, "v"]  #: biharmonic distance from the nearest support (Eq. 5.7)
     sigma_m: Float[np.ndarray, "v"]  #: standard deviation of the surface [m]
     missing: Bool[np.ndarray, "v"]  #: whether a vertex is in the missing part
 

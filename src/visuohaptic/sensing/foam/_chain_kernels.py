@@ -18,7 +18,7 @@ SPEED, BLUR = 2, 5
 OPTICS = 0.0025
 #: Scale of the log ratio of the blur of a foam edge to that of the lens (Laplace: 0.08 at 16 and 84 %, 0.3 at 99 %, over
 #: 2,000 edges in and out of focus, moving and at rest), and range of the log ratio of any edge.
-_SAME_BLUR, _ANY_BLUR = 0.08, math.log(30.0)
+SAME_BLUR, _ANY_BLUR = 0.08, math.log(30.0)
 #: Neighbours share their surfaces: the evidence of five points counts as that of one.
 ALIKE = 0.2
 
@@ -88,7 +88,7 @@ def place_odds(
         # A shutter that is open from frame to frame, at the most, sees the edge move by a box.
         smear = moved / pixel[k] / math.sqrt(12.0) if moved < math.inf else 0.0
         excess = math.log(math.hypot(blur[k], PIXEL_PX) / math.hypot(lens, smear))
-        sharp = -(excess if excess > 0.0 else 0.0) / _SAME_BLUR - math.log(2.0 * _SAME_BLUR)
+        sharp = -(excess if excess > 0.0 else 0.0) / SAME_BLUR - math.log(2.0 * SAME_BLUR)
         against[k, BLUR] = ALIKE * (log_sum(math.log(0.5) + sharp, -math.log(2.0 * _ANY_BLUR)) - sharp)
         against[k, SPEED] = min(surprise, 40.0)
         pressed = -surprise - against[k, BLUR]

@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float, UInt8
 from ...core.kernels import kernel
 from ...tracking.contours._refine_kernels import NEAR
 from ...tracking.contours.contour import PIXEL_PX, Contour, ContourSettings, ContourTracker, PointReason
+from ._chain_kernels import SAME_BLUR
 from ._posterior_kernels import edge_ramp, pixel_weights, solve
 from .strip import ObservedStrip
 
@@ -30,14 +31,16 @@ _TAIL = 2.5
 #: Spacing of the places of a merged front that are tried [samples], that of ``_NEAR`` places to either side of the most likely one,
 #: and fraction of the pixels that are independent.
 _EVERY, _FINE, _NEAR, _INDEPENDENT = 0.5, 0.25, 4, 0.5
-#: Number of places of the edge of the shadow that are tried, and their spacing [samples].
+#: Number of places of the edge of the shadow that are tried, and their spacing [samples]: 2.4 standard deviations of an edge
+#: that is extrapolated over five lines, see the test.
 _SHIFTS, _SHIFT = 9, 0.125
 #: Values of a contour at its points.
 _POINTS = (
     "position_px", "sigma_px", "noise_px", "valid", "reason", "contrast", "level", "blur_px", "slope", "chi2"
 )  # fmt: skip
-#: Number of lines from which the edge of a shadow is extrapolated, and standard deviation of the place [px] and of the slope of each.
-_NEAREST, _PLACE_SIGMA, _SLOPE_SIGMA = 5, 0.15, 0.05
+#: Number of lines from which the edge of a shadow is extrapolated, and standard deviation of the place [px] and of the slope of each
+#: (measured on 5,000 lines of two worlds: 0.08 to 0.12 px, 0.02 to 0.03).
+_NEAREST, _PLACE_SIGMA, _SLOPE_SIGMA = 5, 0.1, 0.025
 
 
 def second_front(
@@ -75,6 +78,8 @@ def second_front(
     guess = np.where(~tested & first.valid, first.position_px, guess)
     side = np.array([-lines.direction_px[:, 1].mean(), lines.direction_px[:, 0].mean()])
     s_px = (lines.origin_px - lines.origin_px[0]) @ side
+    # A softer edge, that of a penumbra, has no place that could be told from the front's.
+    sharp = np.hypot(first.blur_px, PIXEL_PX) < (1.0 + 3.0 * SAME_BLUR) * blur
     edge_px, edge_slope = np.where(seen, first.position_px, np.inf), np.zeros(len(seen))
     second = first
     for _ in range(2):
@@ -83,11 +88,12 @@ def second_front(
         start = np.clip(start, lines.start_px, lines.stop_px)
         thin = replace(lines, start_px=start, half_width_px=np.full(len(start), _HALF_PX))
         second = tracker.near(grey, thin, np.clip(guess, start, lines.stop_px))
-        shadow = seen & second.valid
+        resolved = second.position_px - first.position_px > _TAIL * blur
+        shadow = seen & sharp & second.valid & resolved
         if not shadow.any():
             return None
         edge_px, edge_slope = _extended(first, shadow, s_px)
-    clear = tested & second.valid
+    clear = tested & second.valid & (second.position_px - edge_px > _TAIL * blur)
     found = np.where(clear, second.position_px, first.position_px)
     known = np.flatnonzero(clear | (~tested & first.valid))
     known = known[np.argsort(s_px[known])]

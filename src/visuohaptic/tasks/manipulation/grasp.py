@@ -8,7 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from ...core.measurement import GRAVITY_M_S2
+from ...core.measurement import GRAVITY_M_S2, normal_sigmas
 from ...core.ranges import POSITIVE, Ranged
 from ..framework import Ending, Rule, Trace
 from .hand import Hand, HandCommand, HandObservation, HandTask, Place, run_hand
@@ -16,7 +16,7 @@ from .hand import Hand, HandCommand, HandObservation, HandTask, Place, run_hand
 #: Fraction of its force by which a grasp may exceed it, apart from the noise of the reading that ends it.
 EXCESS = 0.1
 #: Standard deviations of a reading that are exceeded with a probability of one in a hundred.
-NOISE = 2.33
+NOISE = normal_sigmas(0.02)
 
 
 class GraspState(StrEnum):

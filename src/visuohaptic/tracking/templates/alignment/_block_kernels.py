@@ -10,28 +10,69 @@ import numpy as np
 
 from ....core.kernels import kernel
 from ..._solve_kernels import FAST, solve_step
-from ._esm_row_kernels import row_bilinear, row_cubic, row_positions
 
 #: Indices of the diagonal in an upper triangle of seven rows.
 _DIAGONAL = np.array([0, 7, 13, 18, 22, 25, 27], dtype=np.int64)
 
 
 @kernel(**FAST)
-def block_sums(image, template, gradient_x, gradient_y, offset, h, cubic, side, border, sums):
+def template_sums(template, gradient_x, gradient_y, side, border, sums):
+    """Sums over every block of a template of the products that do not depend on the image, see :func:`block_sums`.
+
+    Parameters
+    ----------
+    template, gradient_x, gradient_y, side, border
+        As in :func:`block_sums`.
+    sums
+        Filled where the image takes no part, (rows, columns, 28).
+    """
+    rows, columns = template.shape
+    down, across = sums.shape[0], sums.shape[1]
+    field, total = np.zeros((6, columns), np.float32), np.zeros((28, columns), np.float32)
+    x = np.zeros(columns, np.float32)
+    for i in range(across):
+        end = columns if i == across - 1 else (i + 1) * side
+        for u in range(i * side, end):
+            x[u] = np.float32((u - 0.5 * (i * side + end - 1)) / side)
+    for u in range(border, columns - border):
+        field[0, u] = np.float32(1.0)
+    for j in range(down):
+        end = rows if j == down - 1 else (j + 1) * side
+        total[:] = np.float32(0.0)
+        for v in range(max(j * side, border), min(end, rows - border)):
+            y = np.float32((v - 0.5 * (j * side + end - 1)) / side)
+            for u in range(border, columns - border):
+                field[3, u], field[4, u], field[5, u] = template[v, u], gradient_x[v, u], gradient_y[v, u]
+            for u in range(border, columns - border):
+                field[1, u], field[2, u] = x[u] * field[3, u], y * field[3, u]
+            n = 0
+            for k in range(6):
+                for m in range(k, 6):
+                    first, second, out = field[k], field[m], total[n]
+                    for u in range(columns):
+                        out[u] += first[u] * second[u]
+                    n += 1
+                n += 1
+        for i in range(across):
+            for n in range(28):
+                value = np.float32(0.0)
+                for u in range(i * side, columns if i == across - 1 else (i + 1) * side):
+                    value += total[n, u]
+                sums[j, i, n] = value
+
+
+@kernel(**FAST)
+def block_sums(value, inside, template, gradient_x, gradient_y, fixed, side, border, sums):
     """Sums over the pixels of every block of a template, needed to fit illumination and motion.
 
     Parameters
     ----------
-    image
-        (height, width) float32, B-spline coefficients where ``cubic``.
+    value, inside
+        Samples of the image, and 1 inside of it, 0 outside, (R, C).
     template, gradient_x, gradient_y
         (R, C) float32; the gradients are per unit of the centred coordinates.
-    offset
-        (2, R, C), added to the warped position [px]; (2, 1, 1): none.
-    h
-        Column, row, 1 to the image, (3, 3).
-    cubic
-        Use cubic-spline interpolation.
+    fixed
+        From :func:`template_sums`, (rows, columns, 28).
     side
         Side of a block [px of the template]; the last ones of a row or column are up to twice as large.
     border
@@ -40,108 +81,73 @@ def block_sums(image, template, gradient_x, gradient_y, offset, h, cubic, side, 
         Filled with the products of 1, xT, yT, T, gradient x, gradient y and the image, where x and y are
         relative to the centre of the block, in units of its side; upper triangle, row by row, (rows, columns, 28).
     """
-    height, width = image.shape
     rows, columns = template.shape
     down, across = sums.shape[0], sums.shape[1]
-    flat = image.reshape(-1)
-    index = np.zeros(columns, np.int32)
-    fx = np.zeros(columns, np.float32)
-    fy = np.zeros(columns, np.float32)
-    inside = np.zeros(columns, np.float32)
-    value = np.zeros(columns, np.float32)
-    energy = np.zeros(columns, np.float32)
-    weights = np.zeros((2, 4, columns), np.float32)
-    nothing = np.zeros(columns, np.float32)
-    moved = offset.shape[1] > 1
-    zero, scale = np.float32(0.0), np.float32(1.0 / side)
+    total = np.zeros((6, columns), np.float32)
+    # From 0 on, and with few arrays: other indices are checked, and each pair of arrays is compared.
+    sum_i, sum_t, sum_y, sum_gx, sum_gy, sum_ii = total[0], total[1], total[2], total[3], total[4], total[5]
     for j in range(down):
+        end = rows if j == down - 1 else (j + 1) * side
+        total[:] = np.float32(0.0)
         for i in range(across):
             for k in range(28):
-                sums[j, i, k] = 0.0
-    for v in range(border, rows - border):
-        ox = offset[0, v] if moved else nothing
-        oy = offset[1, v] if moved else nothing
-        row_positions(h, v, columns, width, height, ox, oy, index, fx, fy, inside)
-        for u in range(border):
-            inside[u] = inside[columns - 1 - u] = zero
-        if cubic:
-            row_cubic(flat, width, columns, index, fx, fy, weights, value, energy)
-        else:
-            row_bilinear(flat, width, columns, index, fx, fy, value, energy)
-        t, across_x, across_y = template[v], gradient_x[v], gradient_y[v]
-        j = min(v // side, down - 1)
-        below = rows if j == down - 1 else (j + 1) * side
-        y = np.float32((v - 0.5 * (j * side + below - 1)) / side)
+                sums[j, i, k] = fixed[j, i, k]
+        for v in range(max(j * side, border), min(end, rows - border)):
+            y = np.float32((v - 0.5 * (j * side + end - 1)) / side)
+            shown, seen = value[v], inside[v]
+            t, across_x, across_y = template[v], gradient_x[v], gradient_y[v]
+            count = np.float32(0.0)
+            for u in range(columns):
+                w = seen[u] * shown[u]
+                sum_i[u] += w
+                sum_ii[u] += w * shown[u]
+                count += seen[u]
+            for u in range(columns):
+                w = seen[u] * shown[u] * t[u]
+                sum_t[u] += w
+                sum_y[u] += w * y
+            for u in range(columns):
+                w = seen[u] * shown[u]
+                sum_gx[u] += w * across_x[u]
+                sum_gy[u] += w * across_y[u]
+            if count < columns - 0.5:
+                _without(seen, t, across_x, across_y, y, side, border, sums[j])
         for i in range(across):
             end = columns if i == across - 1 else (i + 1) * side
             middle = np.float32(0.5 * (i * side + end - 1))
-            s00 = s01 = s02 = s03 = s04 = s05 = s06 = zero
-            s11 = s12 = s13 = s14 = s15 = s16 = s22 = zero
-            s23 = s24 = s25 = s26 = s33 = s34 = s35 = zero
-            s36 = s44 = s45 = s46 = s55 = s56 = s66 = zero
-            for u in range(i * side, end):
-                w = inside[u]
-                x = (np.float32(u) - middle) * scale
-                q0, q3, q4, q5, q6 = w, w * t[u], w * across_x[u], w * across_y[u], w * value[u]
-                q1, q2 = x * q3, y * q3
-                xt, yt = x * t[u], y * t[u]
-                s00 += q0
-                s01 += q1
-                s02 += q2
-                s03 += q3
-                s04 += q4
-                s05 += q5
-                s06 += q6
-                s11 += q1 * xt
-                s12 += q1 * yt
-                s13 += q1 * t[u]
-                s14 += q1 * across_x[u]
-                s15 += q1 * across_y[u]
-                s16 += q1 * value[u]
-                s22 += q2 * yt
-                s23 += q2 * t[u]
-                s24 += q2 * across_x[u]
-                s25 += q2 * across_y[u]
-                s26 += q2 * value[u]
-                s33 += q3 * t[u]
-                s34 += q3 * across_x[u]
-                s35 += q3 * across_y[u]
-                s36 += q3 * value[u]
-                s44 += q4 * across_x[u]
-                s45 += q4 * across_y[u]
-                s46 += q4 * value[u]
-                s55 += q5 * across_y[u]
-                s56 += q5 * value[u]
-                s66 += q6 * value[u]
+            s0 = s1 = s2 = s3 = s4 = s5 = s6 = np.float32(0.0)
+            for u in range(max(i * side, border), min(end, columns - border)):
+                s0 += sum_i[u]
+                s1 += (np.float32(u) - middle) * sum_t[u]
+                s2 += sum_y[u]
+                s3 += sum_t[u]
+                s4 += sum_gx[u]
+                s5 += sum_gy[u]
+                s6 += sum_ii[u]
             s = sums[j, i]
-            s[0] += s00
-            s[1] += s01
-            s[2] += s02
-            s[3] += s03
-            s[4] += s04
-            s[5] += s05
-            s[6] += s06
-            s[7] += s11
-            s[8] += s12
-            s[9] += s13
-            s[10] += s14
-            s[11] += s15
-            s[12] += s16
-            s[13] += s22
-            s[14] += s23
-            s[15] += s24
-            s[16] += s25
-            s[17] += s26
-            s[18] += s33
-            s[19] += s34
-            s[20] += s35
-            s[21] += s36
-            s[22] += s44
-            s[23] += s45
-            s[24] += s46
-            s[25] += s55
-            s[26] += s56
-            s[27] += s66
+            s[6], s[12], s[17], s[21], s[24], s[26], s[27] = s0, s1 / side, s2, s3, s4, s5, s6
+
+
+@kernel(**FAST)
+def _without(seen, t, across_x, across_y, y, side, border, sums):
+    """Subtract the products of the pixels of one row that are outside of the image from those of the template."""
+    columns = len(seen)
+    across = sums.shape[0]
+    field = np.zeros(6)
+    for u in range(border, columns - border):
+        if seen[u] > 0:
+            continue
+        i = min(u // side, across - 1)
+        end = columns if i == across - 1 else (i + 1) * side
+        x = (u - 0.5 * (i * side + end - 1)) / side
+        field[0], field[1], field[2], field[3] = 1.0, x * t[u], y * t[u], t[u]
+        field[4], field[5] = across_x[u], across_y[u]
+        n = 0
+        for k in range(6):
+            for m in range(k, 6):
+                sums[i, n] -= field[k] * field[m]
+                n += 1
+            n += 1
 
 
 @kernel(**FAST)
@@ -281,9 +287,12 @@ def block_step(sums, x, y, softened, independent, full, noise, blur, passes, ste
                 for k in range(12):
                     u = p * (fit[0] * field[k, 0] + fit[1] * field[k, 1])
                     w = p * (fit[1] * field[k, 0] + fit[2] * field[k, 1])
-                    for m in range(12):
+                    for m in range(k + 1):
                         matrix[k, m] += u * field[m, 0] + w * field[m, 1]
                     vector[k] -= u * fit[3] + w * fit[4]
+        for k in range(12):
+            for m in range(k):
+                matrix[m, k] = matrix[k, m]
         if not solve_step(matrix, vector, active, 0.0, step):
             return -np.inf, 0.0
         total, motions, odds, rest, count = 0.0, 0.0, 0.0, 0.0, 0.0

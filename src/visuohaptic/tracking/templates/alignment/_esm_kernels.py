@@ -1,4 +1,4 @@
-"""Compiled kernels of the planar tracker: sub-pixel sampling and the Gauss-Newton sums.
+"""Compiled kernels of the planar tracker: the Gauss-Newton sums, and passes on one level of the pyramid.
 
 A template has R rows and C columns. ``x``, ``y`` are its centred coordinates in
 units of half its longer side, so that both lie in about [-1, 1] and the eight
@@ -25,16 +25,14 @@ import numpy as np
 from ....core.kernels import kernel
 from ..._solve_kernels import FAST, solve_step
 from ._esm_row_kernels import (
-    row_bilinear,
     row_correlation,
-    row_cubic,
     row_gradient,
     row_light,
     row_matrix,
-    row_positions,
     row_residual,
     row_vector,
 )
+from ._sample_kernels import sample_rows
 
 # Field k: coefficient and powers of x and y that multiply gx, then those that multiply gy.
 _FIELDS = np.array(
@@ -84,25 +82,21 @@ def _assemble(xx, xy, yy, vx, vy, light, matrix, vector):
 
 @kernel(**FAST)
 def gauss_newton_sums(
-    image, template, gradient_x, gradient_y, x, y, rows, offset, h, gain, bias, cut, margin, fraction, unit,
-    cubic, matrix, vector, stats, histogram,
+    value, inside, energy, template, gradient_x, gradient_y, x, y, rows, gain, bias, cut, margin, fraction, unit,
+    matrix, vector, stats, histogram,
 ):  # fmt: skip
-    """One pass over the selected rows of a template: all sums of a Gauss-Newton step.
+    """All sums of a Gauss-Newton step over the selected rows of a template.
 
     Parameters
     ----------
-    image
-        (height, width) float32, B-spline coefficients where ``cubic``.
+    value, inside, energy
+        Samples of the image, whether they are in it, and their mean variance, from :func:`sample_rows`.
     template, gradient_x, gradient_y
         (R, C) float32; the gradients are per unit of ``x``, ``y``.
     x, y
         Centred coordinates of columns (C,) and rows (R,).
     rows
-        Rows to use.
-    offset
-        (2, R, C), added to the warped position [px]; (2, 1, 1): none.
-    h
-        Column, row, 1 to the image, (3, 3).
+        Rows to use; all of them are sampled, and their neighbours where ``fraction`` is not 0.
     gain, bias
         Image = gain template + bias.
     cut, margin
@@ -111,8 +105,6 @@ def gauss_newton_sums(
         Fraction of the gradient taken from the warped image (0.5: ESM, 0: template only).
     unit
         Length of one unit of x in columns.
-    cubic
-        Use cubic-spline interpolation.
     matrix, vector
         Filled, (10, 10) and (10,).
     stats
@@ -120,68 +112,31 @@ def gauss_newton_sums(
     histogram
         Filled with counts of the absolute residual in half grey levels over every fourth pixel, (256,).
     """
-    height, width = image.shape
     columns = template.shape[1]
     last = template.shape[0] - 1
-    flat = image.reshape(-1)
-    index = np.zeros(columns, np.int32)
-    fx = np.zeros(columns, np.float32)
-    fy = np.zeros(columns, np.float32)
-    inside = np.zeros(columns, np.float32)
-    seen = np.zeros((3, columns), np.float32)
-    value = np.zeros((3, columns), np.float32)
-    energy = np.zeros(columns, np.float32)
-    weights = np.zeros((2, 4, columns), np.float32)
     residual = np.zeros(columns, np.float32)
     weight = np.zeros(columns, np.float32)
     gx = np.zeros(columns, np.float32)
     gy = np.zeros(columns, np.float32)
-    nothing = np.zeros(columns, np.float32)
     xx, xy, yy = np.zeros((5, 5)), np.zeros((5, 5)), np.zeros((5, 5))
     vx, vy = np.zeros((3, 3, 3)), np.zeros((3, 3, 3))
     row_xx, row_xy, row_yy = np.zeros(5), np.zeros(5), np.zeros(5)
     row_v = np.zeros((3, 3))
     stats[:] = 0.0
     histogram[:] = 0
-    moved = offset.shape[1] > 1
-    newest, previous = -9, -9
     for v in rows:
-        if fraction > 0.0:
-            if v == 0 or v == last:
-                continue
-            # Three rows of the warped image are kept; one or two of the next row's are already available.
-            for k in (-1, 0, 1):
-                if v + k <= newest:
-                    for i in range(columns):
-                        value[1 + k, i] = value[1 + v + k - previous, i]
-                        seen[1 + k, i] = seen[1 + v + k - previous, i]
-                    continue
-                ox = offset[0, v + k] if moved else nothing
-                oy = offset[1, v + k] if moved else nothing
-                row_positions(h, v + k, columns, width, height, ox, oy, index, fx, fy, seen[1 + k])
-                row_bilinear(flat, width, columns, index, fx, fy, value[1 + k], energy)
-            newest = v + 1
-            previous = v
-            for i in range(columns):
-                inside[i] = seen[1, i]
-        else:
-            ox = offset[0, v] if moved else nothing
-            oy = offset[1, v] if moved else nothing
-            row_positions(h, v, columns, width, height, ox, oy, index, fx, fy, inside)
-            if cubic:
-                row_cubic(flat, width, columns, index, fx, fy, weights, value[1], energy)
-            else:
-                row_bilinear(flat, width, columns, index, fx, fy, value[1], energy)
-        here = value[1]
-        t = template[v]
-        row_correlation(columns, here, t, inside, stats[7:])
-        row_residual(columns, here, t, inside, gain, bias, cut, margin, residual, weight)
+        if fraction > 0.0 and (v == 0 or v == last):
+            continue
+        before, after = (v - 1, v + 1) if fraction > 0.0 else (v, v)
+        here, seen, t = value[v], inside[v], template[v]
+        row_correlation(columns, here, t, seen, stats[7:])
+        row_residual(columns, here, t, seen, gain, bias, cut, margin, residual, weight)
         row_gradient(
-            columns, gain, fraction, value[0], here, value[2], gradient_x[v], gradient_y[v], unit, gx, gy
-        )
-        row_light(columns, residual, t, weight, energy, stats)
+            columns, gain, fraction, value[before], here, value[after], gradient_x[v], gradient_y[v], unit, gx, gy
+        )  # fmt: skip
+        row_light(columns, residual, t, weight, stats)
         for i in range(v & 3, columns, 4):
-            if inside[i] > 0:
+            if seen[i] > 0:
                 histogram[min(255, int(2.0 * abs(residual[i])))] += 1
         row_matrix(columns, x, gx, gy, weight, row_xx, row_xy, row_yy)
         p = 1.0
@@ -200,6 +155,7 @@ def gauss_newton_sums(
                     for i in range(3):
                         target[j, s, i] += p * row_v[s, i]
                 p *= y[v]
+    stats[6] = energy * stats[0]
     _assemble(xx, xy, yy, vx, vy, stats, matrix, vector)
 
 
@@ -290,8 +246,8 @@ def _corner_shift(before, after, x_end, y_end):
 
 @kernel(**FAST)
 def refine_level(
-    image, template, gradient_x, gradient_y, x, y, rows, offset, h, light, fraction, unit, cubic, cut_factor,
-    margin, damping, passes, tolerance, matrix, stats,
+    image, template, gradient_x, gradient_y, x, y, rows, offset, h, light, fraction, unit, cubic, cut, damping,
+    passes, tolerance, samples, matrix, stats,
 ):  # fmt: skip
     """Gauss-Newton passes on one level of the pyramid, in place on ``h`` and ``light``.
 
@@ -300,21 +256,27 @@ def refine_level(
 
     Parameters
     ----------
-    image, template, gradient_x, gradient_y, x, y, rows, offset, fraction, unit, cubic, margin, matrix, stats
+    image, offset, cubic
+        As in :func:`sample_rows`.
+    template, gradient_x, gradient_y, x, y, rows, fraction, unit, matrix, stats
         As in :func:`gauss_newton_sums`.
     h
-        Centred coordinates to image pixels of the level, changed in place, (3, 3).
+        Centred coordinates to image pixels of the level, changed in place; and filled with those before the last
+        step, (2, 3, 3).
     light
         Gain, bias, standard deviation of the residual, that of noise alone, and the fraction of the
         squared residual that remains after the last step; changed in place, (5,).
-    cut_factor
-        Residuals beyond this number of standard deviations are down-weighted.
+    cut
+        Number of standard deviations beyond which residuals are down-weighted, and ``margin`` of
+        :func:`gauss_newton_sums`, (2,).
     damping
         Relative to the diagonal.
     passes
         Maximum number of passes.
     tolerance
         Iteration stops when a pass moves the corners by less [px].
+    samples
+        Filled with ``value`` and ``inside`` of :func:`sample_rows` in the last pass, (2, R, C).
     """
     vector = np.zeros(10)
     step = np.zeros(10)
@@ -328,30 +290,17 @@ def refine_level(
     to_centred[0, 2] = x[0]
     to_centred[1, 2] = y[0]
     shift = np.inf
+    here, sampled, value, inside = h[0], h[1], samples[0], samples[1]
     for _ in range(passes):
-        _product(h, to_centred, 1.0, to_pixels)
+        for i in range(3):
+            for j in range(3):
+                sampled[i, j] = here[i, j]
+        _product(here, to_centred, 1.0, to_pixels)
+        energy = sample_rows(image, to_pixels, offset, rows, cubic, value, inside)
         gauss_newton_sums(
-            image,
-            template,
-            gradient_x,
-            gradient_y,
-            x,
-            y,
-            rows,
-            offset,
-            to_pixels,
-            light[0],
-            light[1],
-            cut_factor * light[2],
-            margin,
-            fraction,
-            unit,
-            cubic,
-            matrix,
-            vector,
-            stats,
-            histogram,
-        )
+            value, inside, energy, template, gradient_x, gradient_y, x, y, rows, light[0], light[1],
+            cut[0] * light[2], cut[1], fraction, unit, matrix, vector, stats, histogram,
+        )  # fmt: skip
         light[2] = _spread(histogram, 0.5, 0.67449)
         # Residuals are concentrated at edges: the smoothest quarter of the pixels gives the noise alone.
         light[3] = _spread(histogram, 0.25, 0.31864)
@@ -364,13 +313,13 @@ def refine_level(
         light[4] = max(0.0, 1.0 - taken / max(stats[5], 1e-9))
         light[3] *= np.sqrt(light[4])
         exponential(step, growth)
-        _product(h, growth, 1.0, moved)
-        shift = _corner_shift(h, moved, x[-1], y[-1])
+        _product(here, growth, 1.0, moved)
+        shift = _corner_shift(here, moved, x[-1], y[-1])
         if not shift < 1e6:
             return np.inf
         for i in range(3):
             for j in range(3):
-                h[i, j] = moved[i, j] / moved[2, 2]
+                here[i, j] = moved[i, j] / moved[2, 2]
         light[0] = max(0.02, light[0] + step[8])
         light[1] += step[9]
         if shift < tolerance:

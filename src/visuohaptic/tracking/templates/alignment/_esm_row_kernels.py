@@ -1,7 +1,6 @@
-"""Compiled kernels for one row of a template: sub-pixel sampling, weights, and sums over powers of x.
+"""Compiled kernels for one row of a template: weights, gradients, and sums over powers of x.
 
-Each loop is simple enough for the compiler to vectorise. Unsigned indices
-are intentional: signed ones would be checked for wrap-around, which prevents vectorisation.
+Each loop is simple enough for the compiler to vectorise.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
@@ -12,139 +11,6 @@ import numpy as np
 
 from ....core.kernels import kernel
 from ..._solve_kernels import FAST
-
-
-@kernel(**FAST)
-def row_positions(h, y, columns, width, height, offset_x, offset_y, index, fx, fy, inside):
-    """Image positions of one template row: cell index, fractions, and 1 inside / 0 outside.
-
-    Parameters
-    ----------
-    h
-        Column, row, 1 to the image, (3, 3).
-    y
-        The row.
-    columns
-        Number of columns.
-    width, height
-        Size of the image [px].
-    offset_x, offset_y
-        Added to the positions [px], (C,).
-    index, fx, fy, inside
-        Filled, (C,).
-    """
-    h0, h3, h6 = np.float32(h[0, 0]), np.float32(h[1, 0]), np.float32(h[2, 0])
-    a = np.float32(h[0, 1] * y + h[0, 2])
-    b = np.float32(h[1, 1] * y + h[1, 2])
-    c = np.float32(h[2, 1] * y + h[2, 2])
-    one = np.float32(1.0)
-    # One pixel of margin on the low side and two on the high side, for the cubic kernel.
-    x_max, y_max = np.float32(width - 2.001), np.float32(height - 2.001)
-    for i in range(columns):
-        x = np.float32(i)
-        q = one / (h6 * x + c)
-        px = (h0 * x + a) * q + offset_x[i]
-        py = (h3 * x + b) * q + offset_y[i]
-        qx = min(max(px, one), x_max)
-        qy = min(max(py, one), y_max)
-        inside[i] = one if (qx == px) & (qy == py) & (q > np.float32(0.0)) else np.float32(0.0)
-        ix, iy = np.int32(qx), np.int32(qy)
-        fx[i] = qx - np.float32(ix)
-        fy[i] = qy - np.float32(iy)
-        index[i] = iy * np.int32(width) + ix
-
-
-@kernel(**FAST)
-def row_bilinear(image, width, columns, index, fx, fy, value, energy):
-    """Bilinear samples of one row, and the sum of the squared weights of each.
-
-    Parameters
-    ----------
-    image
-        The image, row by row, (height * width,).
-    width
-        Of the image [px].
-    columns
-        Number of columns.
-    index, fx, fy
-        From :func:`row_positions`, (C,).
-    value, energy
-        Filled with samples and the sums of their squared weights, (C,).
-    """
-    one, two = np.float32(1.0), np.float32(2.0)
-    right, down, both = np.uint32(1), np.uint32(width), np.uint32(width + 1)
-    for i in range(columns):
-        k = np.uint32(index[i])
-        f, g = fx[i], fy[i]
-        p, q = image[k], image[k + right]
-        r, s = image[k + down], image[k + both]
-        t = p + f * (q - p)
-        value[i] = t + g * (r + f * (s - r) - t)
-        energy[i] = (one - two * f * (one - f)) * (one - two * g * (one - g))
-
-
-@kernel(**FAST)
-def row_cubic(coefficients, width, columns, index, fx, fy, weights, value, energy):
-    """Cubic-spline samples of one row from B-spline coefficients, and the variance of each.
-
-    The variance is that of the sample when the pixels (before the prefilter) are
-    independent with variance 1: ``b^T R b`` with the four B-spline weights b and the
-    autocorrelation R of the prefilter ``h[k] = sqrt(3) z^|k|``, ``z = sqrt(3) - 2``, which is
-    ``3 z^|k| ((1 + z^2) / (1 - z^2) + |k|)``.
-
-    Parameters
-    ----------
-    coefficients
-        B-spline coefficients, row by row, (height * width,).
-    width
-        Of the image [px].
-    columns
-        Number of columns.
-    index, fx, fy
-        From :func:`row_positions`, (C,).
-    weights
-        Scratch for the spline weights, (2, 4, C).
-    value, energy
-        Filled with samples and their variances, (C,).
-    """
-    two, three, four, sixth = np.float32(2.0), np.float32(3.0), np.float32(4.0), np.float32(1.0 / 6.0)
-    one = np.float32(1.0)
-    r0, r1 = np.float32(3.464102), np.float32(-1.732051)
-    r2, r3 = np.float32(0.679492), np.float32(-0.240474)
-    down = np.uint32(width)
-    u1, u2, u3 = np.uint32(1), np.uint32(2), np.uint32(3)
-    c = coefficients
-    wx, wy = weights[0], weights[1]
-    for i in range(columns):
-        f = fx[i]
-        g = one - f
-        a0, a3 = sixth * g * g * g, sixth * f * f * f
-        a1 = sixth * (four - three * f * f * (two - f))
-        a2 = one - a0 - a1 - a3
-        e = r0 * (a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3) + two * r1 * (a0 * a1 + a1 * a2 + a2 * a3)
-        e += two * (r2 * (a0 * a2 + a1 * a3) + r3 * a0 * a3)
-        wx[0, i], wx[1, i], wx[2, i], wx[3, i] = a0, a1, a2, a3
-        f = fy[i]
-        g = one - f
-        a0, a3 = sixth * g * g * g, sixth * f * f * f
-        a1 = sixth * (four - three * f * f * (two - f))
-        a2 = one - a0 - a1 - a3
-        d = r0 * (a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3) + two * r1 * (a0 * a1 + a1 * a2 + a2 * a3)
-        d += two * (r2 * (a0 * a2 + a1 * a3) + r3 * a0 * a3)
-        wy[0, i], wy[1, i], wy[2, i], wy[3, i] = a0, a1, a2, a3
-        energy[i] = e * d
-    # A separate loop: the four neighbours in a row are one load, four rows are four products.
-    for i in range(columns):
-        k = np.uint32(index[i]) - down - u1
-        m = k + down
-        n = m + down
-        o = n + down
-        b0, b1, b2, b3 = wy[0, i], wy[1, i], wy[2, i], wy[3, i]
-        t0 = b0 * c[k] + b1 * c[m] + b2 * c[n] + b3 * c[o]
-        t1 = b0 * c[k + u1] + b1 * c[m + u1] + b2 * c[n + u1] + b3 * c[o + u1]
-        t2 = b0 * c[k + u2] + b1 * c[m + u2] + b2 * c[n + u2] + b3 * c[o + u2]
-        t3 = b0 * c[k + u3] + b1 * c[m + u3] + b2 * c[n + u3] + b3 * c[o + u3]
-        value[i] = wx[0, i] * t0 + wx[1, i] * t1 + wx[2, i] * t2 + wx[3, i] * t3
 
 
 @kernel(**FAST)
@@ -327,19 +193,19 @@ def row_vector(columns, x, g, r, t, w, out):
 
 
 @kernel(**FAST)
-def row_light(columns, r, t, w, energy, sums):
-    """Sums of w {1, T, T T, r, T r, r r, energy}.
+def row_light(columns, r, t, w, sums):
+    """Sums of w {1, T, T T, r, T r, r r}.
 
     Parameters
     ----------
     columns
         Number of columns.
-    r, t, w, energy
-        Residual, template, weight and variance of each sample, (C,).
+    r, t, w
+        Residual, template and weight, (C,).
     sums
-        Added to, (7,).
+        Added to, (6,).
     """
-    s0 = s1 = s2 = s3 = s4 = s5 = s6 = np.float32(0.0)
+    s0 = s1 = s2 = s3 = s4 = s5 = np.float32(0.0)
     for i in range(columns):
         c = w[i]
         a, b = c * t[i], c * r[i]
@@ -349,11 +215,9 @@ def row_light(columns, r, t, w, energy, sums):
         s3 += b
         s4 += a * r[i]
         s5 += b * r[i]
-        s6 += c * energy[i]
     sums[0] += s0
     sums[1] += s1
     sums[2] += s2
     sums[3] += s3
     sums[4] += s4
     sums[5] += s5
-    sums[6] += s6

@@ -24,7 +24,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
-from .esm_pyramid import NO_OFFSET, EsmSettings, Work
+from .esm_pyramid import EsmSettings, Work
 from .esm_template import BLUR_VARIANCES, Level
 from .warp import is_proper, motion_jacobian
 
@@ -172,18 +172,14 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
     from ._esm_kernels import exponential
     from ._scatter_kernels import seen_blurs
 
-    level, image, h = work.pair(k)
+    level, _, h = work.pair(k)
     h = np.ascontiguousarray(h / h[2, 2])
-    if k == 0:
-        image = work.spline(h)
     down, across = level.independent.shape
     sums, fits = (np.zeros((down, across, n)) for n in (28, 9))
     probability = np.zeros((down, across))
-    to_centred = np.array([[1 / level.unit, 0, level.x[0]], [0, 1 / level.unit, level.y[0]], [0, 0, 1.0]])
     matrix, step, growth = np.zeros((12, 12)), np.zeros(12), np.zeros((3, 3))
     # Template pixels that are finer than the image's share its noise.
     noise = max(1.0, 1.0 / work.relative**2)
-    offset = work.bent if work.offset is not None and k == 0 else NO_OFFSET
     x, y = _middles(level.x, level.side), _middles(level.y, level.side)
     variance_here = work.template.variance(work.chain, work.blur if k == 0 else 0) / (
         work.block[0] * work.block[1]
@@ -192,9 +188,9 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
     seen_blurs(level.softened, x, y, h, level.unit, variance_here, softened, blurs)
     converged, before, factor = False, np.zeros(12), 1.0
     for _ in range(passes):
-        place = h @ to_centred
         block_sums(
-            image, level.image, level.gradient_x, level.gradient_y, offset, place, k == 0, level.side, level.border, sums
+            *work.samples(k, h), level.image, level.gradient_x, level.gradient_y, level.products, level.side,
+            level.border, sums,
         )  # fmt: skip
         log_odds, variance = block_step(
             sums, x, y, softened, level.independent, 0.5 * level.side**2, noise, BLUR_VARIANCES[-1], turns,
@@ -212,9 +208,7 @@ def fit_blocks(work: Work, k: int, passes: int, turns: int) -> BlockFit | None:
         exponential(moved, growth)
         h = h @ growth
         h = h / h[2, 2]
-        back = h @ level.from_template
-        back[:2] *= 2.0**k
-        work.homography = back / back[2, 2]
+        work.homography = work.uncentred(k, h)
         if not is_proper(work.homography, work.template.corners):
             return None
         converged = np.abs(moved).max() * level.unit < work.settings.tolerance_px
@@ -290,6 +284,8 @@ def _shade(x: np.ndarray, y: np.ndarray, fits: np.ndarray, probability: np.ndarr
     """
     flat = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     weight = (probability * fits[..., 8] / np.maximum(fits[..., 6], 1e-9)).ravel()
+    from ..._solve_kernels import solve_step
+
     used = weight > 0
     count = int(used.sum())
     if count < 12:
@@ -297,8 +293,9 @@ def _shade(x: np.ndarray, y: np.ndarray, fits: np.ndarray, probability: np.ndarr
     x, y = np.tile(x, len(y))[used], np.repeat(y, len(x))[used]
     weight, gain = weight[used], fits[..., 7].ravel()[used]
     basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
-    weighted = basis * weight
-    found = np.linalg.lstsq(weighted @ basis.T, weighted @ gain, rcond=1e-12)[0]
+    weighted, found = basis * weight, np.zeros(6)
+    if not solve_step(weighted @ basis.T, -(weighted @ gain), np.ones(6, np.bool_), 0.0, found):
+        return flat
     off, even = gain - found @ basis, gain - (weight @ gain) / weight.sum()
     if count * np.log((even * even) @ weight / max((off * off) @ weight, 1e-12)) < 10 * np.log(np.log(count)):
         return flat

@@ -150,7 +150,10 @@ def _descend(work: Work) -> bool:
     if work.clipped:
         # At 2.5 sigma, the cut-off part shifts the mean by 0.002 sigma.
         work.margin = min(2.5 * work.light[3], 30.0)
-    return _refined(work)
+    even = _refined(work)
+    # The blocks are fitted to the samples of the last pass, which need not be taken again.
+    work.homography = work.uncentred(*work.sampled)
+    return even
 
 
 def _refined(work: Work) -> bool:

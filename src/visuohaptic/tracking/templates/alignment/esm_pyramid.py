@@ -10,6 +10,7 @@ import numpy as np
 
 from ...points.homography import apply_homography
 from .esm_template import CURVES, EsmTemplate, Level
+from .image_spline import ImageSpline
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,11 +31,6 @@ class EsmSettings:
     tolerance_px: float = 0.06  #: final passes stop when the corners move by less
 
 
-#: Maximum pixel size of the template's chain in image pixels, if a finer chain exists.
-_COARSER = 1.0
-#: Samples to B-spline coefficients: sqrt(3) z^|k|, z = sqrt(3) - 2, cut where it is below 1e-3.
-_PREFILTER = np.sqrt(3.0) * (np.sqrt(3.0) - 2.0) ** np.abs(np.arange(-6, 7))
-_PREFILTER /= _PREFILTER.sum()
 #: Margin of the image around the search area [px]: the range of interpolation on the coarsest level.
 MARGIN_PX = 8.0
 #: An offset of this shape means none.
@@ -98,10 +94,11 @@ class Work:
         self.light = np.array([1.0, 0.0, 0.0, 0.0, 1.0])
         self.matrix = np.zeros((10, 10))
         self.stats = np.zeros(13)
+        #: Samples of the image at the template's pixels, and where they were taken: level and centred homography.
+        self._samples = np.empty(2 * self.finest.image.size, np.float32)
+        self.sampled: tuple[int, np.ndarray] = -1, np.zeros((3, 3))
         self.offset = offset
         self.margin = -np.inf
-        #: Area of which ``spline`` knows the coefficients: y0, x0, y1, x1.
-        self._splined = 0, 0, -1, -1
         self.clipped = image.dtype == np.uint8
         #: Whether the image region is large enough for the coarsest level.
         self.enough = self._build_pyramid(image, corners)
@@ -118,7 +115,7 @@ class Work:
         # Not larger than the image's: if the template is the coarser one, image pixels between its samples
         # are not used.
         halves = np.log2(max(self.scale, 1e-6))
-        chain = int(np.floor(2.0 * (np.log2(_COARSER) - halves)))
+        chain = int(np.floor(-2.0 * halves))
         self.chain = min(max(chain, 0), len(template.chains) - 1)
         self.block = template.blocks[self.chain]
         self.blur = template.first_blur if blur is None else template.blur_index(self.chain, blur)
@@ -146,7 +143,7 @@ class Work:
             size = (level.shape[1] // block, level.shape[0] // block)
             level = level[: size[1] * block, : size[0] * block]
             level = cv2.resize(level, size, interpolation=cv2.INTER_AREA)
-        self.images = [level]
+        self.images, self._spline = [level], ImageSpline(level)
         for _ in range(self.count - 1):
             level = cv2.pyrDown(level)
             self.images.append(level)
@@ -263,11 +260,55 @@ class Work:
         if how.cubic:
             image = self.spline(h)
         shift = self.run(k, level, image, h, rows, how)
-        back = h @ level.from_template
-        back[:2] *= 2.0**k
-        self.homography = back / back[2, 2]
+        self.homography = self.uncentred(k, h)
         self.centred = h
         return shift
+
+    def uncentred(self, k: int, h: np.ndarray) -> np.ndarray:
+        """Template pixels to pixels of the finest image, from a level's centred homography, (3, 3).
+
+        Parameters
+        ----------
+        k
+            Level of the pyramid, 0 = finest.
+        h
+            Centred coordinates of the template to pixels of that level, (3, 3).
+        """
+        back = h @ (self.levels[k] if k else self.finest).from_template
+        back[:2] *= 2.0**k
+        return np.asarray(back / back[2, 2])
+
+    def samples(self, k: int, h: np.ndarray) -> np.ndarray:
+        """Samples of the image at all pixels of a level, and 1 inside of the image, 0 outside, (2, R, C) float32.
+
+        They are valid until others are taken; at the same place they are not taken again.
+
+        Parameters
+        ----------
+        k
+            Level of the pyramid, 0 = finest.
+        h
+            Centred coordinates of the template to pixels of that level, (3, 3).
+        """
+        from ._sample_kernels import sample_rows
+
+        level, image, _ = self.pair(k)
+        found = self._buffer(level)
+        at, place = self.sampled
+        if at != k or np.abs(place - h).max() > 1e-9:
+            to_centred = np.array(
+                [[1 / level.unit, 0, level.x[0]], [0, 1 / level.unit, level.y[0]], [0, 0, 1.0]]
+            )
+            image = image if k else self.spline(h)
+            sample_rows(image, h @ to_centred, self._offset(k), level.rows, k == 0, *found)
+            self.sampled = k, h.copy()
+        return found
+
+    def _buffer(self, level: Level) -> np.ndarray:
+        return self._samples[: 2 * level.image.size].reshape(2, *level.image.shape)
+
+    def _offset(self, k: int) -> np.ndarray:
+        return self.bent if self.offset is not None and k == 0 else NO_OFFSET
 
     def spline(self, h: np.ndarray) -> np.ndarray:
         """Cubic B-spline coefficients of the finest image in the area of the template, (rows, columns) float32, 0 elsewhere.
@@ -277,29 +318,10 @@ class Work:
         h
             Centred coordinates of the template to pixels of that image, (3, 3).
         """
-        import cv2
-
-        image, level = self.images[0], self.finest
-        (a, b, c), (d, e, f), (g, i, j) = h.tolist()
-        ends = [(sx * level.x[-1], sy * level.y[-1]) for sx in (-1, 1) for sy in (-1, 1)]
-        depths = [max(g * x + i * y + j, 1e-9) for x, y in ends]
-        across = [(a * x + b * y + c) / depth for (x, y), depth in zip(ends, depths, strict=True)]
-        down = [(d * x + e * y + f) / depth for (x, y), depth in zip(ends, depths, strict=True)]
-        height, width = image.shape
-        low = max(0, int(min(down)) - 8), max(0, int(min(across)) - 8)
-        high = min(height, max(0, int(max(down)) + 9)), min(width, max(0, int(max(across)) + 9))
-        y0, x0, y1, x1 = self._splined
-        if low[0] < y0 or low[1] < x0 or high[0] > y1 or high[1] > x1:
-            # Twice the margin: the passes that follow move by less, and use the same coefficients.
-            y0, x0, y1, x1 = max(0, low[0] - 8), max(0, low[1] - 8), high[0] + 8, high[1] + 8
-            self._splined = y0, x0, min(y1, height), min(x1, width)
-            part = image[y0:y1, x0:x1]
-            self._coefficients = np.zeros_like(image)
-            if part.size:
-                self._coefficients[y0:y1, x0:x1] = cv2.sepFilter2D(
-                    part, -1, _PREFILTER, _PREFILTER, borderType=cv2.BORDER_REFLECT_101
-                )
-        return self._coefficients
+        level = self.finest
+        ends = np.array([(sx * level.x[-1], sy * level.y[-1], 1.0) for sx in (-1, 1) for sy in (-1, 1)])
+        mapped = ends @ h.T
+        return self._spline.around(mapped[:, :2] / np.maximum(mapped[:, 2:], 1e-9))
 
     def run(
         self, k: int, level: Level, image: np.ndarray, h: np.ndarray, rows: np.ndarray, how: GaussNewton
@@ -328,14 +350,16 @@ class Work:
         """
         from ._esm_kernels import refine_level
 
-        offset = self.bent if self.offset is not None and k == 0 else NO_OFFSET
-        return float(
-            refine_level(
-                image, level.image, level.gradient_x, level.gradient_y, level.x, level.y, rows, offset, h,
-                self.light, how.fraction, level.unit, how.cubic, how.cut, self.margin, how.damping,
-                how.passes, how.tolerance, self.matrix, self.stats,
-            )
+        places = np.stack([h, h])
+        shift = refine_level(
+            image, level.image, level.gradient_x, level.gradient_y, level.x, level.y, rows, self._offset(k), places,
+            self.light, how.fraction, level.unit, how.cubic, np.array([how.cut, self.margin]), how.damping,
+            how.passes, how.tolerance, self._buffer(level), self.matrix, self.stats,
         )  # fmt: skip
+        h[:] = places[0]
+        # They serve :meth:`samples` if they are all that it would take.
+        self.sampled = (k if len(rows) == len(level.rows) and how.cubic == (k == 0) else -1), places[1]
+        return float(shift)
 
     def _light_from_moments(self) -> None:
         n, i, t, ii, _, tt = self.stats[7:]

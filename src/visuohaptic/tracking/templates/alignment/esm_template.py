@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 
 from ....core.errors import InputError
+from .template_blocks import block_side, block_values, softened
 
 #: Templates with a smaller side have too few pixels for eight unknowns.
 MIN_SIDE_PX = 16
@@ -48,6 +49,9 @@ class Level:
     border: int
     independent: Float[np.ndarray, "down across"]  #: number of independent values in each block
     contrast: Float[np.ndarray, "down across"]  #: variance of each block [grey levels^2]
+    products: Float[
+        np.ndarray, "down across 28"
+    ]  #: sums of each block without the image, see ``template_sums``
     #: apparent motion of each block due to a blur of 1 px^2 along x, across, and along y, and due to a curve that
     #: is larger by 1, in centred coordinates
     softened: Float[np.ndarray, "down across 2 4"]
@@ -99,10 +103,17 @@ def _level(
         for start in range(0, len(shown), 4)
         for k in np.sort(np.argsort(-energy[start : start + 4], kind="stable")[:2])
     ]
-    side = _block_side(*shown.shape)
+    side = block_side(*shown.shape)
     # Beyond three standard deviations of the blur it is less than 0.15 %.
     border = min(side // 3, int(3.0 * np.sqrt(max(blur, LENS))))
-    independent, contrast = _blocks(shown, side)
+    independent, contrast = block_values(shown, side)
+    products, apparent = softened(
+        shown,
+        (gradient_x, gradient_y),
+        unit,
+        (side, border),
+        np.zeros_like(shown) if bloom is None else bloom[inner],
+    )
     return Level(
         image=shown,
         gradient_x=gradient_x,
@@ -118,76 +129,9 @@ def _level(
         border=border,
         independent=independent,
         contrast=contrast,
-        softened=_softened(
-            shown,
-            (gradient_x, gradient_y),
-            unit,
-            (side, border),
-            np.zeros_like(shown) if bloom is None else bloom[inner],
-        ),
+        products=products,
+        softened=apparent,
     )
-
-
-def _softened(
-    image: Float32[np.ndarray, "R C"],
-    gradients: tuple[Float32[np.ndarray, "R C"], Float32[np.ndarray, "R C"]],
-    unit: float,
-    blocks: tuple[int, int],
-    bloom: Float[np.ndarray, "R C"],
-) -> Float[np.ndarray, "down across 2 4"]:
-    """Apparent motion of each block due to a blur of 1 px^2 along x, across, and along y, and due to the curve.
-
-    All beyond the block's illumination. A blur of variance v adds v / 2 times the second derivative. An edge cut off by
-    the border of a block then appears to have moved, and more so one near the border of the template, which is excluded.
-    A curve moves edges towards black. ``blocks``: their side, and the width of that border.
-    """
-    from ._block_kernels import block_sums
-
-    (gradient_x, gradient_y), (side, border) = gradients, blocks
-    down, across = (size // side for size in image.shape)
-    upper, found, none = np.triu_indices(7), [], np.zeros((2, 1, 1), np.float32)
-    bend_x, bend_y = (
-        np.gradient(part, axis=axis) / unit for part, axis in ((gradient_x, 1), (gradient_y, 0))
-    )
-    for bend in (0.5 * bend_x, np.gradient(gradient_x, axis=0) / unit, 0.5 * bend_y, bloom):
-        sums, products = np.zeros((down, across, 28)), np.zeros((down, across, 7, 7))
-        bend = bend.astype(np.float32)
-        block_sums(bend, image, gradient_x, gradient_y, none, np.eye(3), False, side, border, sums)
-        products[..., upper[0], upper[1]] = products[..., upper[1], upper[0]] = sums
-        # A ridge of a millionth for blank blocks.
-        light = products[..., :4, :4] + np.eye(4) * (
-            1e-6 + 1e-6 * np.einsum("...ii", products[..., :4, :4])[..., None, None]
-        )
-        beside = products[..., 4:6, :4] @ np.linalg.solve(light, products[..., :4, 4:])
-        left = products[..., 4:6, 4:] - beside
-        damp = 1e-5 * np.einsum("...ii", left[..., :2])[..., None, None] + 1e-9
-        found.append(np.linalg.solve(left[..., :2] + damp * np.eye(2), left[..., 2:])[..., 0])
-    return np.stack(found, axis=-1)
-
-
-def _block_side(rows: int, columns: int) -> int:
-    """Block size of a level: 12 px, in which light is uniform and motion observable; 6 to 16 blocks along a side."""
-    shorter, longer = sorted((rows, columns))
-    return max(min(max(shorter // 6, 4), 12), longer // 16)
-
-
-def _blocks(image: Float32[np.ndarray, "R C"], side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Number of independent values in each block, and its variance.
-
-    Chance correlations of n independent values have a mean square of 1 / (n - 1); their actual size is measured on the
-    other blocks of the template.
-    """
-    down, across = (size // side for size in image.shape)
-    tiles = image[: down * side, : across * side].astype(np.float64).reshape(down, side, across, side)
-    flat = tiles.swapaxes(1, 2).reshape(down * across, side * side)
-    flat = flat - flat.mean(axis=1, keepdims=True)
-    contrast = (flat**2).mean(axis=1).reshape(down, across)
-    flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-6)
-    squared = (flat @ flat.T) ** 2
-    textured = np.diag(squared) > 0.5
-    np.fill_diagonal(squared, 0.0)
-    mean = squared[:, textured].sum(axis=1) / max(int(textured.sum()) - 1, 1)
-    return (1.0 + 1.0 / np.maximum(mean, 1e-3)).reshape(down, across), contrast
 
 
 def resemblance(starts: list[Float32[np.ndarray, "rows columns"]]) -> float:
@@ -201,7 +145,7 @@ def resemblance(starts: list[Float32[np.ndarray, "rows columns"]]) -> float:
     import cv2
 
     image = next((start for start in starts if max(start.shape) <= 200), starts[-1])
-    side = _block_side(*image.shape)
+    side = block_side(*image.shape)
     # Shades that are larger than a block do not place it.
     flat = image - cv2.GaussianBlur(image, (0, 0), side)
     rows, columns = image.shape

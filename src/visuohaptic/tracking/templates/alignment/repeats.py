@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Float32
 
 from ...points.homography import apply_homography
 from .block_fit import BlockFit, doubt, fit_blocks
-from .esm_pyramid import NO_OFFSET, Work
+from .esm_pyramid import Work
 from .esm_template import REPEATS
 
 #: Limits of the work: places that are compared at once (others correlate less), and moves to a more probable one, after which
@@ -184,10 +184,9 @@ def _explained(work: Work, warp: Float[np.ndarray, "3 3"]) -> _Explained:
     """Compare the image with the template where it would be if it were displaced in its plane by ``warp`` [template px]."""
     import cv2
 
-    from ._block_kernels import block_sums
+    from ._block_kernels import block_sums, template_sums
 
     level, _, h = work.pair(0)
-    image = work.spline(h)
     (bx, by), (rows, columns) = work.block, level.image.shape
     own = np.array([[bx, 0, 1.5 * bx - 0.5], [0, by, 1.5 * by - 0.5], [0, 0, 1.0]])
     moved = np.linalg.solve(own, warp @ own)
@@ -202,17 +201,10 @@ def _explained(work: Work, warp: Float[np.ndarray, "3 3"]) -> _Explained:
         inner = cv2.warpPerspective(inner, moved, (columns, rows), flags=cv2.INTER_NEAREST)
     down, across = level.independent.shape
     sums, products = np.zeros((down, across, 28)), np.zeros((down, across, 7, 7))
-    to_centred = np.array([[1 / level.unit, 0, level.x[0]], [0, 1 / level.unit, level.y[0]], [0, 0, 1.0]])
-    block_sums(
-        image,
-        *np.ascontiguousarray(np.moveaxis(shown, -1, 0)),
-        work.bent if work.offset is not None else NO_OFFSET,
-        np.ascontiguousarray(h / h[2, 2]) @ to_centred,
-        True,
-        level.side,
-        level.border,
-        sums,
-    )
+    parts = np.ascontiguousarray(np.moveaxis(shown, -1, 0))
+    template_sums(*parts, level.side, level.border, sums)
+    seen = work.samples(0, np.ascontiguousarray(h / h[2, 2]))
+    block_sums(*seen, *parts, sums, level.side, level.border, sums)
     upper = np.triu_indices(7)
     products[..., upper[0], upper[1]] = products[..., upper[1], upper[0]] = sums
     # A ridge of a millionth of the trace for blank blocks.
