@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from functools import partial
 
@@ -12,15 +11,12 @@ import shapely
 from benchmarks._plan_footprints import OUTLINE_M, collisions
 
 from tests.worlds.floor_scenes import doors_in_series
-from tests.worlds.maps import Body, World, bar, raster, walled
+from tests.worlds.maps import World, bar, raster, walled
 from visuohaptic.core import Estimate, HapticTag, InputError, to_dict
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.planning import alternatives, exploration_tour, make_plan
 from visuohaptic.navigation.planning.footprint import FootprintDrives
 from visuohaptic.navigation.planning.footprint import _footprint_kernels as kernels
-from visuohaptic.navigation.planning.footprint.footprint_proof import proved_impossible
-from visuohaptic.navigation.planning.search.domain_builder import build_search_domain
-from visuohaptic.navigation.planning.search.push_states import Deadline
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem, RobotModel, robot_from_data
 from visuohaptic.tasks.mobile.travel import FloorExploration
 
@@ -145,39 +141,3 @@ def test_what_is_planned_for_discs_refuses_a_footprint() -> None:
     for call in (alternatives, *(partial(of, budget_s=60.0) for of in (exploration_tour, FloorExploration))):
         with pytest.raises(InputError, match="for a disc only"):
             call(problem)
-
-
-def _corner(width_m: float, *bodies: Body) -> World:
-    """A corridor along x that turns to y: it is as wide before the corner as after it."""
-    inner = bar(0.2, 0.2 + width_m, 3.4 - width_m, 3.4)
-    return World(
-        "corner",
-        (3.6, 3.6),
-        (*walled(3.6, 3.6, 0.2), inner),
-        bodies,
-        (0.8, 0.2 + width_m / 2),
-        (3.4 - width_m / 2, 2.8),
-    )
-
-
-@pytest.mark.parametrize(("width_m", "fits"), [(0.62, False), (0.64, False), (0.68, True), (0.8, True)])
-def test_no_plan_is_proved_where_the_footprint_does_not_fit_around_a_corner(
-    width_m: float, fits: bool
-) -> None:
-    """A rectangle of a by b turns in a corridor of width w if a <= sqrt(8) w - 2 b; the circle inside passes all of these."""
-    assert (math.sqrt(8.0) * width_m - 2.0 * 0.5 >= 0.9) is fits
-    domain = build_search_domain(_problem(_corner(width_m), cell_m=0.02))
-    assert proved_impossible(domain, Deadline.after(60.0)) is not fits
-    assert not proved_impossible(domain, Deadline.after(-1.0))
-
-
-def test_a_proof_leaves_out_what_a_push_may_change() -> None:
-    """Behind the corner an object cannot be reached; before it, a push might open a way."""
-    problem = partial(_problem, cell_m=0.02)
-    box_m = 0.3 * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    behind, before = (Body("box", box_m + np.array([x, y])) for x, y in ((2.95, 2.0), (1.6, 0.35)))
-    plan = make_plan(problem(_corner(0.62, behind)))
-    assert plan.proved
-    assert plan.reason == "no drive of the footprint leads to the goal, or to an object that it could push"
-    domain = build_search_domain(problem(_corner(0.62, before)))
-    assert not proved_impossible(domain, Deadline.after(60.0))

@@ -15,7 +15,6 @@ from ..problem.path_plan import Plan
 from ..problem.planning_problem import PlanningProblem, PushMode
 from ..problem.push_costs import PushCosts
 from .exploration.tour_planner import exploration_tour
-from .footprint.footprint_proof import proved_impossible
 from .off_centre_push import via_off_centre
 from .planner import plan_in_domain
 from .search.domain_builder import build_search_domain
@@ -32,8 +31,6 @@ KNOWN_FRACTION = 0.5
 MAX_HALVED = 1_000_000
 #: Fraction of the time after a first search that finer cells leave for a search on the given ones that does not end early.
 FINER_LEFT = 0.4
-#: Reason where a footprint has no plan.
-ENCLOSED = "no drive of the footprint leads to the goal, or to an object that it could push"
 #: Time limit of the tour for the most information [s]: in effect none on one floor.
 LEARN_S = 3600.0
 
@@ -84,12 +81,6 @@ def _with_finer_cells(
     """
     deadline = Deadline.after(limits.budget_s)
     fine, plan = domain, plan_on(_impatient(domain), limits)
-    if (
-        domain.robot.footprint_m
-        and not (plan.reachable or plan.proved)
-        and proved_impossible(domain, deadline)
-    ):
-        return replace(plan, proved=True, reason=ENCLOSED), domain
     soon = deadline.earlier(FINER_LEFT * deadline.left_s)
     while fine.occupied.size <= MAX_HALVED and not (plan.proved or soon.passed):
         if plan.reachable and not (plan.narrow and limits.gap < plan.gap):
