@@ -25,4 +25,6 @@ def test_the_ratio_of_the_axes_is_that_of_the_whole_wall() -> None:
     assert axis_ratio(even) == pytest.approx(0.5, rel=1e-3)
     # From 0.5 at the foot to 1 at the top, evenly over the height; without foot and closure, their mean is at 0.475 of it.
     widens = WallSection(height=(0.1, 0.1), radius=(0.04, 0.04), radius_y=(0.04, 0.04))
-    assert axis_ratio(even.model_copy(update={"sections": [widens]})) == pytest.approx(0.5 + 0.5 * 0.475, rel=0.02)
+    assert axis_ratio(even.model_copy(update={"sections": [widens]})) == pytest.approx(
+        0.5 + 0.5 * 0.475, rel=0.02
+    )
