@@ -16,7 +16,7 @@ from jaxtyping import Float
 from ..core import Camera, Pose
 from ..core.objects import HEIGHTS
 from ..deformation.shapes.container import Base, ContainerDescription, WallSection, load_container
-from ..deformation.shapes.variants import container_outline, nearest_variant
+from ..deformation.shapes.variants import axis_ratio, container_outline, nearest_variant
 from ..deformation.shells.fourier_shell import RevolutionShell
 from ..deformation.shells.shell_material import IsotropicMaterial
 from ..recognition import UNKNOWN, FeatureSet, load_feature_set
@@ -314,9 +314,7 @@ def _variant(name: str, rng: np.random.Generator) -> tuple[Float[np.ndarray, "k 
     from ..deformation.shapes.variants import draw_variant
 
     description = draw_variant(load_container(name), int(rng.integers(200)), 1000 + int(rng.integers(1000)))
-    radius, radius_y = description.base.radius, description.base.radius_y
-    squash = 1.0 if radius_y is None else float(radius_y[0] / radius[0])
-    return container_outline(description), float(description.wall[0]), squash
+    return container_outline(description), float(description.wall[0]), axis_ratio(description)
 
 
 def _on_the_table(

@@ -95,6 +95,26 @@ def container_outline(description: ContainerDescription, around: int = 32) -> Fl
     return np.column_stack([radius, heights])
 
 
+def axis_ratio(description: ContainerDescription) -> float:
+    """Ratio of the widths along y and x that fits the side of a container best, by least squares over its height; 1 if its foot is round.
+
+    Parameters
+    ----------
+    description
+        The container.
+    """
+    if description.base.radius_y is None:
+        return 1.0
+    container = mesh_container(description, around=32)
+    points = container.mesh.vertices_m[np.unique(container.mesh.faces)]
+    height_m, ring = np.unique(points[:, 2].round(6), return_inverse=True)
+    half_m = np.zeros((2, len(height_m)))
+    for axis in range(2):
+        np.maximum.at(half_m[axis], ring, np.abs(points[:, axis]))
+    x, y = (np.interp(FRACTIONS * height_m[-1], height_m, half) for half in half_m)
+    return float(x @ y / (x @ x))
+
+
 def nearest_variant(
     base: ContainerDescription, outline_m: Float[np.ndarray, "k 2"], *, count: int = 24
 ) -> ContainerDescription:
