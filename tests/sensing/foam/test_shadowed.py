@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 from tests.worlds import foam_disturbances as disturbances
-from tests.worlds.foam import pincers
+from tests.worlds.foam import Sequence, draw_world, pincers
+from tests.worlds.foam_optics import EDGE
+from tests.worlds.foam_scene import FRAME_S, Moment, shadow_row
 
 from benchmarks import foam_evidence
 from visuohaptic.sensing.foam.posterior import _compressed
@@ -94,4 +96,21 @@ def test_a_press_is_read_while_the_edge_of_a_shadow_creeps_over_it() -> None:
 def test_the_penumbra_of_a_shadow_is_no_edge_beyond_which_a_front_is_sought() -> None:
     """Two soft shadows beside the front at rest; a second edge within the blur of the first one read 2.1 N."""
     frames = foam_evidence.frames_of([foam_evidence.run_sequence(pincers(587))])
+    assert not (frames["valid"] & (frames["force_N"] > 3.0 * frames["sigma_N"] + 0.05)).any()
+
+
+def test_the_edge_of_a_second_shadow_beyond_that_of_the_first_one_is_no_front() -> None:
+    """Two lamps: two edges, nearly parallel to the front, 3 mm apart; the second one read .31 +- .03 N."""
+    world = draw_world(9304)
+    sequence, inwards = Sequence(world, {"kind": "two lamps"}), np.array([np.cos(0.03), np.sin(0.03)])
+    for i in range(5):
+        rows = []
+        for ahead_m, grey, floor_m in ((0.001, 0.3, (0.0, 0.0)), (0.004, 0.35, (0.002, 0.001))):
+            x, y = np.array([world.foam.width_m + ahead_m, 0.0]) - 0.01 * i * FRAME_S * inwards
+            dark = world.darkness(grey)
+            rows.append(
+                shadow_row(EDGE, (x, y), 0.03, penumbra_m=0.0, dark=dark, half_m=0.01, floor_shift_m=floor_m)
+            )
+        sequence.add(i, Moment(shadows=rows))
+    frames = foam_evidence.frames_of([foam_evidence.run_sequence(sequence)])
     assert not (frames["valid"] & (frames["force_N"] > 3.0 * frames["sigma_N"] + 0.05)).any()

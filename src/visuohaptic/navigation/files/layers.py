@@ -172,9 +172,8 @@ def load_layer(path: Path | str) -> Layer:
     for code, value in codes:
         if code is not None:
             raw[pixels == code] = value
-    values = (raw > 0.5 if layer.kind == "bool" else np.rint(raw) if layer.kind == "int32" else raw).astype(
-        layer.kind
-    )
+    exact = {"bool": raw > 0.5, "int32": np.rint(raw)}
+    values = exact.get(layer.kind, raw).astype(layer.kind)
     x, y, yaw = info.origin
     return Layer(layer.name, values, info.resolution, (x, y, yaw), layer.unit)
 

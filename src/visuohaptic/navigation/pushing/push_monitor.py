@@ -64,9 +64,8 @@ class PushMonitor:
             raise InputError("PushMonitor", f"found a radius of {radius_m} m, expected more than 0")
         self._path: list[Float[np.ndarray, "3"]] = []
         self._angle: list[float] = []
-        self._readings: list[
-            tuple[float, float, float]
-        ] = []  #: since the last step: x, y of the platform, angle on its rim
+        #: Since the last step: x, y of the platform [m], angle on its rim [rad].
+        self._readings: list[tuple[float, float, float]] = []
         self._value = np.zeros(4)
         self._covariance = np.diag(self._sigma**2)
         self._lateral = np.zeros(2)

@@ -20,7 +20,7 @@ _SAME, _OTHER = math.log(0.9), math.log(0.1)
 #: Probability that the edge of a shadow lies within a band.
 _LIGHT_EDGE = 0.05
 #: Fraction of the pixels of a band that are independent, after lens, interpolation and JPEG.
-_INDEPENDENT = 0.5
+INDEPENDENT = 0.5
 #: Probability that an edge of a body lies within a pixel of a given position: two edges on some forty pixels.
 _BY_CHANCE = 0.05
 #: Largest log-odds of one point from its pixels, so that a single speck cannot decide.
@@ -138,13 +138,13 @@ def texture_odds(bands, unary, against, gain):
     for k in range(n):
         gain[k] = math.nan
         if bands[k, COUNT] > 0.0:
-            half = 0.5 * _INDEPENDENT * bands[k, COUNT]
+            half = 0.5 * INDEPENDENT * bands[k, COUNT]
             own = 1.0 + math.log(max(bands[k, OWN], 0.05) / variance)
             moved[k] = min(max(half * (own - moved[k] / variance), -MAX_ODDS), MAX_ODDS)
             fixed[k] = min(max(half * (own - fixed[k] / variance), -MAX_ODDS), MAX_ODDS)
     for k in range(n):
         if bands[k, COUNT] > 0.0:
-            half = 0.5 * _INDEPENDENT * bands[k, COUNT]
+            half = 0.5 * INDEPENDENT * bands[k, COUNT]
             goes, stays = moved[k], fixed[k]
             # Foam that shows another part of its surface is no coarser than the coarsest part of the strip at rest.
             ratio = max(bands[k, OWN] / (variance + transfer**2 * coarsest), 1.0)
@@ -206,7 +206,7 @@ def level_odds(found, dependence, gain, foam, variance, against):
         )
         odds = 0.0
         if math.isfinite(near):
-            odds += _INDEPENDENT * near
+            odds += INDEPENDENT * near
         if math.isfinite(texture):
             # A front of foam is as sharp as lens and motion make it; neighbours share the softness of a shadow.
             odds += (texture + ALIKE * found[k, 6]) / dependence[k]

@@ -17,7 +17,7 @@ now and x0 at rest, the likelihoods of a frame, each relative to that of O, are
 
 The shadow's edge is where it fits best: two merged edges, or that of the shadow apart from a front that is still seen. Where
 the contour follows the edge of a shadow instead of the front, the front is a second edge beyond it (``shadowed.py``): foam
-from one edge to the other, in another light, is evidence for both.
+from one edge to the other, in another light, is evidence for both, or for a second shadow whose edge is the second one.
 The variance about g Z and the visible fraction of the texture of Z (blur, JPEG) are measured on the foam behind the
 edges of the same frame; pixels beyond the edge are weighted by the correlation of their own residuals. Steepness and
 crossing couple the states along the strip, and states persist in time for ``PERSISTENCE_S``. An occluder that covers one
@@ -289,19 +289,21 @@ def _compare(
     # A shutter that is open from frame to frame, at the most, sees the edge move by a box.
     places = front, resting, slope, blur, moved_px / step / math.sqrt(12.0)
     shadow_odds(strip.image, zero.image, lines, *places, transfer, variance, deflected, found)
+    # One shadow is evidence for another one: its edge is no free parameter of each line.
+    found[behind, 1] = np.maximum(found[behind, 1], 0.0)
     stop = int(0.9 * resting.min())
     foam = mean_between(zero.image, np.full((len(seen), 2), [float(stop // 2), float(stop)]))[:, 0]
     dependence = local_statistics(np.ascontiguousarray(found[:, 5]))[0]
     bare: Float[np.ndarray, "K"] = level_odds(found, dependence, gain, foam, variance, against)
     unary[:, SHADOW] += against[:, 1]
     if behind.any():
-        # Beyond the edge of a shadow, foam continues up to its front.
+        # Beyond the edge of a shadow, foam continues up to its front, or to the edge of another shadow.
         pressed, odds = _compressed(zero.image, front / resting, behind), np.zeros_like(against)
         places = edge, front, np.zeros(len(seen)), blur, np.zeros(len(seen))
         shadow_odds(strip.image, pressed, lines, *places, transfer, variance, behind, found)
         dependence = local_statistics(np.ascontiguousarray(found[:, 5]))[0]
         level_odds(found, dependence, gain, foam, variance, odds)
-        unary[behind, FOAM] += odds[behind, 1]
+        unary[behind, FOAM : SHADOW + 1] += odds[behind, 1:2]
     return bare
 
 

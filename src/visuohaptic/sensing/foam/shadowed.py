@@ -22,15 +22,17 @@ from ...tracking.contours._refine_kernels import NEAR
 from ...tracking.contours.contour import PIXEL_PX, Contour, ContourSettings, ContourTracker, PointReason
 from ._chain_kernels import SAME_BLUR
 from ._posterior_kernels import edge_ramp, pixel_weights, solve
+from ._texture_kernels import INDEPENDENT
 from .strip import ObservedStrip
 
 #: Length of the plateaus beside an edge, and half the width of its pixels along it, short beside one that crosses it [px].
 _PLATEAU_PX, _HALF_PX = 2.0, 2.0
 #: Beyond this many blurs an edge has ended (0.6 % of its step).
 _TAIL = 2.5
-#: Spacing of the places of a merged front that are tried [samples], that of ``_NEAR`` places to either side of the most likely one,
-#: and fraction of the pixels that are independent.
-_EVERY, _FINE, _NEAR, _INDEPENDENT = 0.5, 0.25, 4, 0.5
+#: Spacing of the places of a merged front that are tried [samples], that of places near the most likely one, and their number
+#: to either side, up to the second place of the wider spacing.
+_EVERY, _FINE = 0.5, 0.25
+_NEAR = round(2.0 * _EVERY / _FINE)
 #: Number of places of the edge of the shadow that are tried, and their spacing [samples]: 2.4 standard deviations of an edge
 #: that is extrapolated over five lines, see the test.
 _SHIFTS, _SHIFT = 9, 0.125
@@ -252,7 +254,7 @@ def merged_fronts(image, lines, edge, edge_slope, guess, slope, blur, reach, res
                 at = middle + (best - _NEAR + shift) * _FINE
                 each[m - 1] = at, left[best] - 0.5 * bend * shift * shift, bend / _FINE**2
                 least = min(least, each[m - 1, 1])
-        noise = least / (_INDEPENDENT * parallels * (last + 1 - first))
+        noise = least / (INDEPENDENT * parallels * (last + 1 - first))
         total, at, square, shadow = 0.0, 0.0, 0.0, edge[k]
         for m in range(_SHIFTS):
             var = 2.0 * noise / each[m, 2]

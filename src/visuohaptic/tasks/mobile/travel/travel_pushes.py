@@ -61,9 +61,8 @@ class TravelPushes:
         self.margin_m = 0.0  #: margin beside the robot of the present plan
         self.behind_m = 0.0  #: known free distance straight behind the robot after the last push
         self._at_wall = False  #: whether the last push ended at a wall
-        self._felt_m: Float[np.ndarray, "3"] | None = (
-            None  #: pose of the last pushed object, if it is known by touch only
-        )
+        #: Pose of the last pushed object, if it is known by touch only.
+        self._felt_m: Float[np.ndarray, "3"] | None = None
         self._gone_m = 0.0  #: length of the last push
 
     def push(self, task: Task) -> Motion[bool]:
