@@ -50,6 +50,7 @@ from visuohaptic.navigation.planning.policies import make_plan
 from visuohaptic.navigation.planning.search.push_states import SearchLimits
 from visuohaptic.recognition.touch import wall_from_stiffness
 from visuohaptic.reconstruction import SurfaceMesh
+from visuohaptic.reconstruction.completion import Touch
 from visuohaptic.simulation import FaultKind
 from visuohaptic.simulation.foam import SensorRig
 from visuohaptic.simulation.mobile import cylinder
@@ -287,6 +288,24 @@ def test_an_opaque_container_is_one_whose_whole_wall_is_seen(tmp_path: Path) -> 
             assert FetchRequest(class_name="cup").probability(mission.known.belief) == (
                 0.5 if ratio == 1.0 else 0.0
             )
+
+
+def test_the_declared_error_of_an_outline_is_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # That of the missing surface counts its bottom: 4.2 mm were declared of an outline that was 1 mm off.
+    mission, whole = Mission(4, tmp_path, world=4).at(1), cone()
+    mission.known.belief = replace(mission.known.belief, transparent=0.95)
+    errors = SimpleNamespace(ring_errors=lambda outline_m: np.diag((0.002 / outline_m[:, 0]) ** 2))
+    completion = SimpleNamespace(
+        visual=whole, axis_m=AXIS, radial=errors, completed=lambda: whole, expected_error_m=lambda: 0.02
+    )
+    contacts = [Touch(np.array([0.03, 0.0, z]), None, None, 1e-3) for z in (0.02, 0.05, 0.08)]
+    ending = SimpleNamespace(success=False, outcome="touches_used", why="")
+    touched = SimpleNamespace(touches=contacts, ending=ending, error_m=0.0042)
+    monkeypatch.setattr(probe_chapters, "_visible", lambda mission: completion)
+    monkeypatch.setattr(probe_chapters, "_probe", lambda *given: touched)
+    result = complete_the_bottle(mission)
+    assert "expected error 2.0 mm, where 1.5 mm" in result.reason
+    assert mission.known.outline_sigma_m == pytest.approx(0.002)
 
 
 def test_what_is_read_of_one_container_is_not_known_of_another(tmp_path: Path) -> None:
