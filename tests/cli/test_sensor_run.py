@@ -13,6 +13,7 @@ from visuohaptic.cli._sensor_run import Outputs, force_text, is_live, run_sensor
 from visuohaptic.cli.main import main
 from visuohaptic.core import ErrorBudget, Event, EventKind, ForceProfile, InputError, Reason
 from visuohaptic.core.camera import Frame
+from visuohaptic.io import TableWriter
 from visuohaptic.sensing import SensorReader, SensorReading
 
 
@@ -77,6 +78,24 @@ def test_no_zero_and_no_frames_are_refused():
         run(3)
     with pytest.raises(InputError, match="video: no frames are left to measure"):
         run(2, zero=2)
+
+
+def test_files_of_an_earlier_run_stay_where_no_frame_can_be_read(tmp_path):
+    """A source of another encoding fails at its first frame: the earlier table is not replaced by a header."""
+    table = tmp_path / "run.csv"
+    table.write_text("t_s,valid\n0.0,True\n")
+
+    def frames():
+        raise InputError("bag", "another encoding")
+        yield
+
+    args = Namespace(out=tmp_path / "run.mcap", csv=table, source="bag", report=print)
+    reader = Counting()
+    reader.zero([])
+    with pytest.raises(InputError, match="another encoding"):
+        run_sensor(args, reader, frames(), Outputs(TableWriter, rows=lambda number: ()))
+    assert table.read_text() == "t_s,valid\n0.0,True\n"
+    assert list(tmp_path.iterdir()) == [table]
 
 
 def test_a_number_of_frames_is_none_or_more(capsys):

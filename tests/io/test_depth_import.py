@@ -84,7 +84,7 @@ def _cleargrasp(folder: Path) -> Path:
     [
         (_arm, "arm", 2, ["base_T_cam.txt has no pose of it"], PLACE_M, 2),
         (_apc, "apc", 1, ["cam.info.txt has no pose of frame-000001"], PLACE_M, 1),
-        (_cleargrasp, "cleargrasp", 1, [], np.zeros(3), 1),
+        (_cleargrasp, "cleargrasp", 1, [], None, 1),
     ],
 )
 def test_a_layout_arrives_whole(tmp_path, make, layout, frames, skipped, place_m, colours):
@@ -92,11 +92,16 @@ def test_a_layout_arrives_whole(tmp_path, make, layout, frames, skipped, place_m
     assert (found.layout, found.frames) == (layout, frames)
     assert len(found.skipped) == len(skipped)
     assert all(why in line for why, line in zip(skipped, found.skipped, strict=True))
-    read = list(DepthSequence(tmp_path / "out"))
-    assert len(read) == frames
-    for frame in read:
+    sequence = DepthSequence(tmp_path / "out")
+    depths = list(sequence.depth_images())
+    assert len(depths) == frames
+    for depth_m in depths:
         # The sequence keeps 0.1 or 1 mm.
-        np.testing.assert_allclose(frame.depth_m, DEPTH_M, atol=6e-4)
+        np.testing.assert_allclose(depth_m, DEPTH_M, atol=6e-4)
+    if place_m is None:  # single views of different scenes are not fused
+        with pytest.raises(InputError, match="the sequence has no poses"):
+            list(sequence)
+    for frame in [] if place_m is None else sequence:
         np.testing.assert_allclose(frame.T_world_camera.translation_m, place_m, atol=1e-9)
         np.testing.assert_allclose(frame.camera.matrix, [[20, 0, 7.5], [0, 20, 5.5], [0, 0, 1]])
     assert len(list((tmp_path / "out" / "color").iterdir())) == colours

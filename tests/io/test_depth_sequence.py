@@ -355,10 +355,11 @@ def test_published_layouts_are_imported(data, tmp_path, layout, frames, median_m
     assert main(["recording", "import", str(source), "--out", str(tmp_path / "out"), "--json"]) == 0
     assert f'"frames": {frames}' in capsys.readouterr().out
     sequence = DepthSequence(tmp_path / "out")
-    found = list(sequence)
+    found = list(sequence.depth_images())
     assert len(found) == frames
-    assert median_m[0] < np.nanmedian(found[0].depth_m) < median_m[1]
-    assert found[0].color is not None
+    assert median_m[0] < np.nanmedian(found[0]) < median_m[1]
+    assert all(sequence.color_paths)
+    assert all((stamped.pose is None) == (layout == "cleargrasp_d435") for stamped in sequence.stamped)
     with pytest.raises(InputError, match="not empty"):
         import_sequence(source, tmp_path / "out")
 

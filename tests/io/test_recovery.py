@@ -145,7 +145,9 @@ def test_the_verb_and_what_it_refuses(tmp_path: Path, capsys: pytest.CaptureFixt
     (tmp_path / "b.part").write_bytes(b"\0\1\2" * 99)
     (tmp_path / "c.part").write_bytes(b"\xff\xff\xff\xff" * 99)
     (tmp_path / "d.part").write_bytes(b"")
-    refused |= {"b.part": "neither a table", "c.part": "not an unfinished table", "d.part": "neither"}
+    (tmp_path / "e.part").write_bytes(b"\0\0\0\x20ftypisom\xff\xfe" * 99)  # a video
+    refused |= {"b.part": "neither a table", "c.part": "not an unfinished table"}
+    refused |= {"d.part": "neither", "e.part": "is neither a table, nor MCAP"}
     for name, reason in refused.items():
         assert main(["recording", "recover", str(tmp_path / name)]) == 2, name
         assert reason in capsys.readouterr().err

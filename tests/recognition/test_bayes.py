@@ -46,7 +46,7 @@ from visuohaptic.recognition.touch.calibration import (
     best_or_first,
     rate_of_each,
 )
-from visuohaptic.recognition.touch.haptic_model import PARAMETERS, RANGE_WIDENING
+from visuohaptic.recognition.touch.haptic_model import PARAMETERS, RANGE_WIDENING, with_prior
 from visuohaptic.recognition.touch.unknown_class import FIRST_WIDTH
 from visuohaptic.recognition.touch.zeros import with_zeros
 from visuohaptic.recognition.trees import mean_touches, train_tree
@@ -130,6 +130,20 @@ def test_a_known_object_is_called_unlike_its_class_as_rarely_as_said() -> None:
         refused += belief_of(model, log_likelihood(model, place, drawn, noise), len(place)).answer == UNKNOWN
     # The Gaussians of a class are almost scaled copies of each other: as many as stated, to 4 standard deviations of the count.
     assert abs(refused - 20) < 4 * np.sqrt(20)
+
+
+def test_classes_may_be_all_that_there_are() -> None:
+    """Without a prior probability, "unknown" has no posterior one, and a later prior cannot give it any."""
+    data = synthetic(30)
+    model = fit_model(data, settings=ModelSettings(unknown_prior=0.0))
+    touches = [touch_of(data, 3)(height, "x") for height in (5, 9)]
+    found = update_belief(model, touches).as_mapping()
+    assert found[UNKNOWN] <= 0.0
+    assert sum(found.values()) == pytest.approx(1.0)
+    first = model.answers[0]
+    assert update_belief(with_prior(model, {first: 1.0}), touches).confidence == pytest.approx(1.0)
+    with pytest.raises(InputError, match=r"found 0.2 for 'unknown', expected 0: .*unknown_prior=0"):
+        with_prior(model, {first: 0.8, UNKNOWN: 0.2})
 
 
 def test_correlated_values_count_as_fewer_independent_ones() -> None:

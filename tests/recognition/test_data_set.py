@@ -36,6 +36,16 @@ def test_candidates_may_be_grouped() -> None:
         data.of_classes(["flat"])
 
 
+def test_measured_arrays_of_another_unit_or_number_are_refused() -> None:
+    stiffness, width_m = np.full((2, 16, 4), 5e3), np.full((2, 16, 2), 0.06)
+    objects = FeatureSet.of_stiffness(stiffness, width_m, [0, 1])
+    assert objects.label == objects.classes == ("0", "1")
+    with pytest.raises(InputError, match=r"width_m.*found a width of 60, expected metres, up to 3; divide"):
+        FeatureSet.of_stiffness(stiffness, 1e3 * width_m, ["cup", "jar"])
+    with pytest.raises(InputError, match=r"label.*found 1 labels of 2 objects, expected one for each"):
+        FeatureSet.of_stiffness(stiffness, width_m, ["cup"])
+
+
 def test_what_is_broken_is_said(tmp_path: Path) -> None:
     folder = build_folder(tmp_path / "objects", synthetic(2))
     with pytest.raises(InputError, match="no features of the state closed=True"):

@@ -317,14 +317,21 @@ def test_millimetres_are_no_metres(key: str) -> None:
     [
         ((0.0, 900.0), 0.05, "stiffness_N_per_m: found 0, 900 N/m"),
         ((900.0, -900.0), 0.05, "stiffness_N_per_m: found 900, -900 N/m"),
+        ((900.0,), 0.05, "found 900 N/m, expected more than 0 for both sides"),
+        (900.0, 0.05, "found 900 N/m, expected more than 0 for both sides"),
         ((900.0, 900.0), -0.05, "relative_sigma: found -0.05"),
         ((900.0, 900.0), np.nan, "relative_sigma: found nan"),
     ],
 )
 def test_a_stiffness_without_a_logarithm_or_a_deviation_is_rejected(
-    stiffness: tuple[float, float], sigma: float, said: str
+    stiffness: tuple[float, ...] | float, sigma: float, said: str
 ) -> None:
     """Probabilities would be NaN."""
     assert TouchReading.of_stiffness(8, "x", (np.nan, 900.0), 0.05).sides[1] is not None
     with pytest.raises(InputError, match=said):
         TouchReading.of_stiffness(8, "x", stiffness, sigma)
+
+
+def test_a_touch_is_at_one_of_the_heights() -> None:
+    with pytest.raises(InputError, match=r"found x2.5, expected x or y and 1 to 16"):
+        TouchReading(2.5, "x", (None, None))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, tag, with_objects
 
-from visuohaptic.core import Estimate, HapticTag, from_dict, to_dict
+from visuohaptic.core import Estimate, HapticTag, InputError, from_dict, to_dict
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem, PushMode
 from visuohaptic.simulation.floor import FloorObject, FloorSenses, FloorWorld
 from visuohaptic.tasks.mobile.travel import (
@@ -176,6 +176,22 @@ def test_time_is_limited():
     assert done.outcome is TravelOutcome.TIMED_OUT
     # Half a second to stand, at most.
     assert done.duration_s == pytest.approx(2.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("sense", "returned", "said"),
+    [
+        ("pose", (0.7, 1.4), r"senses: pose\(\): found \(0.7, 1.4\), expected x \[m\], y \[m\] and rotation"),
+        ("pose", None, r"senses: pose\(\): found None, expected x"),
+        ("touch", 3.0, r"senses: touch\(\): found 3.0, expected force \[N\] and its place"),
+        ("look", (1.0, 2.0), r"senses: look\('stool'\): found \(1.0, 2.0\), expected x"),
+    ],
+)
+def test_what_senses_return_in_another_form_is_refused(sense, returned, said, monkeypatch):
+    problem, world, senses = scene([MovableObject("stool", box(1.95, 1.45, 0.35), STOOL)], [LIGHT])
+    monkeypatch.setattr(FloorSenses, sense, lambda *_: returned)
+    with pytest.raises(InputError, match=said):
+        go(problem, world, senses)
 
 
 def test_a_wall_that_the_map_does_not_have_is_entered_by_touch():

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import chain, islice
 from math import nan
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -184,6 +184,13 @@ def run_sensor(
     tables = [path for name in ("csv", "parquet") if (path := getattr(args, name, None))]
     plot: Path | None = getattr(args, "plot", None)
     run = SensorRun(out=[str(path) for path in (args.out, *tables, plot) if path])
+    first = next(frames, None)  # before any file is opened: one that exists is not replaced by an empty one
+    if first is None:
+        raise InputError(
+            args.source or "--poses",
+            "no frames are left to measure",
+            remedy="check --zero-frames, --start, --stop",
+        )
     drawn: list[tuple[float, Mapping[str, Any], str]] = []
     events: list[core.Event] = []
     with ExitStack() as stack:
@@ -191,7 +198,7 @@ def run_sensor(
         writers = [stack.enter_context(outputs.open_table(path)) for path in tables]
         line = stack.enter_context(args.console.line()) if live else None
         stack.enter_context(suppress(*([KeyboardInterrupt] if live else [])))
-        for frame in frames:
+        for frame in chain([first], frames):
             reading = reader.read(frame, recording)
             if recording is not None and reader.camera is not None and not run.frames:
                 recording.write_camera(reader.camera, frame.t_s)
@@ -215,13 +222,7 @@ def run_sensor(
             on_reading(reading)
         if page is not None and not live and run.frames:
             _hold_open(args)
-    if not run.frames:
-        raise InputError(
-            args.source or "--poses",
-            "no frames are left to measure",
-            remedy="check --zero-frames, --start, --stop",
-        )
-    if plot is not None:
+    if drawn and plot is not None:
         _save_plot(plot, drawn, events, outputs.page_title)
     if not run.reasons["ok"]:
         args.exit_code = NO_RESULT

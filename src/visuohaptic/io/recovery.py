@@ -64,6 +64,8 @@ def recover(path: Path | str, out: Path | str | None = None) -> Recovered:
         return Recovered(target, "MCAP", _mcap(path, target))
     if head[:4] == _ARROW:
         return Recovered(target, "Parquet", pack_rows(path, target))
+    if any(byte < ord("\t") or byte > ord("~") for byte in head):
+        raise InputError(path, "is neither a table, nor MCAP", remedy="it cannot be recovered")
     return Recovered(target, "CSV", _csv(path, target))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -205,10 +206,12 @@ def test_bad_loads_are_told(tmp_path, text, message):
 
 def test_a_beam_survives_its_file(tmp_path):
     beam = Beam(length_m=0.15, diameter_m=0.002)
-    save_beam(tmp_path / "beam.yaml", beam, prior_correction(beam))
+    places = np.array([1.0, 0.02, 0.03, 1.0, 0.1, 0.2])
+    save_beam(tmp_path / "beam.yaml", beam, replace(prior_correction(beam), place_left=places))
     again, correction = load_beam(tmp_path / "beam.yaml")
     assert again == beam
     assert correction.row_covariance == pytest.approx(prior_correction(beam).row_covariance)
+    assert correction.place_left == pytest.approx(places)
     for text, message in (
         ("beam: {length: 1}", r"beam\.length: unknown field"),
         ("beam: {length_m: -1}", r"beam\.length_m: found -1, expected a positive number"),

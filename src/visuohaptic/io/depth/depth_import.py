@@ -287,7 +287,7 @@ def _cleargrasp(source: Path, kind: str) -> _Layout:
         if f"-{kind}-depth-img" in path.stem:
             color = path.with_name(path.stem.replace("depth-img", "rgb-img") + ".jpg")
             images.append((path, color if color.is_file() else None, StampedPose(np.nan, Pose.identity())))
-    return _Layout(info.camera_name, camera, DepthEncoding(1.0), images)
+    return _Layout(info.camera_name, camera, DepthEncoding(1.0), images, NO_POSES)  # single views
 
 
 def _plain(

@@ -17,6 +17,7 @@ from ...core.errors import InputError
 from ...core.files import atomic_path, load_json, read_npz
 from .places import HEIGHTS
 from .pose_error import pose_error_changes
+from .readings import MAX_SIZE_m
 
 #: Required arrays of the file of a feature set.
 _ARRAYS = ("features", "width_m", "label", "name", "nonlinear")
@@ -54,6 +55,11 @@ class FeatureSet:
         for array, expected in shapes:
             if np.shape(array) != expected:
                 raise InputError("FeatureSet", f"found shape {np.shape(array)}, expected {expected}")
+        if (widest := np.max(self.width_m, initial=0.0)) > MAX_SIZE_m:
+            raise InputError(
+                "FeatureSet", f"found a width of {widest:g}, expected metres, up to {MAX_SIZE_m:g}", field="width_m",
+                remedy="divide millimetres by 1000",
+            )  # fmt: skip
         if len(self.name) != count or len(set(self.name)) < count:
             raise InputError("FeatureSet", "expected one name for each object, all different", field="name")
 
@@ -76,12 +82,21 @@ class FeatureSet:
         width_m
             Of the undeformed objects, across x and across y [m].
         label
-            Class of each object.
+            Class of each object; numbers become text.
+
+        Raises
+        ------
+        InputError
+            An object has no label, or the shape of another array, or widths are not in metres.
         """
         i = np.asarray(stiffness_N_per_m, dtype=float)
-        names = tuple(f"{name}-{k:05d}" for k, name in enumerate(label))
+        classes = tuple(map(str, label))
+        if len(classes) != len(i):
+            said = f"found {len(classes)} labels of {len(i)} objects, expected one for each"
+            raise InputError("FeatureSet", said, field="label")
+        names = tuple(f"{name}-{k:05d}" for k, name in enumerate(classes))
         width = np.asarray(width_m, dtype=float)
-        return cls(np.stack([i, i, np.zeros_like(i)], axis=-1), width, tuple(label), names)
+        return cls(np.stack([i, i, np.zeros_like(i)], axis=-1), width, classes, names)
 
     @property
     def classes(self) -> tuple[str, ...]:

@@ -102,22 +102,23 @@ class TouchReading:
         Raises
         ------
         InputError
-            A stiffness is not positive, or the standard deviation is negative or NaN.
+            A stiffness is missing or not positive, or the standard deviation is negative or NaN.
         """
-        if any(k <= 0 for k in stiffness_N_per_m):
-            found = ", ".join(f"{k:g}" for k in stiffness_N_per_m)
-            raise InputError("touch", f"found {found} N/m, expected more than 0", field="stiffness_N_per_m")
+        sides = np.ravel(stiffness_N_per_m)
+        if len(sides) != 2 or (sides <= 0).any():
+            found = ", ".join(f"{k:g}" for k in sides)
+            said = f"found {found} N/m, expected more than 0 for both sides"
+            raise InputError("touch", said, field="stiffness_N_per_m")
         if not relative_sigma >= 0:
             said = f"found {relative_sigma:g}, expected at least 0"
             raise InputError("touch", said, field="relative_sigma")
         first, second = (
-            CurveCoefficients(float(k), float(k), math.nan, relative_sigma, math.nan)
-            for k in stiffness_N_per_m
+            CurveCoefficients(float(k), float(k), math.nan, relative_sigma, math.nan) for k in sides
         )
         return cls(height, axis, (first, second), width_m)
 
     def __post_init__(self) -> None:
-        if not 1 <= self.height <= HEIGHTS or self.axis not in ("x", "y"):
+        if self.height not in range(1, HEIGHTS + 1) or self.axis not in ("x", "y"):
             raise InputError(
                 "touch", f"found {self.axis}{self.height}, expected x or y and 1 to {HEIGHTS}", field="height"
             )

@@ -254,7 +254,13 @@ def with_prior(model: HapticModel, prior: Mapping[str, float] | None) -> HapticM
     answers = model.answers[:-1]
     fraction = _prior(answers, prior, model.settings)
     alike = _prior(answers, None, model.settings)
-    ratio = np.array([fraction[name] / alike[name] for name in model.answers])
+    if fraction[UNKNOWN] > 0 and alike[UNKNOWN] == 0:
+        raise InputError(
+            "prior",
+            f"found {fraction[UNKNOWN]:.3g} for {UNKNOWN!r}, expected 0: the model was fitted with unknown_prior=0",
+        )
+    # A class that is impossible before stays impossible.
+    ratio = np.array([fraction[name] / (alike[name] or 1.0) for name in model.answers])
     with np.errstate(divide="ignore"):
         return replace(model, log_prior=model.log_prior + np.log(ratio)[model.answer_of])
 

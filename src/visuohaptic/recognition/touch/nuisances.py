@@ -10,13 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from ...core.measurement import AIR_PA
 from ..data import HEIGHTS, FeatureSet, POSE_m, TouchProtocol
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
 #: Ratio of the pose error of an uncalibrated gripper (5 mm) to that of a calibrated one.
 POSE_RATIO = 5e-3 / POSE_m
 #: Names of the nuisances, in the order of the rows of ``nuisance``.
-NUISANCES = ("gain", "height", "zero of the force", "zero of the deformation", "mouth")
+NUISANCES = ("gain", "height", "zero of the force", "zero of the deformation", "mouth", "flattening")
 APART = [k for k, name in enumerate(NUISANCES) if name != "height"]  # the height is part of the pose
 #: Places over which the effect of the mouth's closure falls by e: fitted to maps of bottles with free and with fixed mouths.
 MOUTH_REACH = 2.2
@@ -40,6 +41,8 @@ class ModelSettings:
     width_repeat: float = 0.0  #: of repeated widths of a place, learned from curves
     curvature: float = np.inf  #: between places of an object, learned from curves; infinite: no evidence
     mouth: float = 0.0  #: of log stiffness at the highest place, if open or closed unlike in training
+    #: Of the stiffness by which lid and enclosed air hinder the flattening of an oval, in units of that of a piston, if unlike in training.
+    flattening: float = 0.0
     unknown_prior: float = 0.1  #: probability that an object is of no trained class
     #: Unknown objects are simulated containers; else like the classes, which need not be containers or have a measured outline.
     simulate_unknown: bool = True
@@ -71,7 +74,8 @@ def nuisance_effects(
 
     The slope of a line through the origin, fitted to evenly spaced samples up to the reach r, changes by -3 z / (2 r) if
     the deformation reads z too high, and by 3 f / (2 k r) with an error f of the force's zero. "height" is the part of the pose errors
-    along the slope s of the profile, P s / sqrt(s' P s). "mouth" decays exponentially from the highest place downwards.
+    along the slope s of the profile, P s / sqrt(s' P s). "mouth" decays exponentially from the highest place downwards;
+    "flattening" is that of ovals.
 
     Parameters
     ----------
@@ -94,7 +98,23 @@ def nuisance_effects(
     out[3, :FIRST_WIDTH] = -np.minimum(1.5 * settings.zero_m / reach, 1.0)
     below = HEIGHTS - 1 - np.arange(FIRST_WIDTH) // 4
     out[4, :FIRST_WIDTH] = settings.mouth * np.exp(-below / MOUTH_REACH)
+    out[5, :FIRST_WIDTH] = settings.flattening * np.repeat(_piston(mean), 4)
     return out
+
+
+def _piston(mean: Float[np.ndarray, "p"]) -> Float[np.ndarray, "h"]:
+    """Stiffness of the enclosed air when an oval flattens, relative to that of the wall, by height; at most 1.
+
+    A pinch of a section with the half-axes a and q a changes its area by a part that is proportional to (1 - q^2) a, over a length
+    that is proportional to the height H. Against the volume, proportional to q a^2 H, the air has the stiffness p (1 - q^2)^2 H.
+    Both axes have the same relative effect (one shape of deformation), which vanishes at the foot and at a mouth that is held.
+    """
+    axes = mean[FIRST_WIDTH:HEIGHT].reshape(HEIGHTS, 2)
+    flat = 1.0 - np.exp(-2.0 * np.abs(axes[:, 0] - axes[:, 1]))
+    wall = np.exp(mean[:FIRST_WIDTH].reshape(HEIGHTS, 4).mean(axis=1))
+    air = AIR_PA * USUAL_HEIGHT_m * np.exp(mean[HEIGHT]) * flat**2
+    along = np.sin(np.pi * (np.arange(HEIGHTS) + 0.5) / HEIGHTS) ** 2
+    return np.asarray(np.minimum(air / wall, 1.0) * along)
 
 
 def pose_covariance(

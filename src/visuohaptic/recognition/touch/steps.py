@@ -192,6 +192,7 @@ def contradicted_assumption(model: HapticModel, readings: Sequence[TouchReading]
             f"with a zero of the force that is {settings.zero_N * much:+.2f} N wrong",
             f"with a contact that is {1e3 * settings.zero_m * much:+.2f} mm wrong",
             f"with a stiffness of {np.exp(settings.mouth * much):.2f} times that of the training objects at the mouth",
+            f"{'flattened less' if much > 0 else 'flattened more'} easily, as {'with' if much > 0 else 'without'} a lid",
         )[worst]
         return f"the readings fit {name} {said}"
     if model.spread[best] > 1:

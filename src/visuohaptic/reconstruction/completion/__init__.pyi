@@ -19,6 +19,7 @@ from .radial_model import RadialProfile as RadialProfile
 from .radial_model import fit_radial_mixture as fit_radial_mixture
 from .radial_model import fit_radial_model as fit_radial_model
 from .rbf_centres import Centres as Centres
+from .rbf_centres import constrain_axis as constrain_axis
 from .rbf_centres import constrain_core as constrain_core
 from .rbf_centres import constrain_free as constrain_free
 from .rbf_centres import constrain_to_hull as constrain_to_hull

@@ -93,8 +93,46 @@ def constrain_core(fit: RbfSurface, region: HoleRegion, rho: _Smoothing) -> RbfS
         Smoothing of centres from their standard deviation [m] and the extent of the fit [m].
     """
     core, depth_m = region.core()
-    # Only clear violations: the region is an approximation, not the position of the surface.
-    return _constrained(fit, core, -0.5 * depth_m, 0.25 * depth_m, 0.02 * depth_m, rho)
+    return _constrained(fit, core, *_inside(depth_m), rho)
+
+
+def constrain_axis(
+    fit: RbfSurface,
+    axis_m: Float[np.ndarray, "2"],
+    contacts_m: Float[np.ndarray, "n 3"],
+    step_m: float,
+    rho: _Smoothing,
+) -> RbfSurface:
+    """Add centres that keep the axis inside between the lowest and the highest contact with a wall around it.
+
+    The wall is extrapolated from its rims; beyond the core of the region the spline closes below or above them otherwise,
+    with a bottom in the middle of touched walls (at 33 mm, contacts from 29 to 93 mm).
+
+    Parameters
+    ----------
+    fit
+        Spline of the visible bands and contacts.
+    axis_m
+        x and y of the upright axis [m].
+    contacts_m
+        At least one contact (n, 3) [m].
+    step_m
+        Distance of places on the axis [m].
+    rho
+        Smoothing of centres from their standard deviation [m] and the extent of the fit [m].
+    """
+    z_m = np.arange(contacts_m[:, 2].min(), contacts_m[:, 2].max() + step_m, step_m)
+    z_m[-1] = contacts_m[:, 2].max()
+    nearest = np.abs(z_m[:, None] - contacts_m[:, 2]).argmin(axis=1)
+    depth_m = np.hypot(*(contacts_m[nearest, :2] - axis_m).T)
+    axis = np.column_stack([np.tile(axis_m, (len(z_m), 1)), z_m])
+    return _constrained(fit, axis, *_inside(depth_m), rho)
+
+
+def _inside(depth_m: Float[np.ndarray, "n"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Values and standard deviations of centres at an approximate depth [m], and the depth that is no violation [m]."""
+    # Only clear violations: the depth is an approximation, not the position of the surface.
+    return -0.5 * depth_m, 0.25 * depth_m, 0.02 * depth_m
 
 
 def constrain_to_hull(

@@ -28,6 +28,7 @@ from .outline import VisibleWall, wall_seen
 from .radial_model import RadialMixture, fit_radial_mixture
 from .rbf_centres import (
     Centres,
+    constrain_axis,
     constrain_core,
     constrain_free,
     constrain_to_hull,
@@ -101,9 +102,8 @@ class Completion:
         self.touches: list[Touch] = []  #: in the frame of the visible surface
         self._d_m = _OFF_SURFACE * region.size_m
         middle_z = float(region.hull_m[:, 2].min() + region.hull_m[:, 2].max()) / 2
-        self.prior: ShapePrior | None = None
-        if self.settings.use_priors:
-            self.prior = fit_prior(self.band.points_m, self.band.normals, middle_z)
+        found = fit_prior(self.band.points_m, self.band.normals, middle_z)
+        self.prior: ShapePrior | None = found if self.settings.use_priors else None
         #: x and y of the height axis [m].
         self.axis_m: Float[np.ndarray, "2"] = (
             self.prior.axis_m if self.prior else height_axis(self.band.points_m, self.band.normals)
@@ -134,7 +134,7 @@ class Completion:
         floor_m = max(self.settings.floor_m, min(near.min(), self.region.hull_m[:, 2].min()))
         self._outer = self.region.with_surface(self._supports(), self.band.gap_m, floor_m)
         within = constrain_to_hull(self._of_band, self._outer, self.band, 0.5 * self._d_m, self._rho)
-        walls_m = np.vstack([self.band.walls_m, *(contact for contact, _ in self._contacts)])
+        walls_m = np.vstack([self.band.walls_m, self._met_m])
         self._visible = constrain_core(within, self.region.clipped(self.axis_m, walls_m), self._rho)
         self._symmetry = DiscreteSymmetry(self.band, self.region, self._outer)
         self._symmetric = self.settings.use_priors and self._symmetry.possible
@@ -211,8 +211,8 @@ class Completion:
             held = np.append(self.prior.p_mirror, held)
         # Expected log-likelihood of an observation that holds with probability p: its variance is divided by p.
         spread = spread / np.sqrt(np.maximum(held, np.finfo(float).tiny))
-        gaps = np.linalg.norm(points[:, None] - self._supports(), axis=2).min(axis=1)
         # Measured points nearby replace the prediction.
+        gaps = np.linalg.norm(points[:, None] - self._supports(), axis=2).min(axis=1)
         near = gaps < 0.04 * self.region.size_m
         for point, sigma, known_better in zip(points, spread, near, strict=True):
             if sigma < _USELESS * radius and not known_better:
@@ -228,18 +228,21 @@ class Completion:
                 self._rings(number, fresh)
             if self._symmetric:
                 self._symmetry.put(self._contacts, fresh)
-        self._fit = self._joined(base, fresh)
+        if fresh.points:
+            rho = self._rho(np.array(fresh.sigmas), base.extent_m)
+            base = base.added(np.array(fresh.points), np.array(fresh.values), rho)
+        self._fit = base
+        if self.prior is not None and self._contacts:
+            self._fit = constrain_axis(self._fit, self.axis_m, self._met_m, self._d_m, self._rho)
         if self._free:
             self._fit = constrain_free(self._fit, np.array(self._free), 0.25 * self._d_m, self._rho)
 
-    def _joined(self, base: RbfSurface, added: Centres) -> RbfSurface:
-        if not added.points:
-            return base
-        rho = self._rho(np.array(added.sigmas), base.extent_m)
-        return base.added(np.array(added.points), np.array(added.values), rho)
-
     def _supports(self) -> Float[np.ndarray, "s 3"]:
-        return np.vstack([self.band.points_m, *(contact for contact, _ in self._contacts)])
+        return np.vstack([self.band.points_m, self._met_m])
+
+    @property
+    def _met_m(self) -> Float[np.ndarray, "n 3"]:
+        return np.array([contact for contact, _ in self._contacts]).reshape(-1, 3)
 
     def surface(self) -> SurfaceMesh:
         """The estimated surface in the grown region [m]; it overlaps the visible one in the band."""
@@ -291,8 +294,7 @@ class Completion:
         if self._radial is None and self.prior is not None:
             self._seen = self._seen or wall_seen(self.prior, self.band)
             self._radial = fit_radial_mixture(self.prior, self._seen, self._contacts, self.region.size_m)
-            met_m = np.array([contact for contact, _ in self._contacts]).reshape(-1, 3)
-            self._ring_points = self._radial.rings(met_m)
+            self._ring_points = self._radial.rings(self._met_m)
         return self._radial
 
     def uncertainty(self) -> SurfaceUncertainty:
@@ -325,8 +327,7 @@ class Completion:
     def _support_vertices(self, mesh: SurfaceMesh) -> Int[np.ndarray, "s"]:
         from scipy.spatial import cKDTree
 
-        points = [*self._supports()]
-        trusted = Centres()
+        points, trusted = [*self._supports()], Centres()
         for number in range(len(self._contacts)):
             self._rings(number, trusted)
         for point, sigma in zip(trusted.points, trusted.sigmas, strict=True):
@@ -358,9 +359,8 @@ class Completion:
             from the start of the first [m]. Fingers without a reachable target are omitted.
         """
         mesh, distances, score, missing = self._planned()
-        ok = missing & reachable(
-            mesh, self.axis_m, self.touches, size_m=self.region.size_m, clear_m=self._d_m
-        )
+        size_m = self.region.size_m
+        ok = missing & reachable(mesh, self.axis_m, self.touches, size_m=size_m, clear_m=self._d_m)
         begins = starts(mesh.vertices_m, self.axis_m, self._supports(), self._d_m)
         ok[ok] = self.band.in_front(mesh.vertices_m[ok], begins[ok], 2 * self._d_m)
         gap_m, plans = np.zeros(len(score)), list[TouchPlan]()

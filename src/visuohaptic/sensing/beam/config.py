@@ -24,6 +24,10 @@ Matrix6 = Annotated[list[Row6], Field(min_length=6, max_length=6)]
 class _CorrectionSection(Section):
     matrix: Matrix6
     row_covariance: Annotated[list[Matrix6], Field(min_length=6, max_length=6)]
+    #: Missing in files of older versions: errors of the templates' positions then count in full.
+    place_left: Annotated[list[Annotated[float, Field(ge=0, le=1)]], Field(min_length=6, max_length=6)] = [
+        1.0
+    ] * 6
 
 
 class _BeamFile(Section):
@@ -141,7 +145,7 @@ def load_beam(path: Path | str) -> tuple[Beam, Correction | None]:
         raise InputError(
             path, "is not a valid correction: singular, or a covariance is negative", field="calibration"
         )
-    return beam, Correction(matrix, rows, calibrated=True)
+    return beam, Correction(matrix, rows, np.array(data.calibration.place_left))
 
 
 def save_beam(path: Path | str, beam: Beam, correction: Correction | None = None) -> None:
@@ -161,6 +165,7 @@ def save_beam(path: Path | str, beam: Beam, correction: Correction | None = None
         data["calibration"] = {
             "matrix": _plain(correction.matrix),
             "row_covariance": _plain(correction.row_covariance),
+            "place_left": _plain(correction.place_left),
         }
     save_yaml(path, data)
 

@@ -8,7 +8,7 @@ its covariance.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -28,7 +28,9 @@ class Correction:
     matrix: Float[np.ndarray, "6 6"]
     #: covariance of each row of E; the rows are assumed to be independent
     row_covariance: Float[np.ndarray, "6 6 6"]
-    calibrated: bool = False
+    #: fraction of the errors of the templates' positions that is not in E, for each axis of the load: 1 without
+    #: calibration, almost 0 once readings of these templates under known loads are in E
+    place_left: Float[np.ndarray, "6"] = field(default_factory=lambda: np.ones(6))
 
     def apply(self, model_wrench: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6"]:
         """True wrench from the wrench of the beam model.

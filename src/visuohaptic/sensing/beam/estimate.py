@@ -31,6 +31,7 @@ class BeamEstimate:
     noise: Float[np.ndarray, "6 6"]  #: covariance due to the poses of the frame
     zero: Float[np.ndarray, "6 6"]  #: covariance due to the zero reference
     setup: Float[np.ndarray, "6 6"]  #: covariance due to position errors of the templates
+    setup_left: Float[np.ndarray, "6 6"]  #: the part of it that the calibration does not contain
     exact: bool  #: computed with the exact rod; otherwise with the linear beam
     chi2: float  #: sum of squared residuals, weighted by noise, zero and setup
     freedom: int  #: number of observations minus unknowns
@@ -39,7 +40,12 @@ class BeamEstimate:
 
 
 def estimate_wrench(
-    beam: Beam, motion: SectionMotion, *, model: BeamModel = "auto", linear_limit: float = LINEAR_LIMIT
+    beam: Beam,
+    motion: SectionMotion,
+    *,
+    model: BeamModel = "auto",
+    linear_limit: float = LINEAR_LIMIT,
+    place_left: Float[np.ndarray, "6"] | None = None,
 ) -> BeamEstimate:
     """Wrench from the motion of one or more cross sections.
 
@@ -56,6 +62,8 @@ def estimate_wrench(
     linear_limit
         Error of the linear beam, in standard deviations of any component, above which the exact rod is
         used.
+    place_left
+        As of :class:`.Correction`; None: ones.
 
     Raises
     ------
@@ -69,8 +77,12 @@ def estimate_wrench(
         whiten = np.linalg.inv(np.linalg.cholesky(motion.covariance + np.diag(setup)))
     except np.linalg.LinAlgError as error:
         raise InputError("motion", "its covariance is not positive definite") from error
-    weights = _Weights(motion, setup, whiten)
     start, gain, residual = _linear(beam, motion, whiten)
+    place_left = np.ones(6) if place_left is None else place_left
+    moved = motion.vector - np.concatenate([compliance(beam, float(xi)) for xi in motion.xi]) @ (
+        (1 - place_left) * start
+    )
+    weights = _Weights(motion, setup, setup_variance(beam, motion, moved), whiten)
     if model == "linear":
         moment = base_wrench(beam, start)[3:]
         stress = max(stress_ratio(beam, moment, start[0]), stress_ratio(beam, start[3:], start[0]))
@@ -84,7 +96,11 @@ def estimate_wrench(
     return exact
 
 
-def setup_variance(beam: Beam, motion: SectionMotion) -> Float[np.ndarray, "6n"]:
+def setup_variance(
+    beam: Beam,
+    motion: SectionMotion,
+    placed: Float[np.ndarray, "6n"] | None = None,
+) -> Float[np.ndarray, "6n"]:
     """Variance of the disagreement between templates due to errors of their declared positions.
 
     Grows with the load: a template that is ``place_tolerance_m`` further along
@@ -99,15 +115,17 @@ def setup_variance(beam: Beam, motion: SectionMotion) -> Float[np.ndarray, "6n"]
         Parts of the sensor and their tolerances.
     motion
         Observed motion of n cross sections.
+    placed
+        The part (d, phi) of it [m, rad] in which errors of position count; None: all of it.
 
     Returns
     -------
     ndarray, shape (6n,)
         Variances of (d, phi) of each section [m^2, rad^2].
     """
-    vector = motion.vector.reshape(-1, 2, 3)
-    size = np.linalg.norm(vector, axis=2)
-    place = beam.place_tolerance_m * size[:, 1]
+    size = np.linalg.norm(motion.vector.reshape(-1, 2, 3), axis=2)
+    turned = (motion.vector if placed is None else placed).reshape(-1, 2, 3)[:, 1]
+    place = beam.place_tolerance_m * np.linalg.norm(turned, axis=1)
     reach = np.maximum(motion.xi, 0.2) * beam.length_m
     shape = beam.shape_tolerance * size
     both = np.stack([np.hypot(shape[:, 0], place), np.hypot(shape[:, 1], place / reach)], axis=1)
@@ -188,6 +206,7 @@ class _Weights:
 
     motion: SectionMotion
     setup: Float[np.ndarray, "6n"]  #: variance due to position errors of the templates
+    setup_left: Float[np.ndarray, "6n"]  #: the part of it that the calibration does not contain
     whiten: Float[np.ndarray, "6n 6n"]
 
     def estimate(
@@ -199,6 +218,7 @@ class _Weights:
             gain @ self.motion.noise @ gain.T,
             gain @ self.motion.zero @ gain.T,
             (gain * self.setup) @ gain.T,
+            (gain * self.setup_left) @ gain.T,
             exact,
             float(((self.whiten @ residual) ** 2).sum()),
             len(residual) - 6,

@@ -62,7 +62,7 @@ class BeamReading:
     wrench: Wrench  #: about the tip, frame S; its covariance is the sum of those below
     noise: Float[np.ndarray, "6 6"]  #: due to the poses of this frame
     zero: Float[np.ndarray, "6 6"]  #: due to the zero reference and its drift
-    setup: Float[np.ndarray, "6 6"]  #: due to position errors of the templates
+    setup: Float[np.ndarray, "6 6"]  #: due to position errors of the templates that no calibration contains
     calibration: Float[np.ndarray, "6 6"]  #: due to the uncertainty of the compliance
     exact: bool  #: computed with the exact rod; otherwise with the linear beam
     stress: float  #: stress in the rod over its yield stress
@@ -207,7 +207,13 @@ class BeamSensor:
             relative, self._zero.rest, setup.xi, setup.T_reference_sensor, setup.beam.length_m
         )
         try:
-            found = estimate_wrench(setup.beam, motion, model=setup.model, linear_limit=setup.linear_limit)
+            found = estimate_wrench(
+                setup.beam,
+                motion,
+                model=setup.model,
+                linear_limit=setup.linear_limit,
+                place_left=self.correction.place_left,
+            )
         except InputError:  # shape that no rod can have: a template is not at its declared position
             return self._nothing(t_s, Reason.LOST)
         wrench = self.correction.apply(found.wrench)
@@ -226,12 +232,14 @@ class BeamSensor:
                 reason = Reason.DRIFTED
         wrench = wrench - self.watch.offset
         zero = zero + self.watch.covariance
-        misplaced, calibration = self.correction.transform(found.setup), self.correction.covariance(wrench)
+        misplaced = self.correction.transform(found.setup_left)
+        calibration = self.correction.covariance(wrench)
         # Templates disagree, but not enough for rejection: one of them may have come loose. Noise
         # rarely explains this, so the covariance is inflated accordingly.
         surprise = found.chi2 / chi2_limit(found.freedom, _SURPRISE)
         if surprise > 1:
-            misplaced = misplaced + (surprise - 1) * (noise + zero + misplaced)
+            whole = noise + zero + self.correction.transform(found.setup)  # as chi^2 takes it
+            misplaced = misplaced + (surprise - 1) * whole
         result = Wrench(
             t_s, reason is Reason.OK, reason, wrench[:3], wrench[3:], noise + zero + misplaced + calibration
         )

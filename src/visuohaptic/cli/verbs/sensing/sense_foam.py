@@ -1,7 +1,7 @@
 """``visuohaptic sense foam``: measure force from images of a foam strip.
 
 reads
-  --config   sensor.yaml: camera, foam, pose and shape of the strip (docs: Describe the sensor)
+  --config   sensor.yaml: camera, foam, pose and shape of the strip (docs: Configure the sensor)
   --source   a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, /dev/video0, rtsp://...,
              realsense:, orbbec:; a camera is read until Ctrl-C
 writes

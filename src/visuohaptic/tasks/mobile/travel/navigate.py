@@ -9,7 +9,9 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
+from ....core.errors import InputError
 from ....core.robots import MobileBase, require_members
 from ....navigation.planning.policies import make_plan
 from ....navigation.problem import Plan, PlanningProblem
@@ -172,21 +174,36 @@ def _observation(
     command: TravelCommand,
 ) -> TravelObservation:
     """Observation of one control period, with the sightings requested by the last command."""
-    state, (x, y, heading), (force_N, point) = base.state(), senses.pose(), senses.touch()
+    state, pose_m, touched = base.state(), _placed("pose()", senses.pose()), senses.touch()
     looked = ((id, senses.look(id)) for id in command.look)
+    try:
+        force_N, point = touched
+    except (TypeError, ValueError):
+        raise InputError(
+            "senses", f"found {touched!r}, expected force [N] and its place (x, y) or None", field="touch()"
+        ) from None
     return TravelObservation(
         t_s=periods * PERIOD_S,
         base_t_s=float(state.t_s),
-        pose_m=(float(x), float(y), float(heading)),
+        pose_m=pose_m,
         speed_m_s=float(state.speed_m_s),
         turn_rate_rad_s=float(state.turn_rate_rad_s),
         force_N=float(force_N),
         point_m=None if point is None else (float(point[0]), float(point[1])),
         sightings=tuple(
-            ObjectSighting(id, None if at is None else (float(at[0]), float(at[1]), float(at[2])))
-            for id, at in looked
+            ObjectSighting(id, None if at is None else _placed(f"look({id!r})", at)) for id, at in looked
         ),
         open=(command.passage,)
         if command.passage and passages is not None and passages.is_open(command.passage)
         else (),
     )
+
+
+def _placed(call: str, found: Any) -> tuple[float, float, float]:
+    """What the senses of a robot returned as a place [m] and a rotation [rad]."""
+    try:
+        x, y, turn = map(float, found)
+    except (TypeError, ValueError):
+        expected = "expected x [m], y [m] and rotation [rad]"
+        raise InputError("senses", f"found {found!r}, {expected}", field=call) from None
+    return x, y, turn
