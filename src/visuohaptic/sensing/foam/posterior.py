@@ -206,8 +206,10 @@ class EdgePosterior:
         if self._last is None:
             return 0.0, 0.25 * np.ones((len(self._s), 4))
         stay, last = math.exp(-max(strip.t_s - self._last[0], 0.0) / PERSISTENCE_S), self._last[1]
-        # What a second edge was in the last frame is not known where that was not the foam's.
-        unknown = (strip.edge_px > 0.0) & (last.argmax(axis=1) != FOAM)
+        # What a second edge was in the last frame is not known where that was not the foam's, and where it merges with the front at
+        # rest: that of another shadow may have come there since.
+        near = strip.rest_px - strip.front.position_px < 2.0 * EDGE * math.hypot(strip.lens_px, PIXEL_PX)
+        unknown = (strip.edge_px > 0.0) & (near | (last.argmax(axis=1) != FOAM))
         return stay, np.where(unknown[:, None], 0.25, last)
 
     def _look(
