@@ -14,6 +14,8 @@ from ._light_kernels import beyond_edge
 BAND, AHEAD = 12, 4
 #: Samples closer to an edge than this many blurs are excluded.
 EDGE = 2.0
+#: Fraction of the pixels of a band that are independent, after lens, interpolation and JPEG.
+INDEPENDENT = 0.5
 #: The edge of a shadow is as sharp as the lens, or softer by this factor or its square.
 SOFTNESS, SOFT = 3.0, 3
 #: Fraction of the floor from which a sample shows its texture.

@@ -10,7 +10,7 @@ import numpy as np
 from ...core.kernels import kernel
 from ...tracking._solve_kernels import median
 from ._chain_kernels import ALIKE, FOAM, OCCLUDER, SHADOW, log_sum
-from ._posterior_kernels import BAND, EDGE
+from ._posterior_kernels import BAND, EDGE, INDEPENDENT
 
 #: Columns of the bands: number of samples, current mean grey level, gain relative to the zero image at its old position and
 #: compressed with the foam; current variance, and covariance and variance of both predictions.
@@ -19,8 +19,6 @@ COUNT, MEAN, GAIN_REST, GAIN_PRESSED, OWN, COV_REST, VAR_REST, COV_PRESSED, VAR_
 _SAME, _OTHER = math.log(0.9), math.log(0.1)
 #: Probability that the edge of a shadow lies within a band.
 _LIGHT_EDGE = 0.05
-#: Fraction of the pixels of a band that are independent, after lens, interpolation and JPEG.
-INDEPENDENT = 0.5
 #: Probability that an edge of a body lies within a pixel of a given position: two edges on some forty pixels.
 _BY_CHANCE = 0.05
 #: Largest log-odds of one point from its pixels, so that a single speck cannot decide.

@@ -21,8 +21,7 @@ from ...core.kernels import kernel
 from ...tracking.contours._refine_kernels import NEAR
 from ...tracking.contours.contour import PIXEL_PX, Contour, ContourSettings, ContourTracker, PointReason
 from ._chain_kernels import SAME_BLUR
-from ._posterior_kernels import edge_ramp, pixel_weights, solve
-from ._texture_kernels import INDEPENDENT
+from ._posterior_kernels import INDEPENDENT, edge_ramp, pixel_weights, solve
 from .strip import ObservedStrip
 
 #: Length of the plateaus beside an edge, and half the width of its pixels along it, short beside one that crosses it [px].
