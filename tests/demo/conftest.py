@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
+import numpy as np
 import pytest
 
 from visuohaptic.core import Frame
@@ -26,13 +27,20 @@ class PlainHand(KitchenTable):
         return Frame(self.image(self.arm.t_s), self.arm.t_s, 0)
 
 
+#: Foam of a finger: 6 N/mm before a flat wall.
+_FOAM = SimpleNamespace(slope=lambda strain: np.full(len(strain), 1e5), height_m=0.015, width_m=0.015)
+FINGER = SimpleNamespace(
+    setup=SimpleNamespace(material=_FOAM, geometry=SimpleNamespace(s_m=np.linspace(0.0, 0.06, 61)))
+)
+
+
 @pytest.fixture
 def plain_hand(monkeypatch: pytest.MonkeyPatch) -> type[PlainHand]:
     """Missions have this hand, under the same supervisor; nothing is rendered."""
 
     def hand_of_mission(mission: Mission) -> tuple[Any, Hand]:
         if mission.hand is None:
-            mission.known.finger = mission.known.wrist = object()  # zeroed: no file, no image at rest
+            mission.known.finger, mission.known.wrist = FINGER, object()  # zeroed: no file, no image at rest
             mission.hand = mission.opened.enter_context(served.robot_at_table(mission, "hand"))
         robot, table = mission.hand, mission.kitchen
         guard = Supervisor(

@@ -328,7 +328,7 @@ def test_another_container_is_unknown_whatever_was_examined_before(tmp_path: Pat
     other = mission.at(1)
     assert other.known.map is known.map
     assert other.known.arrived
-    assert other.known.probe_sigma_N == 0.03
+    assert other.known.probe_sigma_N == known.probe_sigma_N
     fresh = Known()
     for name in ("class_name", "closed", "mass_kg", "squash", "belief", "curves", "readings"):
         assert getattr(other.known, name) == getattr(fresh, name), name
