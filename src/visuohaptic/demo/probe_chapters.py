@@ -250,13 +250,13 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
     known.outline_errors = errors
     rms_m = bottle.outline_error_m(outline)
     seen_rms_m = bottle.outline_error_m(seen) if len(seen) else None
-    missed = "" if error_m <= BOUND_M else f", where {1e3 * BOUND_M:.1f} mm were requested"
-    how, sure = f"{counted(len(contacts), 'contact')} complete the outline", math.nan
+    lower_m = min(error_m, touched.error_m)  # seen heights have an error that touches do not change
+    missed = "" if lower_m <= BOUND_M else f", where {1e3 * BOUND_M:.1f} mm were requested"
+    number = counted(len(contacts), "contact")
+    how, sure = f"{number} complete the outline", math.nan
     if recalled is not None:
         sure, missed = mission.known_bottle_probability, ""
-        how = (
-            f"{recalled.id} of an earlier visit (probability {sure:.2f}, {counted(len(contacts), 'contact')})"
-        )
+        how = f"{recalled.id} of an earlier visit (probability {sure:.2f}, {number})"
     return done(
         f"{how}: {1e3 * outline[-1, 1]:.0f} mm high, up to {2e3 * outline[:, 0].max():.0f} mm wide, "
         f"expected error {1e3 * error_m:.1f} mm{missed}",
