@@ -135,7 +135,7 @@ def test_simulated_classes_are_moved_by_what_was_squeezed() -> None:
     """All objects are half as stiff as they were simulated: one curve of one of them tells."""
     simulated, rng = synthetic(12, seed=0), np.random.default_rng(1)
     real = synthetic(4, seed=9)
-    real.features[..., :2] *= 0.6
+    real.features[..., :2] *= 0.5
     squeezed = [
         SqueezedObject(label, f"{label}/1", tuple(squeeze(real, 4 * k, PLACES, rng)))
         for k, label in enumerate(("soft", "rim", "flat"))
