@@ -123,7 +123,6 @@ def test_energy_is_the_variance_of_a_sample() -> None:
     rng = np.random.default_rng(3)
     noise = rng.normal(0, 1, (201, 201))
     coefficients = spline_filter(noise, order=3, mode="mirror").astype(np.float32)
-    value, energy = np.zeros(190, np.float32), np.zeros(190, np.float32)
     offset, rows = np.zeros((2, 1, 1), np.float32), np.arange(190)
     for fx, fy in ((0.0, 0.0), (0.5, 0.5), (0.25, 0.8)):
         h = np.array([[1.0, 0.0, 5 + fx], [0.0, 1.0, 5 + fy], [0.0, 0.0, 1.0]])

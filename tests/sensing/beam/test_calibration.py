@@ -186,7 +186,7 @@ def test_motions_of_the_tip_do_as_well_as_readings():
 def test_misplaced_templates_are_in_the_calibration_once(make_bench, vector):
     """Places on the rod are off by what the data sheet declares: the loads measure that, and it is not counted twice."""
     rng = np.random.default_rng(21)
-    pulls, shares = [], []
+    pulls, fractions = [], []
     for _ in range(6):
         rig, places = RodRig(), {}
         for name, (xi, pose) in rig.mounts.items():
@@ -203,11 +203,11 @@ def test_misplaced_templates_are_in_the_calibration_once(make_bench, vector):
             templates = bench.templates(wrench, rng)
             reading, before = sensor.read(100.0 + k, templates), plain.read(100.0 + k, templates)
             pulls.append((vector(reading.wrench) - wrench) / np.sqrt(np.diag(reading.wrench.covariance)))
-            shares.append(reading.setup[1, 1] / before.setup[1, 1])
+            fractions.append(reading.setup[1, 1] / before.setup[1, 1])
     assert np.abs(pulls).max() < 4
     assert (np.sqrt(np.mean(np.square(pulls), axis=0)) < 1.3).all()
     # .2 % of the tip's motion stays, of which half a millimetre of place is .5 mm / (2 / 3 L) of it: .09 of the sum.
-    assert np.median(shares) == pytest.approx(0.09, abs=0.05)
+    assert np.median(fractions) == pytest.approx(0.09, abs=0.05)
 
 
 def test_only_readings_under_load_contain_the_places(vector):

@@ -61,6 +61,16 @@ def test_foam_as_grey_as_the_surface_beyond_has_no_front() -> None:
     assert np.abs(step[found[:, 1] < 1.0]).max() < ContourSettings().min_contrast
 
 
+@pytest.mark.parametrize("level", [0.0, 255.0])
+def test_a_black_or_saturated_strip_has_no_front(level: float) -> None:
+    ones, found = np.ones(2), np.full((2, 4), np.nan)
+    lines, image = np.tile([0.0, 0.0, 0.0, 1.0, 1.0, 1.0], (2, 1)), np.full((2, 5, 90), level, np.float32)
+    merged_fronts(
+        image, lines, 37.3 * ones, 0.5 * ones, 41.3 * ones, 0.0 * ones, ones, 9.0 * ones, 42.0 * ones, ones > 0, found,
+    )  # fmt: skip
+    assert not (found[:, 1] < 1.0).any()
+
+
 def test_the_edges_that_are_tried_are_those_that_an_extrapolation_may_mean() -> None:
     """Places and slopes of five lines that are 6 px apart, extrapolated over five more lines, in a pseudo-random experiment."""
     rng, s_px = np.random.default_rng(1), 6.0 * np.arange(10.0)

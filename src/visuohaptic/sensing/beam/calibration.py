@@ -123,7 +123,7 @@ def calibrate_beam(
             load, read[:, k] - load[:, k], mean, prior_rows[k], free_rest[:, k]
         )
         if record.kind == "wrench":
-            # An error with the variance of the prior is left by this share of it after the ridge regression.
+            # An error with the variance of the prior is reduced to this fraction of it by the ridge regression.
             place_left[k] *= rows[k, k, k] / prior_rows[k, k, k]
         rows[k, k, k] += load_tolerance**2
     residual = (read - zero) @ np.linalg.inv(np.eye(6) + matrix).T - load

@@ -77,11 +77,10 @@ def estimate_wrench(
         whiten = np.linalg.inv(np.linalg.cholesky(motion.covariance + np.diag(setup)))
     except np.linalg.LinAlgError as error:
         raise InputError("motion", "its covariance is not positive definite") from error
-    start, gain, residual = _linear(beam, motion, whiten)
+    matrix = np.vstack([compliance(beam, float(xi)) for xi in motion.xi])
+    start, gain, residual = _linear(beam, motion, matrix, whiten)
     place_left = np.ones(6) if place_left is None else place_left
-    moved = motion.vector - np.concatenate([compliance(beam, float(xi)) for xi in motion.xi]) @ (
-        (1 - place_left) * start
-    )
+    moved = motion.vector - matrix @ ((1 - place_left) * start)
     weights = _Weights(motion, setup, setup_variance(beam, motion, moved), whiten)
     if model == "linear":
         moment = base_wrench(beam, start)[3:]
@@ -133,10 +132,9 @@ def setup_variance(
 
 
 def _linear(
-    beam: Beam, motion: SectionMotion, whiten: np.ndarray
+    beam: Beam, motion: SectionMotion, matrix: np.ndarray, whiten: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Generalised least squares with Eq. (3.4); returns wrench, gain and residual."""
-    matrix = np.vstack([compliance(beam, float(xi)) for xi in motion.xi])
+    """Generalised least squares with Eq. (3.4), the compliances of all sections; returns wrench, gain and residual."""
     rotation = motion.rotation
     # Slopes as in Sec. 3.4; the sign of phi_Y is that of mechanics.py.
     slope_y, slope_z = rotation[:, 1, 0] / rotation[:, 0, 0], rotation[:, 2, 0] / rotation[:, 0, 0]

@@ -214,7 +214,7 @@ def merged_fronts(image, lines, edge, edge_slope, guess, slope, blur, reach, res
         Lines to fit, (K,).
     found
         Filled, (K, 4): place and its standard deviation [samples], grey levels of the foam at the front and of the surface
-        beyond; left as it is where the front is not between the places that are tried.
+        beyond; left as it is where the front is not between the places that are tried, and where the image is blank.
     """
     parallels, samples = image.shape[1], image.shape[2]
     over, out = np.zeros((parallels, samples)), np.zeros((parallels, samples))
@@ -253,6 +253,8 @@ def merged_fronts(image, lines, edge, edge_slope, guess, slope, blur, reach, res
                 at = middle + (best - _NEAR + shift) * _FINE
                 each[m - 1] = at, left[best] - 0.5 * bend * shift * shift, bend / _FINE**2
                 least = min(least, each[m - 1, 1])
+        if least <= 0.0:
+            continue  # blank: black or saturated, without noise
         noise = least / (INDEPENDENT * parallels * (last + 1 - first))
         total, at, square, shadow = 0.0, 0.0, 0.0, edge[k]
         for m in range(_SHIFTS):

@@ -191,20 +191,18 @@ class ContourTracker:
         grey: UInt8[np.ndarray, "rows columns"],
         lines: ConstraintLines,
         expected_px: Float[np.ndarray, "k"],
-        *,
-        free_ends: int = 0,
     ) -> Contour:
         """Find a contour in one frame within ``window_px`` of a place, without the state of frames before.
 
         Parameters
         ----------
-        grey, lines, free_ends
+        grey, lines
             As in :meth:`track`.
         expected_px
-            Expected positions.
+            Expected positions [px].
         """
         self.reset()
-        return self._attempt(np.ascontiguousarray(grey), lines, expected_px, free_ends)
+        return self._attempt(np.ascontiguousarray(grey), lines, expected_px, 0)
 
     def _attempt(
         self,

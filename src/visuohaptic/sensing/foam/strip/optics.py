@@ -185,8 +185,7 @@ class StripOptics:
         zero
             The strip at rest, if it is known.
         """
-        grey = frame.grey
-        base = self.find_base(grey, zero)
+        base = self.find_base(frame.grey, zero)
         return None if base is None else self.find_front(frame, base, zero)
 
     def find_base(self, grey: np.ndarray, zero: ZeroReference | None) -> BaseView | None:
@@ -243,7 +242,7 @@ class StripOptics:
         if self.stripe is None:
             # Without a zero reference the strip is assumed to be at rest, with its ends in place.
             front = self._front_tracker.track(
-                frame.grey, lines, free_ends=0 if zero is None else self._free_ends
+                base.grey, lines, free_ends=0 if zero is None else self._free_ends
             )
         else:
             front = self.stripe.track(frame, lines)

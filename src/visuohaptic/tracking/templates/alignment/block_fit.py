@@ -282,10 +282,10 @@ def _shade(x: np.ndarray, y: np.ndarray, fits: np.ndarray, probability: np.ndarr
 
     Uniform illumination if it explains the gains as well, by the criterion of Hannan and Quinn.
     """
-    flat = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    weight = (probability * fits[..., 8] / np.maximum(fits[..., 6], 1e-9)).ravel()
     from ..._solve_kernels import solve_step
 
+    flat = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    weight = (probability * fits[..., 8] / np.maximum(fits[..., 6], 1e-9)).ravel()
     used = weight > 0
     count = int(used.sum())
     if count < 12:

@@ -42,7 +42,7 @@ class GaussNewton:
     """Gauss-Newton settings for one level of the pyramid."""
 
     passes: int  #: maximum number of passes
-    fraction: float = 0.0  #: fraction of rows that may be omitted, those with the smallest gradients
+    fraction: float = 0.0  #: part of the gradient from the warped image (0.5: ESM, 0: none)
     subset: bool = False  #: only the rows that the template marks as informative
     cubic: bool = False  #: use cubic-spline interpolation; on the finest level only
     cut: float = 6.0  #: residuals beyond this many standard deviations are down-weighted

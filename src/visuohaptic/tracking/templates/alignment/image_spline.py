@@ -11,7 +11,7 @@ _PREFILTER /= _PREFILTER.sum()
 
 
 class ImageSpline:
-    """The coefficients of one image in the area that was asked for.
+    """The coefficients of one image in the requested area.
 
     Parameters
     ----------
