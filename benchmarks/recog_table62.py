@@ -89,9 +89,10 @@ def campaign(
     # Another model is another campaign: results must not be mixed.
     sums = [round(float(part.sum()), 6) for part in (model.mean, model.covariance, model9.covariance)]
     about = {"study": "table 6.2", "seed": seed, "variants": variants, "width": width, "model": sums}
-    sign = hashlib.sha256(
-        json.dumps([about, model.temperature, model.unknown_log_odds]).encode()
-    ).hexdigest()[:8]
+    calibrated = [
+        [one.temperature, one.unknown_log_odds, one.tail, one.correlation] for one in (model, model9)
+    ]
+    sign = hashlib.sha256(json.dumps([about, calibrated]).encode()).hexdigest()[:8]
     judged = Journal(folder / f"judged-{seed}-{variants}-{'width' if width else 'plain'}-{sign}.jsonl", about)
     for draw in range(draws):
         for kind, name in _things(draw):

@@ -75,11 +75,20 @@ def test_errors_of_the_pose_have_a_change_for_each_side(shape: tuple[int, ...]) 
         replace(data, pose_errors=np.zeros(shape))
 
 
-@pytest.mark.parametrize("field", ["features", "height_m"])
-def test_a_file_with_no_stiffness_or_height_is_refused(tmp_path: Path, field: str) -> None:
+@pytest.mark.parametrize("field", ["features", "width_m", "height_m"])
+def test_a_file_with_no_stiffness_width_or_height_is_refused(tmp_path: Path, field: str) -> None:
     read = read_build(build_folder(tmp_path / "objects", synthetic(2), height_m=0.12))
     values = getattr(read, field).copy()
     values.flat[0] = 0.0
     save_feature_set(tmp_path / "set.npz", replace(read, **{field: values}))
     with pytest.raises(InputError, match="not positive"):
+        load_feature_set(tmp_path / "set.npz")
+
+
+def test_a_file_in_millimetres_is_refused_with_the_remedy(tmp_path: Path) -> None:
+    save_feature_set(tmp_path / "set.npz", synthetic(2))
+    with np.load(tmp_path / "set.npz") as kept:
+        arrays = dict(kept)
+    np.savez(tmp_path / "set.npz", **arrays | {"width_m": 1e3 * arrays["width_m"]})
+    with pytest.raises(InputError, match="divide millimetres by 1000"):
         load_feature_set(tmp_path / "set.npz")

@@ -26,7 +26,7 @@ class Classifier:
     tree: ClassificationTree | None = None  #: of the training objects
     data: FeatureSet | None = None  #: training objects with complete features
     squeezed: tuple[SqueezedObject, ...] = ()  #: training objects with measured curves
-    #: Temperature, added log odds of "unknown" and tail, with widths and with stiffness alone, which is less informative.
+    #: With widths, and with stiffness alone, which is less informative.
     calibration: tuple[Calibration, Calibration] = ((1.0, 0.0, 1.0, 0.0), (1.0, 0.0, 1.0, 0.0))
     #: Cache of fitted models: use of widths -> model.
     fitted: dict[bool, HapticModel] = field(default_factory=dict, repr=False)

@@ -317,14 +317,14 @@ def load_feature_set(source: Path | str) -> FeatureSet:
             data["pose_errors"].astype(np.float32) if "pose_errors" in data else None,
         )
     except InputError as error:
-        raise InputError(path, error.problem, field=error.field) from error
+        raise InputError(path, error.problem, field=error.field, remedy=error.remedy) from error
     except (TypeError, ValueError) as error:
         raise InputError(path, f"is not a feature set ({error})", remedy=remedy) from error
     numbers = {"features": found.features[..., 0], "width_m": found.width_m, "height_m": found.height_m}
     for name, value in (numbers | {"pose_errors": found.pose_errors}).items():
         if value is not None and not np.isfinite(value).all():
             raise InputError(path, "has numbers that are not finite", field=name)
-        if name in ("features", "height_m") and value is not None and not (value > 0).all():
+        if name != "pose_errors" and value is not None and not (value > 0).all():
             raise InputError(path, "has numbers that are not positive", field=name)
     return found
 

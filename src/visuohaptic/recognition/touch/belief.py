@@ -65,7 +65,7 @@ def update_belief(model: HapticModel, readings: Sequence[TouchReading]) -> Belie
     model
         Of the candidates.
     readings
-        Touches in any order; without any, the result is the prior.
+        Touches in any order; without any, the result is the prior, given the outline if the model has one.
     """
     read = evidence(model, readings)
     return belief_of(model, log_likelihood(with_zeros(model, readings), *read), len(read[0]))
@@ -134,8 +134,8 @@ def log_likelihood(
     model
         Of the candidates.
     place, value, noise
-        Of :func:`evidence`, or with the covariance of the errors in place of their variances; without any reading, the
-        second row is minus infinity.
+        Of :func:`evidence`, or with the covariance of the errors in place of their variances; without any reading
+        or outline, the second row is minus infinity.
     """
     fit, square = sequential_likelihood(model, place, value, noise, np.array([len(place)]))[0]
     fit = fit + _by_exemplars(model, fit, (place, value, noise))

@@ -137,7 +137,7 @@ def calibrate(
     rng
         Source of the sampled objects, touches and noise.
     explorations
-        Number of simulated explorations.
+        Number of simulated explorations of objects that are left out at random; a third as many are of outer ones.
     max_touches
         Number of touches of one exploration.
     """

@@ -78,7 +78,7 @@ class HapticModel:
     settings: ModelSettings
     protocol: TouchProtocol
     temperature: float = 1.0  #: evidence of one value is divided by this, see :mod:`.calibration`
-    #: Added to those of "unknown" after ten touches, in proportion before, see :mod:`.calibration`.
+    #: Added to those of "unknown" after ten touches, in proportion to the number of values, see :mod:`.calibration`.
     unknown_log_odds: float = 0.0
     tail: float = 1.0  #: factor of the chi-square limit of known classes, see :mod:`.calibration`
     #: Correlation of the errors of the classes beyond those of their Gaussians, see :mod:`.calibration`.

@@ -102,13 +102,11 @@ class Completion:
         self.touches: list[Touch] = []  #: in the frame of the visible surface
         self._d_m = _OFF_SURFACE * region.size_m
         middle_z = float(region.hull_m[:, 2].min() + region.hull_m[:, 2].max()) / 2
-        found = fit_prior(self.band.points_m, self.band.normals, middle_z)
-        self.prior: ShapePrior | None = found if self.settings.use_priors else None
+        oriented = self.band.points_m, self.band.normals
+        self.prior: ShapePrior | None = fit_prior(*oriented, middle_z) if self.settings.use_priors else None
         #: x and y of the height axis [m].
-        self.axis_m: Float[np.ndarray, "2"] = (
-            self.prior.axis_m if self.prior else height_axis(self.band.points_m, self.band.normals)
-        )
-        centers, values = with_off_surface(self.band.points_m, self.band.normals, self._d_m)
+        self.axis_m: Float[np.ndarray, "2"] = self.prior.axis_m if self.prior else height_axis(*oriented)
+        centers, values = with_off_surface(*oriented, self._d_m)
         first = RbfSurface(centers, values, 1e-8)
         #: Variance of the thin-plate process in units of the extent; the smoothing is noise variance over this.
         self._scale = max(first.process_scale, 1e-12)

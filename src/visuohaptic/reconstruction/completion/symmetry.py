@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 #: Maximum vertical component of the unit normal of a wall; at floors and shoulders the height does not determine the radius.
 MAX_WALL_NZ = 0.85
-#: Largest number n of harmonics of a cross-section; of a box 1 : 2.3, they leave sqrt(.49 / n^3) of the log radius, .008 of the largest number.
+#: Maximum order n of the harmonics of a cross-section; of a box 1 : 2.3, they leave sqrt(.49 / n^3) of the log radius, .008 with this one.
 ORDER = 20
 #: Ratios of the variance of the cross-section to that of the noise among which the marginal likelihood chooses.
 _RATIOS = np.append(0.0, np.geomspace(1e-3, 1e7, 41))
@@ -196,12 +196,12 @@ def _fit_band(
     columns -= hats @ heights
     falling = np.repeat(np.arange(1, ORDER + 1), 2) ** -2.0
     left, across = columns[:, 0], columns[:, 1:] * falling
-    modes, sizes, ways = np.linalg.svd(across, full_matrices=False)
+    modes, sizes, right = np.linalg.svd(across, full_matrices=False)
     parts, free = modes.T @ left, len(z) - rank
     power = 1.0 + _RATIOS[:, None] * sizes**2  # variances of the modes, in those of the noise
     squares = max(float(left @ left - parts @ parts), 0.0) + (parts**2 / power).sum(axis=1)
     best = int(np.argmax(-free * np.log(np.maximum(squares, 1e-300)) - np.log(power).sum(axis=1)))
-    harmonics = falling * (ways.T @ (_RATIOS[best] * sizes / power[best] * parts))
+    harmonics = falling * (right.T @ (_RATIOS[best] * sizes / power[best] * parts))
     return harmonics, float(np.sqrt(squares[best] / free))
 
 
