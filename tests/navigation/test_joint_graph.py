@@ -45,7 +45,7 @@ def joint(scene):
 
 @pytest.mark.parametrize("corners", [[], [[0.0, 0.0], [1.0, 0.0]], [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]])
 def test_a_node_without_an_area_is_refused(corners: list[list[float]]) -> None:
-    with pytest.raises(InputError, match="NodeType 'vitrine': footprint_m: found"):
+    with pytest.raises(InputError, match="NodeType 'vitrine': outline_m: found"):
         NodeType("vitrine", np.reshape(corners, (-1, 2)))
 
 

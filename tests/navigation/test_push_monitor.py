@@ -54,7 +54,7 @@ def test_nothing_that_helps_is_told_as_none():
     assert monitor.corrected(rest, np.random.default_rng(0), allowed=lambda path, trace: False) is None
 
 
-def test_readings_nearer_than_a_step_are_left_out():
+def test_readings_nearer_than_a_step_do_not_change_the_estimate():
     monitor = PushMonitor(PushModel.patch(BOX), START, RADIUS_M)
     assert monitor.update((0.0, 0.0, 0.0), None)
     assert not monitor.update((0.001, 0.0, 0.0), (0.17, 0.0))
@@ -71,6 +71,17 @@ def test_all_readings_along_the_last_half_of_a_step_count():
         exact.update(pose, contact)
         noisy.update(pose, contact + np.array([0.0, 0.006 * (-1) ** number]))
     assert np.allclose(noisy.estimate().object_m, exact.estimate().object_m, atol=5e-4)
+
+
+@pytest.mark.parametrize("nowhere", [np.nan, np.inf])
+def test_a_contact_without_finite_coordinates_is_none(nowhere):
+    model, path = PushModel.patch(BOX), line_path(np.zeros(2), np.array([0.4, 0.0]), 0.002)
+    contacts = simulate_push(model, START, path, RADIUS_M).contact_m
+    whole, gaps = (PushMonitor(model, START, RADIUS_M) for _ in range(2))
+    for number, (pose, contact) in enumerate(zip(path, contacts, strict=True)):
+        whole.update(pose, None if number % 3 else contact)
+        gaps.update(pose, (nowhere, nowhere) if number % 3 else contact)
+    assert np.array_equal(whole.estimate().value, gaps.estimate().value)
 
 
 def test_correction_saves_a_push_in_mujoco():

@@ -129,6 +129,16 @@ def test_a_grasp_ends_at_its_force(stiffness_N_per_m: float, force_N: float) -> 
         assert low < kitchen.force_N - force_N < high
 
 
+def test_a_force_that_rises_at_one_reported_opening_is_no_slope() -> None:
+    """A camera may be faster than the state of the gripper, whose opening may also be reported in coarse steps."""
+    task = GraspAndLiftTask(LiftPlan(Place(0.1), 4.0))
+    for force_N in (1.0, 2.0):
+        seen = HandObservation(0.0, (0.0, 0.0, 0.0), 0.0, 0.07, True, force_N, 0.0352)
+        # Half of the way to the force by the foam: .2 mm on each side.
+        way_m = 0.5 * (4.0 - force_N) * 2.0 * 0.0002 / force_N
+        assert task._next_opening_m(seen) == pytest.approx(0.07 - way_m)
+
+
 def test_the_stiffness_of_an_unknown_finger_is_that_of_the_stiffest_simulated_one() -> None:
     """A flat wall over all of the strip: the modulus at small strains is twice the sum of the law's moduli."""
     stiffest = 2.0 * sum(RUBBER_FOAM.mu_Pa) * ROD.length_m * ROD.height_m / ROD.width_m

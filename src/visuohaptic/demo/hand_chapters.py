@@ -386,7 +386,8 @@ def _lift_plan(best: Grasp, height_m: float, known: Known) -> LiftPlan:
     spread = best.deformation_sigma_m / best.deformation_m
     give = min(2.0 * best.deformation_m * math.exp(3.0 * spread) + 0.001, 0.01)
     assert known.finger is not None
-    foam, length_m = (setup := known.finger.setup).material, np.ptp(setup.geometry.s_m)
+    setup = known.finger.setup
+    foam, length_m = setup.material, np.ptp(setup.geometry.s_m)
     stiffness = foam.slope(np.zeros(1))[0] * foam.height_m * length_m / foam.width_m
     return LiftPlan(
         Place(height_m, angle), best.force_N, give, _foot_m(known), open_m=_open_m(known),

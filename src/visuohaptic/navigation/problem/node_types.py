@@ -37,7 +37,8 @@ class NodeType:
     in_map: bool = False  #: whether the map contains it as occupied cells (an object) or not (glass)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "outline_m", outline_of(self.outline_m, f"NodeType {self.id!r}"))
+        outline_m = outline_of(self.outline_m, f"NodeType {self.id!r}", "outline_m")
+        object.__setattr__(self, "outline_m", outline_m)
 
 
 def push_node(

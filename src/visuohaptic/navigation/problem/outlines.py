@@ -14,7 +14,7 @@ MAX_VERTICES = 2000
 MAX_COORDINATE_M = 1e9
 
 
-def outline_of(points: object, where: str) -> Float[np.ndarray, "p 2"]:
+def outline_of(points: object, where: str, field: str = "footprint_m") -> Float[np.ndarray, "p 2"]:
     """A validated footprint: distinct corners of a simple polygon, counter-clockwise.
 
     Parameters
@@ -23,6 +23,8 @@ def outline_of(points: object, where: str) -> Float[np.ndarray, "p 2"]:
         x, y of the corners [m].
     where
         Name of the object, for messages.
+    field
+        Name of the outline inside ``where``, for messages.
 
     Raises
     ------
@@ -34,12 +36,12 @@ def outline_of(points: object, where: str) -> Float[np.ndarray, "p 2"]:
     try:
         outline = np.array(points, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(where, "found values that are not numbers", field="footprint_m") from error
+        raise InputError(where, "found values that are not numbers", field=field) from error
     if outline.ndim != 2 or outline.shape[1] != 2 or not (np.abs(outline) <= MAX_COORDINATE_M).all():
         raise InputError(
             where,
             f"found shape {outline.shape}, expected finite [x, y] corners within {MAX_COORDINATE_M:g} m",
-            field="footprint_m",
+            field=field,
         )
     distinct = np.ones(len(outline), dtype=bool)
     if len(outline):
@@ -47,17 +49,17 @@ def outline_of(points: object, where: str) -> Float[np.ndarray, "p 2"]:
     outline = outline[distinct]
     if not 3 <= len(outline) <= MAX_VERTICES:
         raise InputError(
-            where, f"found {len(outline)} distinct corners, expected 3 to {MAX_VERTICES}", field="footprint_m"
+            where, f"found {len(outline)} distinct corners, expected 3 to {MAX_VERTICES}", field=field
         )
     area = polygon_area(outline)
     extent = float(np.ptp(outline, axis=0).max())
     if abs(area) <= 1e-9 * extent**2 or extent == 0:
-        raise InputError(where, "found an outline without area, expected a polygon", field="footprint_m")
+        raise InputError(where, "found an outline without area, expected a polygon", field=field)
     if not shapely.Polygon(outline).is_valid:
         raise InputError(
             where,
             "found an outline that crosses itself, expected a simple polygon",
-            field="footprint_m",
+            field=field,
             remedy="list the corners in order around the object",
         )
     return outline if area > 0 else outline[::-1].copy()

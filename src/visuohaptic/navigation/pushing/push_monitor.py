@@ -84,7 +84,8 @@ class PushMonitor:
         """
         pose = np.asarray(platform_m, dtype=np.float64)
         away = np.full(2, np.nan) if contact_m is None else np.asarray(contact_m, dtype=np.float64) - pose[:2]
-        self._readings.append((pose[0], pose[1], float(np.arctan2(away[1], away[0]))))
+        angle = float(np.arctan2(away[1], away[0])) if np.isfinite(away).all() else np.nan
+        self._readings.append((pose[0], pose[1], angle))
         if self._path and np.hypot(*(pose[:2] - self._path[-1][:2])) < 0.8 * STEP_M:
             return False
         x, y, angles = np.array(self._readings).T

@@ -185,7 +185,9 @@ class GraspAndLiftTask(HandTask[GraspState]):
         noise of the readings before the contact, the rise is larger with a probability of one in a hundred.
         """
         p, felt_N = self.plan, seen.force_N
-        weaker = [one for one in self._closing if one[1] <= felt_N - EXCESS * p.force_N]
+        weaker = [
+            one for one in self._closing if one[0] > seen.opening_m and one[1] <= felt_N - EXCESS * p.force_N
+        ]
         foam_m = seen.surface_m - 0.5 * seen.opening_m
         if math.isfinite(foam_m):
             self._closing.append((seen.opening_m, felt_N))
