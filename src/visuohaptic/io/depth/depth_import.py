@@ -193,7 +193,7 @@ def _layout_of(source: Path, camera: Path | str | None) -> str:
             return layout
     raise InputError(
         source,
-        "has no camera.json, cam.info.txt or camera_intrinsics.yaml",
+        f"has none of {', '.join(_FILES)}",
         remedy="give camera, poses and depth scale of a plain folder",
     )
 
