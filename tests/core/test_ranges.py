@@ -56,6 +56,7 @@ def test_what_is_inside_passes(good):
         ({"length_m": float("inf")}, "expected more than 0"),
         ({"length_m": np.array([1.0, -1.0])}, "expected more than 0"),
         ({"length_m": "long"}, "found 'long', expected more than 0"),
+        ({"length_m": 10**400}, "expected more than 0"),
         ({"sigma_m": -1e-9}, "expected at least 0"),
         ({"count": 9}, "count: found 9, expected 2 to 8"),
         ({"count": None}, "found None, expected 2 to 8"),
@@ -98,6 +99,7 @@ def test_a_range_for_the_fields_without_their_own() -> None:
         ("x", (3,), r"outline: found 'x', expected numbers$"),
         ([[0.0], [1.0, 2.0]], (None, 2), r"outline: found \[\[0.0\], \[1.0, 2.0\]\], expected numbers$"),
         ([abs, 1.0], (2,), r"outline: found .*abs.*, expected numbers$"),
+        ([10**400, 1.0], (2,), r"outline: found \[1000.*, expected numbers$"),
     ],
 )
 def test_arrays_of_another_shape_or_that_are_not_finite_are_refused(values, shape, said):
@@ -115,3 +117,6 @@ def test_a_choice_that_is_not_known_is_refused_with_those_that_are():
     check_choice("sheet", ("A4", "A3"), "A3")
     with pytest.raises(InputError, match="sheet: paper: found 'A5', expected one of A4, A3"):
         check_choice("sheet", ("A4", "A3"), "A5", field="paper")
+    for known, value in (({"A4": 1.0, "A3": 1.4}, ["A4"]), (("A4", "A3"), np.zeros(2))):
+        with pytest.raises(InputError, match=r"sheet: found .*, expected one of A4, A3"):
+            check_choice("sheet", known, value)

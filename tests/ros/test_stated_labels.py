@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import argparse
+import ast
+from importlib.util import find_spec
+from pathlib import Path
 from types import SimpleNamespace
+from typing import get_args
 
 import numpy as np
 import pytest
 
+from visuohaptic.cli._arguments import Add
+from visuohaptic.cli.verbs.system.ros_node import add_transport
 from visuohaptic.io.ros import ros_messages
 from visuohaptic.ros import markers
 from visuohaptic.ros.nodes.transparency_node import part_markers
+from visuohaptic.ros.transports.open_node import TRANSPORTS, Transport
 from visuohaptic.ros.wire.graph import Qos
 
 typesys = pytest.importorskip("rosbags.typesys")
@@ -46,3 +54,16 @@ def test_panes_are_drawn_by_their_edges_and_replace_earlier_ones(count: int) -> 
     ends_m = np.array([[point[axis] for axis in "xyz"] for point in edges["points"]]).reshape(-1, 2, 3)
     lengths_m = np.linalg.norm(ends_m[:, 1] - ends_m[:, 0], axis=1)
     assert lengths_m == pytest.approx([1.0, 0.8, 1.0, 0.8] * count)
+
+
+def test_transports_of_configuration_and_command_line_have_a_node() -> None:
+    parser = argparse.ArgumentParser()
+    add_transport(Add(parser))
+    choices = next(one.choices for one in parser._actions if one.dest == "transport")
+    assert set(TRANSPORTS) == set(get_args(Transport)) == set(choices or ())
+    for module, name in TRANSPORTS.values():  # by its text: a transport may not be installed
+        spec = find_spec(f"visuohaptic.ros.transports.{module}")
+        assert spec is not None
+        assert spec.origin is not None
+        tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+        assert name in {one.name for one in tree.body if isinstance(one, ast.ClassDef)}

@@ -22,7 +22,7 @@ class Parser(argparse.ArgumentParser):
     """argparse with one line for an error instead of the whole usage."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As of argparse, which stores the options that were given for the message.
+        """As argparse does; also keeps the options that were given, for :meth:`error`.
 
         Parameters
         ----------
@@ -60,7 +60,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def almost(name: str, known: Iterable[str]) -> str:
-    """What is almost written like it; empty without.
+    """The known name that is spelt most like another one; empty if none is similar.
 
     Parameters
     ----------
@@ -218,7 +218,7 @@ def wrong_argument(args: argparse.Namespace) -> str:
 
 
 def check_figure(args: argparse.Namespace) -> None:
-    """Reject a ``--plot`` that is no figure, before anything is computed.
+    """Reject a ``--plot`` whose suffix is not that of a figure, before anything is computed.
 
     Parameters
     ----------

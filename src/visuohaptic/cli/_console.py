@@ -41,7 +41,7 @@ class Arguments(argparse.Namespace):
     given: frozenset[str] = frozenset()  #: options whose value is not the default, as ``--plot``
 
     def refuse(self, options: str, problem: str, remedy: str = "") -> None:
-        """Reject options that do not fit to the others.
+        """Reject options that cannot be combined with the others.
 
         Parameters
         ----------

@@ -47,7 +47,7 @@ class _Range:
     def holds(self, value: Any) -> bool:
         try:
             number = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):  # the last: an integer beyond all floats
             return False
         inside = (number > self.low if self.strict else number >= self.low) & (number <= self.high)
         return bool((inside & np.isfinite(number)).all())
@@ -172,7 +172,11 @@ def check_choice(where: object, known: Collection[object], value: object, *, fie
     InputError
         It is not; the message lists the known values.
     """
-    if value not in known:
+    try:
+        found = value in known
+    except (TypeError, ValueError):  # a list has no hash, and an array no truth
+        found = False
+    if not found:
         raise InputError(
             where, f"found {brief(value)}, expected one of {', '.join(map(str, known))}", field=field
         )
@@ -203,7 +207,7 @@ def finite_array(
     """
     try:
         array = np.asarray(values, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(where, f"found {brief(values)}, expected numbers", field=field) from error
     known = len(shape) == array.ndim and all(
         size in (None, found) for size, found in zip(shape, array.shape, strict=True)

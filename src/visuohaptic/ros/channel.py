@@ -57,7 +57,7 @@ class SensorChannel:
     section
         Names of the sensor's topics.
     reader
-        The sensor; closed with the channel.
+        The sensor; closed with the channel, or after the image that is processed then.
     stale_s
         Time without image after which ``stale`` is published [s].
     stop

@@ -174,15 +174,13 @@ def import_sequence(
 
 
 def _check_options(source: Path, layout: str, camera: object, poses: object, *numbers: float | None) -> None:
-    """Refuse what other layouts state themselves: it would not be used."""
+    """Refuse for other layouts what only a plain folder takes: it would not be used."""
     names = ("camera", "poses", "depth_scale_m", "bit_rotation")
     values = (camera, None if poses == NO_POSES else poses, *numbers)
     given = [name for name, value in zip(names, values, strict=True) if value]
     if layout != "plain" and given:
         remedy = "leave it out, or choose the layout plain"
-        raise InputError(
-            source, f"the layout {layout} states its own {given[0]}", field=given[0], remedy=remedy
-        )
+        raise InputError(source, f"does not apply to the layout {layout}", field=given[0], remedy=remedy)
 
 
 def _layout_of(source: Path, camera: Path | str | None) -> str:
@@ -193,7 +191,7 @@ def _layout_of(source: Path, camera: Path | str | None) -> str:
             return layout
     raise InputError(
         source,
-        "has no camera.json, cam.info.txt or camera_intrinsics.yaml",
+        f"has none of {', '.join(_FILES)}",
         remedy="give camera, poses and depth scale of a plain folder",
     )
 

@@ -117,7 +117,7 @@ class LocalViews:
 class BackgroundModel:
     """Expected depth of each pixel of a view."""
 
-    mean_m: Float32[np.ndarray, "h w"]  #: NaN below 3 observations [m]
+    mean_m: Float32[np.ndarray, "h w"]  #: NaN below ``min_views`` observations [m]
     sigma_m: Float32[np.ndarray, "h w"]  #: max(sigma, sigma_s) [m]
     reliability: Float32[np.ndarray, "h w"]  #: S_r of Eq. (5.3) after erosion, 0-1
     views: int  #: number of views in the model

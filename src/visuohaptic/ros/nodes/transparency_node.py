@@ -89,7 +89,7 @@ class TransparentPartsNode(Component):
             self._views.append(DepthFrame(t_s, depth_m, None, near[2], camera, len(self._views)))
 
     def complete(self) -> Mapping[str, Any]:
-        """Detect transparent parts and panes in the views collected so far; publish the parts, and return both.
+        """Detect transparent parts and panes in the views collected so far; publish and return both.
 
         Raises
         ------

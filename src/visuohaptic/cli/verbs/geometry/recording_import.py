@@ -1,7 +1,8 @@
 """``visuohaptic recording import``: convert recorded depth images into a sequence folder.
 
 reads   an MCAP file or rosbag2 bag with depth images, camera_info, and tf or a topic of poses;
-        a folder with camera.json, cam.info.txt or camera_intrinsics.yaml (layouts arm, apc, cleargrasp);
+        a folder with camera.json, cam.info.txt, camera_intrinsics.yaml or sequence.yaml (layouts arm, apc, cleargrasp,
+        sequence);
         or any folder of 16-bit PNG or EXR depth images with --camera, --poses and --depth-scale-m
 writes  sequence.yaml, camera.yaml, poses.txt, depth/ and color/ in the folder --out; with --poses odometry, poses that are
         estimated from the depth images of a scene at rest, and pose_sigma.txt with their standard deviations
