@@ -198,6 +198,8 @@ class TravelPushes:
             else self._robot.push_force_max_N,
         )
         self._memory.explored(task.object, tag)
+        if self._felt_m is not None:
+            self._memory.seen(task.object, self._felt_m)
         self._note("explored", task.object, end=str(push.end), moved=moved, force_N=_finite(first))
 
     def turn(self, task: Task) -> Motion[None]:
@@ -354,7 +356,7 @@ class TravelPushes:
             located, looked_s = motion.place_m(id), motion.now_s()
             if located is not None:
                 seen, monitor, felt, self._felt_m = located, None, None, None
-            elif monitor is None and seen is not None:
+            elif monitor is None and seen is not None and not self._robot.footprint_m:  # its rim is a circle
                 monitor = PushMonitor(self._memory.push_model(id)[0], seen.tolist(), self._robot.front_m)
 
 
