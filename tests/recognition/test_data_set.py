@@ -8,6 +8,7 @@ import pytest
 
 from visuohaptic.core import InputError
 from visuohaptic.recognition.data import FeatureSet, load_feature_set, read_build, save_feature_set
+from visuohaptic.recognition.touch import fit_model
 
 from .worlds import build_folder, synthetic
 
@@ -92,3 +93,12 @@ def test_a_file_in_millimetres_is_refused_with_the_remedy(tmp_path: Path) -> Non
     np.savez(tmp_path / "set.npz", **arrays | {"width_m": 1e3 * arrays["width_m"]})
     with pytest.raises(InputError, match="divide millimetres by 1000"):
         load_feature_set(tmp_path / "set.npz")
+
+
+@pytest.mark.parametrize("width_m", [0.0, -0.06, np.nan])
+def test_a_model_of_objects_without_a_width_is_refused(width_m: float) -> None:
+    """Their logarithms would make it NaN."""
+    data = synthetic(3)
+    data.width_m[0, 0, 0] = width_m
+    with pytest.raises(InputError, match="width_m: found a size that is not finite and above 0"):
+        fit_model(data)

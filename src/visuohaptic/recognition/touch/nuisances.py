@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from ...core.errors import InputError
 from ...core.measurement import AIR_PA
 from ..data import HEIGHTS, FeatureSet, POSE_m, TouchProtocol
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
@@ -58,7 +59,15 @@ def log_features(data: FeatureSet, protocol: TouchProtocol) -> Float[np.ndarray,
         Objects.
     protocol
         Resolution of the stiffness.
+
+    Raises
+    ------
+    InputError
+        A width or a height is not finite and positive.
     """
+    for field, size_m in (("width_m", data.width_m), ("height_m", data.height_m)):
+        if size_m is not None and not (np.isfinite(size_m) & (size_m > 0)).all():
+            raise InputError("FeatureSet", "found a size that is not finite and above 0", field=field)
     stiffness = protocol.seen_stiffness(data.features[..., 0].reshape(len(data), -1))[0]
     tall = np.zeros(len(data)) if data.height_m is None else np.log(data.height_m / USUAL_HEIGHT_m)
     return np.column_stack([stiffness, np.log(data.width_m).reshape(len(data), -1), tall, 0 * tall])
