@@ -100,6 +100,7 @@ def test_a_range_for_the_fields_without_their_own() -> None:
         ([[0.0], [1.0, 2.0]], (None, 2), r"outline: found \[\[0.0\], \[1.0, 2.0\]\], expected numbers$"),
         ([abs, 1.0], (2,), r"outline: found .*abs.*, expected numbers$"),
         ([10**400, 1.0], (2,), r"outline: found \[1000.*, expected numbers$"),
+        ([16**5000, 1.0], (2,), r"outline: found \[an integer of 20001 bits, 1.0\], expected numbers$"),
     ],
 )
 def test_arrays_of_another_shape_or_that_are_not_finite_are_refused(values, shape, said):

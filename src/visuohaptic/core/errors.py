@@ -11,7 +11,16 @@ import reprlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
-_BRIEF = reprlib.Repr()
+
+class _Brief(reprlib.Repr):
+    def repr_int(self, x: int, level: int) -> str:
+        try:
+            return super().repr_int(x, level)
+        except ValueError:  # Python prints no more than 4,300 digits; a hexadecimal number may have them
+            return f"an integer of {x.bit_length()} bits"
+
+
+_BRIEF = _Brief()
 _BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother, _BRIEF.maxlong = 3, 60, 60, 60
 #: Words longer than in any language or number format come from damaged files.
 _LONG_WORD = re.compile(r"(\S{60})\S{440,}")
