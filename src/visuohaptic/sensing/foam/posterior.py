@@ -183,8 +183,7 @@ class EdgePosterior:
         onset = np.where(foam & deflected & ~grown, _ONSET, 1.0)
         moved = np.nan_to_num(delta - self.last_m)
         same = foam & self._foam & (np.abs(moved) < reach)
-        # No array is changed in place: the same frame may be inferred again from a shallow copy made before.
-        self._wrong, self._best = self._wrong.copy(), self._best.copy()
+        self._wrong, self._best = self._wrong.copy(), self._best.copy()  # for a shallow copy
         again = same, foam & ~self._foam, own, stay, self._wrong, self._best
         filter_runs(runs, onset, moved, self._s, strip.pixel_m, *again)
         # A contact that is hidden is expected to be there afterwards.
