@@ -36,7 +36,7 @@ from .house import ROOT
 
 #: A user id without an entry in the password and group files, and without a home.
 STRANGER = 54321
-#: Time limit of one command, including compilation [s].
+#: Time limit of one command, including compilation, and of each step of the installation [s].
 LIMIT_S = 900
 #: Time limit of starting the interpreter without any command [s].
 PROBE_S = 60
@@ -60,12 +60,13 @@ def install(python: str, folder: Path) -> Path:
         [python, "-m", "venv", str(folder / "venv")],
         [str(folder / "venv/bin/pip"), "wheel", "-q", "--no-deps", "--wheel-dir", str(folder), str(ROOT)],
     ):
-        subprocess.run(words, check=True, capture_output=True)
+        subprocess.run(words, check=True, capture_output=True, timeout=LIMIT_S)
     (wheel,) = folder.glob("visuohaptic-*.whl")
     subprocess.run(
         [str(folder / "venv/bin/pip"), "install", "-q", f"{wheel}[recording,plot]"],
         check=True,
         capture_output=True,
+        timeout=LIMIT_S,
     )
     return folder / "venv/bin/visuohaptic"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 
 from visuohaptic.core import InputError
 from visuohaptic.recognition import HapticClassifier
+from visuohaptic.recognition.classifier_file import Classifier, load_classifier, save_classifier
 from visuohaptic.recognition.data import FeatureSet, TouchReading, join_feature_sets, save_feature_set
 from visuohaptic.recognition.haptic_classifier import REUSES
 from visuohaptic.recognition.touch import UNKNOWN, touch_gains
@@ -138,3 +140,15 @@ def test_tuning_takes_the_fewest_touches_among_the_best_trees(classifier: Haptic
     near = [one for one in losses.values() if one.nested_loss <= best.nested_loss + best.loss_sigma]
     assert mean_touches(tree) == pytest.approx(min(map(mean_touches, near)))
     assert losses[tuned.scheme, tuned.reuse].threshold == pytest.approx(tree.threshold)
+
+
+def test_a_classifier_calibrated_without_a_correlation_is_refused_with_the_remedy(tmp_path: Path) -> None:
+    """As of an earlier version."""
+    path = tmp_path / "old.json"
+    save_classifier(path, Classifier({}))
+    card = json.loads(path.read_text())
+    path.write_text(json.dumps(card | {"calibration": [one[:3] for one in card["calibration"]]}))
+    with pytest.raises(
+        InputError, match=r"calibration\[0\].*expected a list of 4; create one with classify train"
+    ):
+        load_classifier(path)

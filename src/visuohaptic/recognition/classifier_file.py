@@ -123,12 +123,15 @@ def load_classifier(path: Path | str) -> Classifier:
     """
     path = Path(path)
 
-    names = [field.name for field in fields(_Card)]
+    names, remedy = [field.name for field in fields(_Card)], "create one with classify train"
 
     def parsed(content: Any) -> _Card:
-        return from_dict(_Card, {name: content[name] for name in names}, where=path)
+        try:
+            return from_dict(_Card, {name: content[name] for name in names}, where=path)
+        except InputError as error:
+            raise InputError(path, error.problem, field=error.field, remedy=remedy) from error
 
-    card = load_json(path, "a classifier", parsed, remedy="create one with classify train")
+    card = load_json(path, "a classifier", parsed, remedy=remedy)
     for warm, odds, tail, common in card.calibration:
         if not (0 < warm < 1e3 and abs(odds) < 1e3 and 0 < tail < 1e3 and 0 <= common <= 1):
             problem = f"found temperature {warm}, log odds {odds}, tail {tail} and correlation {common}"
