@@ -56,10 +56,6 @@ def outline_of(points: object, where: str, field: str = "footprint_m") -> Float[
     if abs(area) <= 1e-9 * extent**2 or extent == 0:
         raise InputError(where, "found an outline without area, expected a polygon", field=field)
     if not shapely.Polygon(outline).is_valid:
-        raise InputError(
-            where,
-            "found an outline that crosses itself, expected a simple polygon",
-            field=field,
-            remedy="list the corners in order around the object",
-        )
+        said = "found an outline that crosses itself, expected a simple polygon"
+        raise InputError(where, said, field=field, remedy="list the corners in order around the object")
     return outline if area > 0 else outline[::-1].copy()
