@@ -237,7 +237,7 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
             return failed(f"{touched.ending.outcome}: {touched.ending.why}; only {len(contacts)} contacts")
         whole = measured_outline(axial_part(completion.completed(), foot, REACH_M), foot, REACH_M)
         outline, error_m = _joined(whole, seen), touched.error_m
-        errors = None if completion.radial is None else completion.radial.ring_errors(outline)
+        errors = completion.radial.ring_errors(outline) if completion.radial and len(outline) else None
         if errors is not None:  # bottom and lid of the missing surface are no part of the outline
             error_m = float(np.sqrt(np.mean(np.diag(errors) * outline[:, 0] ** 2)))
     if not len(outline) or error_m > MAX_ERROR_M:
