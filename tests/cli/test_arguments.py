@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import ast
 import importlib
 import re
 from pathlib import Path
@@ -24,6 +25,34 @@ def test_a_verb_reads_only_arguments_that_it_declares(verb):
     text = Path(module.__file__).read_text(encoding="utf-8")
     used = set(re.findall(r"\bargs\.([a-z_A-Z]+)", text))
     assert used - declared - COMMON == set()
+
+
+def refused(tree: ast.AST) -> set[str]:
+    """Options in calls of ``refuse``, written there or as a text with a name."""
+    texts = {
+        target.id: node.value.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant)
+        for target in node.targets
+        if isinstance(target, ast.Name)
+    }
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and node.args]
+    options = [call.args[0] for call in calls if getattr(call.func, "attr", "") == "refuse"]
+    names = [texts[one.id] if isinstance(one, ast.Name) else ast.literal_eval(one) for one in options]
+    return set(" ".join(names).split())
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_verb_refuses_only_options_that_it_has(verb):
+    """An option with another spelling, or a second name of it, would never be refused."""
+    module = importlib.import_module(VERBS[verb][0])
+    options = {one.option_strings[0] for one in verb_parser(verb, module)._actions if one.option_strings}
+    assert refused(ast.parse(Path(module.__file__).read_text(encoding="utf-8"))) <= options
+
+
+def test_refused_options_are_found():
+    text = "WORDS = '--a --b'\ndef run(args):\n    args.refuse(WORDS, 'x')\n    args.refuse('--c', 'y')"
+    assert refused(ast.parse(text)) == {"--a", "--b", "--c"}
 
 
 @pytest.mark.parametrize(
