@@ -24,6 +24,7 @@ from visuohaptic.reconstruction.completion import (
     fit_radial_mixture,
     fit_radial_model,
     load_hole_regions,
+    radial_model,
     read_touches,
     support_band,
     wall_seen,
@@ -618,6 +619,37 @@ def test_the_wall_at_rims_is_as_uncertain_as_rims_are_wrong():
     # The likelihood tells which of the two it is.
     assert np.median(curled_fraction) > 0.9
     assert max(exact_fraction) < 0.5
+
+
+def test_a_wrong_rim_does_not_pull_the_touched_wall_along(monkeypatch):
+    """The last cells of a band are anywhere in a half band of two cells, mostly inside of the wall, as in scans of clear bottles."""
+
+    def near_the_rim_m(seed):
+        rng = np.random.default_rng(seed)
+        bottle = random_bottle(rng, "round")
+        visible, region, (low_m, high_m) = scene(bottle)
+        cell_m = support_band(visible, region).cell_m
+        vertices_m = visible.vertices_m.copy()
+        below = vertices_m[:, 2] <= low_m
+        x, y, z = vertices_m[below].T
+        sector = (np.arctan2(y, x) / (2 * np.pi) * 12).astype(int) % 12
+        off_m = cell_m * rng.uniform(-0.5, 1.5, (12, 100))[sector, ((low_m - z) / cell_m).astype(int)]
+        inward = off_m * np.exp(-(low_m - z) / cell_m) / np.maximum(np.hypot(x, y), 1e-9)
+        vertices_m[below, :2] *= np.maximum(1 - inward, 0.5)[:, None]
+        completion = Completion(replace(visible, vertices_m=vertices_m), region)
+        for share, turn in ((0.2, 0.4), (0.5, 2.5), (0.8, 4.6)):
+            z_m, outward = low_m + share * (high_m - low_m), np.array([np.cos(turn), np.sin(turn), 0.0])
+            start_m = 0.2 * outward + [0, 0, z_m]
+            contact_m = bottle.probe(start_m, -outward, 0.2, sigma_m=SIGMA_M, rng=rng)
+            completion.add(Touch(contact_m, start_m, np.array([0, 0, z_m]), SIGMA_M))
+        return rms_m(completion, bottle, (low_m, low_m + 2 * cell_m))
+
+    with_rims = [near_the_rim_m(seed) for seed in (4, 12, 16)]
+    monkeypatch.setattr(radial_model, "_RIMS", (0.0,))
+    without = [near_the_rim_m(seed) for seed in (4, 12, 16)]
+    # .92 of it, and less in each of them.
+    assert np.linalg.norm(with_rims) < 0.95 * np.linalg.norm(without)
+    assert np.less(with_rims, without).all()
 
 
 def test_the_declared_deviation_of_a_round_hidden_wall_is_that_of_its_radius() -> None:

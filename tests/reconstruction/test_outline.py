@@ -82,7 +82,7 @@ def test_readings_of_a_cone_refer_to_the_height_of_their_row():
     rho_m = np.exp(-3.0 + 2.0 * z_m)
     walls_m = np.column_stack([rho_m * np.cos(theta) + AXIS[0], rho_m * np.sin(theta) + AXIS[1], z_m])
     band = SimpleNamespace(
-        walls_m=walls_m, rim_m=np.full(600, 0.05), normals=np.zeros((600, 3)), cell_m=0.003
+        walls_m=walls_m, rim_sigma_m=np.zeros(600), normals=np.zeros((600, 3)), cell_m=0.003
     )
     prior = SimpleNamespace(
         axis_m=AXIS, heights_m=np.array([0.04, 0.07]), section=lambda theta, z_m: np.zeros(len(theta))

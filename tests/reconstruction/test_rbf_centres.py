@@ -17,7 +17,7 @@ def closing_ends(seed):
     noise_m = 5e-4 * np.random.default_rng(seed).standard_normal((2, len(ways), 1))
     lower, upper = (0.03 + noise_m) * (ways, ways * (1, 1, -1))
     points_m = np.vstack([lower + np.array((0, 0, 0.005)), upper + np.array((0, 0, 0.105))])
-    fit = RbfSurface(*with_off_surface(points_m, np.vstack([ways, ways * (1, 1, -1)]), 0.008), 1e-8)
+    fit = RbfSurface(*with_off_surface(points_m, np.vstack([ways, ways * (1, 1, -1)]), 0.008)[:2], 1e-8)
     return fit, lambda sigma_m, extent_m: (np.asarray(sigma_m) / extent_m) ** 2 / fit.process_scale
 
 

@@ -34,6 +34,8 @@ _FACING = 0.3
 _MIN_PART = 0.03
 #: Maximum size of a region, in extents of the surface: the grid on which touches are planned then has four cells along the surface.
 _LARGEST = 8.5
+#: Standard deviation of the visible surface at a rim, in cells: it is anywhere within the last one (uniform distribution).
+_RIM = 12**-0.5
 #: Number of surface samples around a region.
 _SAMPLES = 12_000
 
@@ -70,6 +72,12 @@ class SupportBand:
     area_m2: float  #: area of the sampled surface
     rim_m: Float[np.ndarray, "n"]  #: distance of each point from the nearest rim [m]
     cell_m: float  #: edge of a pair of triangles of the surface [m]
+
+    @property
+    def rim_sigma_m(self) -> Float[np.ndarray, "n"]:
+        """Standard deviation of each point for being near a rim [m]: a fused surface curls within its last cell."""
+        found: Float[np.ndarray, "n"] = _RIM * self.cell_m * np.exp(-self.rim_m / self.cell_m)
+        return found
 
     @property
     def walls_m(self) -> Float[np.ndarray, "w 3"]:

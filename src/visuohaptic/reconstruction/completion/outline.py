@@ -19,8 +19,6 @@ TABLE_M = 0.004
 SLICE_M, MIN_POINTS = 0.008, 6
 #: Vertices within this distance of the top may belong to the lid, not the wall [m].
 LID_M = 0.003
-#: Standard deviation of the visible wall at a rim, in cells: it is anywhere within the last one (uniform distribution).
-_RIM = 12**-0.5
 #: Bins of each band over height and angle. The slope at the rim is informative about the wall behind it.
 _HEIGHTS, ANGLES = 10, 8
 
@@ -166,8 +164,7 @@ def wall_seen(prior: ShapePrior, band: SupportBand) -> VisibleWall:
     nearest = np.abs(points_m[:, 2:] - prior.heights_m).argmin(axis=1)
     bins: list[tuple[float, int, float]] = []
     rows_of: list[tuple[float, float]] = []
-    rim_m = band.rim_m[np.abs(band.normals[:, 2]) < MAX_WALL_NZ]
-    rim = _RIM * band.cell_m * np.exp(-rim_m / band.cell_m) / rho_m
+    rim = band.rim_sigma_m[np.abs(band.normals[:, 2]) < MAX_WALL_NZ] / rho_m
     for number in range(len(prior.heights_m)):
         rows = np.flatnonzero(nearest == number)
         for part in np.array_split(rows[np.argsort(points_m[rows, 2])], _HEIGHTS):

@@ -9,8 +9,9 @@ the upper cross-section, which is 0 and 1 in the bands and unknown between them,
 is a Brownian bridge around a straight line. Walls are smooth except for kinks, so
 ``p`` has order 3/2 or 5/2. Order, correlation length and deviation are not fixed:
 several processes are averaged with weights proportional to their likelihood, and
-where they disagree the variance grows. So are an exact visible surface and a fused
-one, which curls at its rims: there its radius errs by up to half a cell at all angles.
+where they disagree the variance grows. So are an exact visible surface and fused
+ones, which curl at their rims, all around: within the last cell, or within the half
+band of two cells over which distances are averaged.
 
 The spatial spline and this process have different errors: the spline overshoots
 between rings, the process represents only walls around an axis. With the mean m
@@ -40,6 +41,8 @@ from .uncertainty import matern
 _LENGTHS, _DEVIATIONS = (0.15, 0.3, 0.6), (0.01, 0.02, 0.05, 0.1, 0.2)
 #: Minimum likelihood of a process relative to the likeliest, and maximum number of processes that are averaged.
 _MIN_LIKELIHOOD_RATIO, _MAX_PROFILES = 0.03, 6
+#: Errors at rims, in those of a surface that is anywhere within its last cell: none, these, and those of the half band of a fusion.
+_RIMS = (0.0, 1.0, 2.0)
 #: Standard deviation of the unknown mean of log rho, and of a bin of the visible band.
 _MEAN, _BAND = 0.3, 0.003
 #: Correlation of g: length in sizes of the region, and over the angle [rad].
@@ -167,6 +170,9 @@ class RadialMixture:
 
     models: tuple[RadialModel, ...]
     fractions: tuple[float, ...]  #: posterior probability of each
+    rims: tuple[
+        float, ...
+    ]  #: errors at rims of each, in those of a surface that is anywhere within its last cell
 
     def deviation_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Root mean square radial error of estimated points [m]; an upper bound of the distance from the wall.
@@ -229,7 +235,7 @@ def fit_radial_mixture(
     contacts: Sequence[tuple[Float[np.ndarray, "3"], float]],
     size_m: float,
 ) -> RadialMixture:
-    """Models without and with errors at rims (a fused surface curls there) with their posterior probabilities.
+    """Models with different errors at rims (a fused surface curls there) with their posterior probabilities.
 
     Parameters
     ----------
@@ -240,12 +246,13 @@ def fit_radial_mixture(
     size_m
         Size of the region [m].
     """
-    walls = replace(seen, rim=np.zeros_like(seen.rim)), seen
+    walls = [replace(seen, rim=times * seen.rim) for times in _RIMS]
     models = [fit_radial_model(prior, wall, contacts, size_m) for wall in walls]
     best = max(model.likelihood for model in models)
     ratio = np.exp([model.likelihood - best for model in models])
     kept = np.flatnonzero(ratio > _MIN_LIKELIHOOD_RATIO)
-    return RadialMixture(tuple(models[k] for k in kept), tuple(ratio[kept] / ratio[kept].sum()))
+    rims = tuple(_RIMS[k] for k in kept)
+    return RadialMixture(tuple(models[k] for k in kept), tuple(ratio[kept] / ratio[kept].sum()), rims)
 
 
 @one_blas_thread()
@@ -353,17 +360,13 @@ def _squared_residuals(
     through = picked.T @ each
     inverse = (each**2).sum(axis=0) - ((profile.root.T @ through) ** 2).sum(axis=0)
     off = each.T @ (whitened - picked @ profile.mean)
-    found: np.ndarray = np.minimum(off**2 / np.maximum(inverse, 1e-12), _MAX_SQUARED_RESIDUAL)
-    return found
+    return np.asarray(np.minimum(off**2 / np.maximum(inverse, 1e-12), _MAX_SQUARED_RESIDUAL))
 
 
 def _solved(lower: np.ndarray, right: np.ndarray, *, transposed: bool = False) -> np.ndarray:
     from scipy.linalg import solve_triangular
 
-    found: np.ndarray = solve_triangular(
-        lower, right, lower=True, trans=1 if transposed else 0, check_finite=False
-    )
-    return found
+    return np.asarray(solve_triangular(lower, right, int(transposed), lower=True, check_finite=False))
 
 
 _Places = tuple[np.ndarray, np.ndarray, np.ndarray]  # angles [rad], heights [m], index of the height of each
@@ -386,14 +389,10 @@ def _residual_covariance(prior: ShapePrior, size_m: float, here: _Places, there:
 def _upper_fraction(prior: ShapePrior, z_m: np.ndarray) -> np.ndarray:
     """Expected weight of the upper cross-section."""
     low, high = prior.heights_m[0], prior.heights_m[-1]
-    found: np.ndarray = np.clip((z_m - low) / max(high - low, 1e-9), 0.0, 1.0)
-    return found
+    return np.asarray(np.clip((z_m - low) / max(high - low, 1e-9), 0.0, 1.0))
 
 
 def _difference(prior: ShapePrior, theta: np.ndarray) -> np.ndarray:
     """Upper minus lower cross-section."""
-    low, high = prior.heights_m[0], prior.heights_m[-1]
-    found: np.ndarray = prior.section(theta, np.full(len(theta), high)) - prior.section(
-        theta, np.full(len(theta), low)
-    )
-    return found
+    low, high = (prior.section(theta, np.full(len(theta), prior.heights_m[k])) for k in (0, -1))
+    return high - low

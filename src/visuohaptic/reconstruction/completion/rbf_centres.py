@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ...core.geometry import sphere_directions
 from ..surfaces.rbf import RbfSurface
@@ -47,8 +47,8 @@ class Centres:
 
 def with_off_surface(
     points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], d_m: float
-) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m"]]:
-    """Centres on, outside (+d) and inside (-d) the surface; d is shortened near other points (Sec. 5.3.1).
+) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m"], Int[np.ndarray, "m"]]:
+    """Centres on, outside (+d) and inside (-d) the surface with their points; d is shortened near other points (Sec. 5.3.1).
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def with_off_surface(
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points)
-    centers, values = [points], [np.zeros(len(points))]
+    centers, values, own = [points], [np.zeros(len(points))], [np.arange(len(points))]
     for sign in (1.0, -1.0):
         reach = np.full(len(points), d_m)
         for _ in range(5):
@@ -74,7 +74,8 @@ def with_off_surface(
         kept = ~crowded
         centers.append((points + sign * reach[:, None] * normals)[kept])
         values.append((sign * reach)[kept])
-    return np.concatenate(centers), np.concatenate(values)
+        own.append(np.flatnonzero(kept))
+    return np.concatenate(centers), np.concatenate(values), np.concatenate(own)
 
 
 _Smoothing = Callable[[Float[np.ndarray, "n"], float], Float[np.ndarray, "n"]]

@@ -106,32 +106,35 @@ class Completion:
         self.prior: ShapePrior | None = fit_prior(*oriented, middle_z) if self.settings.use_priors else None
         #: x and y of the height axis [m].
         self.axis_m: Float[np.ndarray, "2"] = self.prior.axis_m if self.prior else height_axis(*oriented)
-        centers, values = with_off_surface(*oriented, self._d_m)
-        first = RbfSurface(centers, values, 1e-8)
+        self._centers = with_off_surface(*oriented, self._d_m)
+        first = RbfSurface(*self._centers[:2], 1e-8)
         #: Variance of the thin-plate process in units of the extent; the smoothing is noise variance over this.
-        self._scale = max(first.process_scale, 1e-12)
-        rho = self._rho(np.full(len(centers), self.settings.visual_sigma_m), first.extent_m)
-        self._of_band = RbfSurface(centers, values, rho)
+        self._scale, self._extent_m = max(first.process_scale, 1e-12), first.extent_m
         #: Averaged contacts and their standard deviations.
         self._contacts: list[tuple[np.ndarray, float]] = []
-        self._bound()
-        self._fit = self._visible
         self._free: list[np.ndarray] = []  #: points that probes passed without contact
         self._squares: list[float] = []  #: squared standardised residuals of the touches
         self._radial: RadialMixture | None = None
         self._ring_points = np.zeros((0, 0, 3)), np.zeros((0, 0))  #: of each contact, and their deviations
-        self._space = HoleSpace(region, self.band)
         self._seen: VisibleWall | None = None
+        self._bound()
+        self._fit = self._visible
+        self._space = HoleSpace(region, self.band)
         if self._symmetric:
             self._refit(None)
         self._reset()
 
     def _bound(self) -> None:
-        """Keep the surface in the convex hull of the band, the contacts and the grown region, above the floor."""
+        """Fit the band, with the mean precision of the models of its rims; keep the surface in the hull of all known points, above the floor."""
         near = self.visual.vertices_m[self.region.within(self.visual.vertices_m, self.region.size_m), 2]
         floor_m = max(self.settings.floor_m, min(near.min(), self.region.hull_m[:, 2].min()))
         self._outer = self.region.with_surface(self._supports(), self.band.gap_m, floor_m)
-        within = constrain_to_hull(self._of_band, self._outer, self.band, 0.5 * self._d_m, self._rho)
+        centers, values, own = self._centers
+        rims = (self.radial.rims, self.radial.fractions) if self.radial else ((0.0,), (1.0,))
+        square_m2 = self.visual_sigma_m**2 + np.outer(rims[0], self.band.rim_sigma_m) ** 2
+        sigma_m = (rims[1] @ (1 / square_m2)) ** -0.5
+        of_band = RbfSurface(centers, values, self._rho(sigma_m[own], self._extent_m))
+        within = constrain_to_hull(of_band, self._outer, self.band, 0.5 * self._d_m, self._rho)
         walls_m = np.vstack([self.band.walls_m, self._met_m])
         self._visible = constrain_core(within, self.region.clipped(self.axis_m, walls_m), self._rho)
         self._symmetry = DiscreteSymmetry(self.band, self.region, self._outer)
@@ -171,8 +174,8 @@ class Completion:
             self._squares.append(square_m2 / (expected_m**2 + touch.sigma_m**2))
             self._radial = None
             refit = self._join(contact, touch.sigma_m)
-            if not self._outer.within(contact[None], touch.sigma_m)[0]:
-                self._bound()  # the contact shows that the region was too small
+            if self.radial or not self._outer.within(contact[None], touch.sigma_m)[0]:
+                self._bound()  # the contact tells more about the rims, or shows that the region was too small
                 refit = True
             if not refit:
                 fresh.put(contact, 0.0, touch.sigma_m)
@@ -325,12 +328,11 @@ class Completion:
     def _support_vertices(self, mesh: SurfaceMesh) -> Int[np.ndarray, "s"]:
         from scipy.spatial import cKDTree
 
-        points, trusted = [*self._supports()], Centres()
+        points, rings = [*self._supports()], Centres()
         for number in range(len(self._contacts)):
-            self._rings(number, trusted)
-        for point, sigma in zip(trusted.points, trusted.sigmas, strict=True):
-            if sigma < _TRUSTED * np.linalg.norm(point[:2] - self.axis_m):
-                points.append(point)
+            self._rings(number, rings)
+        away_m = np.linalg.norm(np.reshape(rings.points, (-1, 3))[:, :2] - self.axis_m, axis=1)
+        points += [rings.points[k] for k in np.flatnonzero(rings.sigmas < _TRUSTED * away_m)]
         gaps, near = cKDTree(mesh.vertices_m).query(np.array(points))
         close = gaps < 0.06 * self.region.size_m
         return near[close] if close.any() else near
