@@ -15,6 +15,7 @@ from pydantic import Field, FiniteFloat
 from ....core import CalibrationError, InputError, decode_image, load_yaml_model, save_yaml
 from ...config_fields import Section
 from .encoding import UNKNOWN_ENCODING
+from .rest_widths import better_than_inferred, infer_unseen, without_wrong_edges
 
 #: Accepted relative difference between measured and declared width, due to ruler, pose and texture of the edge.
 WIDTH_TOLERANCE = 0.10
@@ -153,12 +154,12 @@ class ZeroReference:
                 )
         # The standard error of the median is sqrt(pi/2) times that of the mean.
         sigma = np.hypot(1.2533 * scatter / np.sqrt(np.maximum(seen, 1)), uncertainty_m)
-        known = _better_than_inferred(np.where(known, width, np.nan), sigma)
-        inferred, inferred_sigma = _infer_unseen(np.where(known, width, np.nan))
+        known = better_than_inferred(without_wrong_edges(np.where(known, width, np.nan)), sigma)
+        inferred, inferred_sigma = infer_unseen(np.where(known, width, np.nan))
         return cls(
             t_s,
             len(width_m),
-            _infer_unseen(np.where(known, np.nanmedian(reference_px, axis=0), np.nan))[0],
+            infer_unseen(np.where(known, np.nanmedian(reference_px, axis=0), np.nan))[0],
             inferred,
             np.where(known, sigma, inferred_sigma),
             np.broadcast_to(np.asarray(blur_ratio, dtype=np.float64), seen.shape),
@@ -250,47 +251,6 @@ def check_width(measured_m: float, declared_m: float, where: Path | str, *, stri
             f"+- {100 * WIDTH_TOLERANCE:.0f} % (width_m of the foam)",
             remedy="calibrate the foam again with the true --width, or correct T_camera_foam in sensor.yaml",
         )
-
-
-def _infer_unseen(width_m: Float[np.ndarray, "K"]) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
-    """Widths with missing values (NaN) inferred from the nearest observed points, and the standard deviation of these.
-
-    Linear interpolation between the neighbours, or the width of the only one. Predicting each observed point from points at
-    the same distances has an error with standard deviation s over n points; the error of a missing point then follows
-    Student's distribution, whose variance is n / (n - 2) s^2 and infinite up to n = 2.
-    """
-    count = len(width_m)
-    known = np.flatnonzero(np.isfinite(width_m))
-    padded = np.pad(width_m, count, constant_values=np.nan)
-    result, sigma = width_m.copy(), np.where(np.isfinite(width_m), 0.0, math.inf)
-    for k in np.setdiff1d(np.arange(count), known) if len(known) else ():
-        nearest = np.concatenate([known[known < k][-1:], known[known > k][:1]])
-        weight = np.ones(1) if len(nearest) == 1 else np.abs(nearest[::-1] - k) / np.ptp(nearest)
-        pairs = list(zip(weight, nearest, strict=True))
-        error = width_m - sum(w * padded[count + i - k : 2 * count + i - k] for w, i in pairs)
-        error = error[np.isfinite(error)]
-        result[k] = sum(w * width_m[i] for w, i in pairs)
-        sigma[k] = math.sqrt((error @ error) / (len(error) - 2)) if len(error) > 2 else math.inf
-    return result, sigma
-
-
-def _better_than_inferred(
-    width_m: Float[np.ndarray, "K"], sigma_m: Float[np.ndarray, "K"]
-) -> Bool[np.ndarray, "K"]:
-    """Observed points, without those whose width the neighbours tell with a smaller standard deviation, the worst first.
-
-    Parameters
-    ----------
-    width_m, sigma_m
-        Width, NaN where it was not observed, and its standard deviation [m].
-    """
-    left = width_m.copy()
-    for k in np.argsort(-sigma_m):
-        if np.isfinite(left[k]):
-            left[k] = np.nan
-            if not _infer_unseen(left)[1][k] < sigma_m[k]:
-                left[k] = width_m[k]
-    return np.isfinite(left)
 
 
 @dataclass(frozen=True, slots=True)

@@ -96,7 +96,7 @@ def row_cubic(coefficients, width, columns, index, fx, fy, weights, sums, value)
     index, fx, fy
         From :func:`row_positions`, (C,).
     weights, sums
-        Scratch for the weights of the rows, (4, C), and the sums over them, (4 * C,).
+        Scratch for the weights of the rows, and the sums over them, (4, C).
     value
         Filled, (C,).
     """
@@ -111,26 +111,23 @@ def row_cubic(coefficients, width, columns, index, fx, fy, weights, sums, value)
         b0, b3 = sixth * g * g * g, sixth * f * f * f
         b1 = sixth * (four - three * f * f * (two - f))
         weights[0, i], weights[1, i], weights[2, i], weights[3, i] = b0, b1, one - b0 - b1 - b3, b3
-    # Three loops: the four neighbours in a row are one load, four rows are four products, and one store.
+    # Three loops: only the middle one, which reads single pixels, is not vectorised by the compiler.
     for i in range(columns):
         k = np.uint32(index[i]) - down - u1
         m = k + down
         n = m + down
         o = n + down
         b0, b1, b2, b3 = weights[0, i], weights[1, i], weights[2, i], weights[3, i]
-        t0 = b0 * c[k] + b1 * c[m] + b2 * c[n] + b3 * c[o]
-        t1 = b0 * c[k + u1] + b1 * c[m + u1] + b2 * c[n + u1] + b3 * c[o + u1]
-        t2 = b0 * c[k + u2] + b1 * c[m + u2] + b2 * c[n + u2] + b3 * c[o + u2]
-        t3 = b0 * c[k + u3] + b1 * c[m + u3] + b2 * c[n + u3] + b3 * c[o + u3]
-        j = np.uint32(4 * i)
-        sums[j], sums[j + u1], sums[j + u2], sums[j + u3] = t0, t1, t2, t3
+        sums[0, i] = b0 * c[k] + b1 * c[m] + b2 * c[n] + b3 * c[o]
+        sums[1, i] = b0 * c[k + u1] + b1 * c[m + u1] + b2 * c[n + u1] + b3 * c[o + u1]
+        sums[2, i] = b0 * c[k + u2] + b1 * c[m + u2] + b2 * c[n + u2] + b3 * c[o + u2]
+        sums[3, i] = b0 * c[k + u3] + b1 * c[m + u3] + b2 * c[n + u3] + b3 * c[o + u3]
     for i in range(columns):
         f = fx[i]
         g = one - f
         a0, a3 = sixth * g * g * g, sixth * f * f * f
         a1 = sixth * (four - three * f * f * (two - f))
-        j = np.uint32(4 * i)
-        value[i] = a0 * sums[j] + a1 * sums[j + u1] + (one - a0 - a1 - a3) * sums[j + u2] + a3 * sums[j + u3]
+        value[i] = a0 * sums[0, i] + a1 * sums[1, i] + (one - a0 - a1 - a3) * sums[2, i] + a3 * sums[3, i]
 
 
 @kernel(**FAST)
@@ -200,7 +197,7 @@ def sample_rows(image, h, offset, rows, cubic, value, inside):
         np.zeros(columns, np.float32),
         np.zeros(columns, np.float32),
     )
-    weights, sums = np.zeros((4, columns), np.float32), np.zeros(4 * columns, np.float32)
+    weights, sums = np.zeros((4, columns), np.float32), np.zeros((4, columns), np.float32)
     moved = offset.shape[1] > 1
     energy, count = 0.0, 0
     for k in range(len(rows)):
