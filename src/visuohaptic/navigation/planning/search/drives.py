@@ -152,9 +152,8 @@ def changed_drives_cost(
     changed
         The same pushes with other lengths.
     """
-    total = (
-        0.0 if domain.clear_straight(changed[-1].shifts_after, domain.goal, domain.goal[None])[0] else np.inf
-    )
+    fits = domain.clear_straight(changed[-1].shifts_after, domain.goal, domain.goal[None])[0]
+    total = 0.0 if fits else np.inf
     for old, new in zip(_ends(domain, steps, start), _ends(domain, changed, start), strict=True):
         if total >= most:
             return np.inf
