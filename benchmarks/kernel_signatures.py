@@ -305,7 +305,7 @@ def run_worlds() -> None:
 def run_foam() -> None:
     """Edges of a few lines, and the force of a contact in the middle of a strip; as the sensor calls them."""
     from visuohaptic.sensing.foam._chain_kernels import edge_crossing, filter_runs, join, place_odds
-    from visuohaptic.sensing.foam._light_kernels import front_in_light
+    from visuohaptic.sensing.foam._light_kernels import floor_beyond
     from visuohaptic.sensing.foam._posterior_kernels import shadow_odds
     from visuohaptic.sensing.foam._profile_kernels import integrate_regions, shared_variance
     from visuohaptic.sensing.foam._texture_kernels import foam_bands, level_odds, texture_odds
@@ -326,7 +326,7 @@ def run_foam() -> None:
     for image in (now, rest):
         mean_between(image, points_px)
     local_statistics(front)
-    front_in_light(now, rest, one_px, front, front, one_px, one_px, 4.0, np.zeros((7, 6)))
+    floor_beyond(now, rest, one_px, front, front + 4.0, np.zeros((3, 6)))
     edges = front, front + 9.0, one_px
     shadow_odds(now, rest, np.ones((6, 6)), *edges, 1.0, one_px, 1.0, 1.0, seen, found)
     merged_fronts(now, np.ones((6, 6)), front, one_px, *edges, one_px, 9.0 * one_px, ~seen, np.zeros((6, 4)))

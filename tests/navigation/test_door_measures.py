@@ -198,3 +198,17 @@ def test_values_are_those_of_the_nearest_cells_and_nothing_outside():
     points = np.array([[0.4, 0.4], [0.6, 3.4], [2.4, 1.6], [-0.6, 0.0], [0.0, 3.6], [2.6, 0.0], [-0.4, -0.4]])
     assert look(values, points).tolist() == [0.0, 7.0, 10.0, 0.0, 0.0, 0.0, 0.0]
     assert look(values > 5, np.array([[2.0, 2.0], [9.0, 9.0]])).tolist() == [True, False]
+
+
+@pytest.mark.parametrize(("first", "last", "counts"), [(14, 30, True), (18, 34, False)])
+def test_walls_step_back_within_85_cm_from_the_middle_of_the_door(first, last, counts):
+    """A door of 0.7 m in a passage of 0.8 m by 3.2 m, with niches of half a metre from one cell of 5 cm up to another."""
+    cells = floor(5.0, 8.0, (2.4, 2.1, 5.6, 2.9), (1.0, 1.0, 2.4, 4.0), (5.6, 1.0, 7.0, 4.0))
+    for columns in (np.s_[80 + first : 80 + last], np.s_[81 - last : 81 - first]):
+        cells[32:68, columns] = 0
+    cells[[42, 57], 80] = 100
+    opening = measure(free_space(OccupancyMap(cells, CELL_M)), np.array([50, 80]))
+    assert opening.width_m == pytest.approx(0.7)
+    # A disc of 0.42 m does not reach into the corners of a niche.
+    assert (math.exp(opening.measures[2]) > 0.4) == counts
+    assert counts or math.exp(opening.measures[2]) < 0.15

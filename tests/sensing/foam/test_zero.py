@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import CalibrationError, InputError
-from visuohaptic.sensing.foam.strip import DriftSettings, ZeroReference, ZeroWatch
+from visuohaptic.sensing.foam.strip import ZeroReference, ZeroWatch
 from visuohaptic.sensing.foam.strip.rest_widths import without_wrong_edges
+from visuohaptic.sensing.foam.strip.zero import DRIFT_LIMIT
 from visuohaptic.sensing.foam.validity import check_untouched
 
 K = 20
@@ -173,18 +174,17 @@ def test_a_file_with_a_sigma_that_is_none_is_refused(tmp_path, sigma) -> None:
 
 
 def test_adapts_at_rest_only_and_tells_when_it_drifted() -> None:
-    watch = ZeroWatch(
-        _zero(np.random.default_rng(1)), DriftSettings(time_constant_s=1.0, rest_s=0.5, limit=0.03)
-    )
+    watch = ZeroWatch(_zero(np.random.default_rng(1)))
     usable = np.ones(K, dtype=bool)
     for t in np.arange(0, 5, 0.1):
         watch.update(float(t), np.full(K, 0.0197), touched=True, usable=usable)
     assert abs(watch.drift_m) < 1e-12
-    for t in np.arange(5, 15, 0.1):
+    # Six time constants: 0.2 % of the way are left.
+    for t in np.arange(5, 190, 0.5):
         watch.update(float(t), np.full(K, 0.0197), touched=False, usable=usable)
     assert watch.drift_m == pytest.approx(-3e-4, abs=2e-5)
     assert not watch.drifted
-    for t in np.arange(15, 30, 0.1):
+    for t in np.arange(190, 375, 0.5):
         watch.update(float(t), np.full(K, 0.0192), touched=False, usable=usable)
     assert watch.drifted
 
@@ -192,7 +192,7 @@ def test_adapts_at_rest_only_and_tells_when_it_drifted() -> None:
 @pytest.mark.parametrize(("part", "drifts"), [(0.8, True), (1.2, False)])
 def test_what_deflects_all_points_alike_may_be_the_zero_s_drift(part, drifts) -> None:
     """Before the first frame nothing is known of how the deflection came about."""
-    delta = np.full(K, part * DriftSettings().limit * 0.02)
+    delta = np.full(K, part * DRIFT_LIMIT * 0.02)
     assert _common_m([(0.0, delta)]) == pytest.approx(delta[0] / np.sqrt(3.0) if drifts else 0.0)
     delta[5:9] = np.nan  # hidden
     assert (_common_m([(0.0, delta)]) > 0.0) == drifts

@@ -28,6 +28,11 @@ PARALLELS = 5
 REACH = 1.3
 _ZERO_AGAIN = "zero again: visuohaptic sense foam --zero"
 
+#: While the strip is untouched, its zero adapts with this time constant, after this time without contact [s].
+ADAPTATION_S, REST_S = 30.0, 1.0
+#: Largest accumulated drift with which the zero holds, as a fraction of the width.
+DRIFT_LIMIT = 0.03
+
 Numbers = Annotated[list[FiniteFloat], Field(min_length=8, max_length=2000)]
 
 
@@ -253,15 +258,6 @@ def check_width(measured_m: float, declared_m: float, where: Path | str, *, stri
         )
 
 
-@dataclass(frozen=True, slots=True)
-class DriftSettings:
-    """How the zero reference follows slow changes."""
-
-    time_constant_s: float = 30.0  #: of the adaptation while the strip is untouched
-    rest_s: float = 1.0  #: minimum time without contact before the adaptation
-    limit: float = 0.03  #: largest valid accumulated drift, as a fraction of the width
-
-
 class ZeroWatch:
     """Adapts the zero reference while the sensor is at rest and reports excessive drift.
 
@@ -269,12 +265,9 @@ class ZeroWatch:
     ----------
     zero
         The original zero reference.
-    settings
-        Parameters of the adaptation; None: the defaults.
     """
 
-    def __init__(self, zero: ZeroReference, settings: DriftSettings | None = None) -> None:
-        self.settings = settings or DriftSettings()
+    def __init__(self, zero: ZeroReference) -> None:
         self.zero = zero
         self._first = zero
         self._rest_since: float | None = None
@@ -300,14 +293,14 @@ class ZeroWatch:
     @property
     def drifted(self) -> bool:
         """Whether the drift is so large that the zero reference has to be taken again."""
-        return abs(self.drift_m) > self.settings.limit * float(np.mean(self._first.width_m))
+        return abs(self.drift_m) > DRIFT_LIMIT * float(np.mean(self._first.width_m))
 
     def sigma_m(self, t_s: float, delta_m: Float[np.ndarray, "K"]) -> float:
         """Standard deviation common to all points in the next frame [m], due to the lag of the adaptation.
 
         A drift of the zero deflects all points equally and cannot be distinguished from a slow body as long as the strip: it
         is uniformly distributed from 0 to the part of the smallest deflection that has come slowly, of which the root mean
-        square is returned. A drift takes ``rest_s`` or more to reach its limit: what comes faster, or exceeds the limit, is due
+        square is returned. A drift takes ``REST_S`` or more to reach its limit: what comes faster, or exceeds the limit, is due
         to a body. Before the first frame, any part may be drift.
 
         Parameters
@@ -322,9 +315,9 @@ class ZeroWatch:
         means = means[np.isfinite(means)]
         if not len(means):
             return 0.1 * abs(self.drift_m)
-        least, limit = max(float(means.min()), 0.0), self.settings.limit * float(np.mean(self._first.width_m))
+        least, limit = max(float(means.min()), 0.0), DRIFT_LIMIT * float(np.mean(self._first.width_m))
         since_s, before, slow = self._slow
-        reach = limit / self.settings.rest_s * max(t_s - since_s, 0.0)
+        reach = limit / REST_S * max(t_s - since_s, 0.0)
         slow = min(max(slow + min(max(least - before, -reach), reach), 0.0), least)
         self._slow = t_s, least, slow
         return math.hypot(0.1 * self.drift_m, slow / math.sqrt(3.0) if least <= limit else 0.0)
@@ -352,8 +345,8 @@ class ZeroWatch:
             return
         if self._rest_since is None:
             self._rest_since = t_s
-        if t_s - self._rest_since < self.settings.rest_s:
+        if t_s - self._rest_since < REST_S:
             return
-        rate = min(1.0, elapsed / self.settings.time_constant_s)
+        rate = min(1.0, elapsed / ADAPTATION_S)
         change = np.where(usable, rate * (width_m - self.zero.width_m), 0.0)
         self.zero = replace(self.zero, t_s=t_s, width_m=self.zero.width_m + change)
