@@ -14,7 +14,6 @@ from visuohaptic.core import Estimate, InputError
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.planning import make_plan
 from visuohaptic.navigation.problem import (
-    MovableObject,
     Passage,
     PassageKind,
     PlanningProblem,
@@ -217,17 +216,3 @@ def test_a_passage_inside_of_a_wall_is_refused():
     assert problem(1.0, 1.2).passages
     with pytest.raises(InputError, match=r"Passage: footprint_m: found 'door' with walls all around"):
         problem(1.15, 1.35)
-
-
-def test_a_place_is_not_less_certain_than_anywhere_on_the_map():
-    floor = OccupancyMap(np.zeros((60, 80), np.int8), 0.05)  # 5 m from corner to corner
-    ends = np.array([0.5, 0.5]), np.array([3.5, 2.5])
-    for sigma_m, held in ((5.0 / math.sqrt(12) - 0.01, True), (5.0 / math.sqrt(12) + 0.01, False)):
-        box = MovableObject("box", outline(1.0, 1.0, 1.4, 1.4), pose_sigma=(sigma_m, 0.1))
-        if held:
-            assert PlanningProblem(floor, ROBOT, *ends, (box,)).objects
-        else:
-            with pytest.raises(
-                InputError, match=r"pose_sigma\[0\]: found 1.45\d* of 'box'.* expected metres"
-            ):
-                PlanningProblem(floor, ROBOT, *ends, (box,))

@@ -93,6 +93,8 @@ class PlanningProblem:
     areas: tuple[PlaceArea, ...] = ()  #: where pushed objects should end, or should not
 
     def __post_init__(self) -> None:
+        import shapely
+
         check_numbers("PlanningProblem", FINITE, start_yaw_rad=self.start_yaw_rad)
         for name in ("start_m", "goal_m"):
             point = finite_array("PlanningProblem", getattr(self, name), 2, field=name).copy()
@@ -120,21 +122,12 @@ class PlanningProblem:
                     "to corner, expected metres",
                     field="footprint_m",
                 )
-            # Uniform over the whole map, it would be less.
-            if item.pose_sigma[0] > diagonal_m / math.sqrt(12.0):
-                found = f"found {item.pose_sigma[0]:g} of '{item.id}' on a map of {diagonal_m:g} m from corner to corner"
-                raise InputError("MovableObject", f"{found}, expected metres", field="pose_sigma[0]")
-        for passage in self.passages:
-            self._check_way(passage)
-        object.__setattr__(self, "objects", tuple(self.objects))
-
-    def _check_way(self, passage: Passage) -> None:
-        """Refuse a passage with walls all around: it leads nowhere."""
-        import shapely
-
         cell_m = self.map.resolution_m
-        beside = shapely.Polygon(passage.footprint_m).buffer(1.5 * cell_m).exterior.segmentize(0.5 * cell_m)
-        values = self.map.value_at(shapely.get_coordinates(beside))
-        if (values == OCCUPIED).all():
-            found = f"found '{passage.id}' with walls all around, expected a way through"
-            raise InputError("Passage", found, field="footprint_m")
+        for passage in self.passages:
+            beside = (
+                shapely.Polygon(passage.footprint_m).buffer(1.5 * cell_m).exterior.segmentize(0.5 * cell_m)
+            )
+            if (self.map.value_at(shapely.get_coordinates(beside)) == OCCUPIED).all():
+                found = f"found '{passage.id}' with walls all around, expected a way through"
+                raise InputError("Passage", found, field="footprint_m")
+        object.__setattr__(self, "objects", tuple(self.objects))
