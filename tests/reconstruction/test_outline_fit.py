@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from visuohaptic.core.camera import Camera
+from visuohaptic.core.camera import Camera, Pose
 from visuohaptic.io.depth import DepthFrame
 from visuohaptic.reconstruction.fusion import DepthNoise, SpaceGrid
 from visuohaptic.reconstruction.transparency import body_pairs, evidence
@@ -33,7 +33,11 @@ from visuohaptic.reconstruction.transparency.ray_readings import (
     SAME,
     RayImage,
 )
-from visuohaptic.reconstruction.transparency.regions import agreement_evidence, passing_evidence
+from visuohaptic.reconstruction.transparency.regions import (
+    agreement_evidence,
+    passing_evidence,
+    seen_behind,
+)
 from visuohaptic.reconstruction.vessel_shapes import end_circles
 
 #: x, y of the axis, radius and height of the body, which stands at z = 0.05 [m].
@@ -54,6 +58,14 @@ def hit(origin: np.ndarray, rays: np.ndarray, axis_m: np.ndarray = AXIS_M) -> np
         wall |= (b**2 > 4 * a * c) & (z > LOW_M) & (z < HIGH_M)
     top = origin[:2] + (HIGH_M - origin[2]) / rays[..., 2:] * flat
     return wall | (((top - axis_m) ** 2).sum(-1) < RADIUS_M**2)
+
+
+def table_depth_m(eye: np.ndarray, pose: Pose) -> np.ndarray:
+    """Depth of the table, z = 0, in every pixel."""
+    rows, columns = np.mgrid[0:120, 0:160]
+    rays = CAMERA.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float))
+    # A ray of depth one moves by these along z.
+    return (eye[2] / -(rays @ pose.rotation.T)[:, 2] * rays[:, 2]).reshape(120, 160)
 
 
 def views(
@@ -489,15 +501,14 @@ def test_a_place_is_tested_with_the_rates_of_the_rays_beside_it(body):
         rays = CAMERA.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float))
         glass = hit(eye, rays.reshape(120, 160, 3) @ pose.rotation.T)
         dropped = rng.random(glass.shape) < np.where(glass, 0.5, 0.02)
-        limit_m = np.where(known, np.float32(2.0), np.float32(0.0))
+        depth_m = np.where(known, table_depth_m(eye, pose), 0.0).astype(np.float32)
+        limit_m = np.maximum(depth_m - np.float32(0.01), 0)
         # What remains of the readings lies behind a clear body, or on an opaque one.
         read = np.where(dropped, DROPPED, np.where(glass & (body == "black"), NEAR, SAME))
         alone = glass & (body == "mirror") & (rng.random(glass.shape) < 0.5)
         reading = np.where(known & ~alone, read, 0).astype(np.uint8)
-        frames.append(DepthFrame(0.0, np.full(glass.shape, np.float32(2.0)), None, pose, CAMERA))
-        images.append(
-            RayImage(reading, reading.astype(np.uint16), 2.0 * known.astype(np.float32), limit_m, known)
-        )
+        frames.append(DepthFrame(0.0, depth_m, None, pose, CAMERA))
+        images.append(RayImage(reading, reading.astype(np.uint16), depth_m, limit_m, known))
     detector = EvidenceDetector(SpaceGrid.around((-0.08, -0.13, 0.0), (0.12, 0.07, 0.2), 0.01), NOISE)
     limit_m = np.stack([image.limit_m for image in images])
     # At 0.75 m a radius of 15 mm is 3 px.
@@ -515,6 +526,34 @@ def test_a_place_is_tested_with_the_rates_of_the_rays_beside_it(body):
     assert not detector._take()
     assert detector._take_held_out(limit_m)
     assert [np.hypot(*(region.body.axis_m - AXIS_M)) < 0.01 for region in detector.regions()] == [True]
+
+
+@pytest.mark.parametrize("shown", [True, False])
+def test_what_is_behind_a_body_is_what_rays_beside_it_see(shown):
+    """A third of the rays reads the table behind the body, or a place above it that readings at a mirror agree on by chance."""
+    rng, frames, images = np.random.default_rng(8), [], []
+    for turn in np.linspace(0, 6, 9)[:8]:
+        eye = np.array([0.6 * np.cos(turn), 0.6 * np.sin(turn), 0.55])
+        pose = Camera.pose_of_view(tuple(eye), (*AXIS_M, 0.11))
+        rows, columns = np.mgrid[0:120, 0:160]
+        rays = CAMERA.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float))
+        inside = hit(eye, rays.reshape(120, 160, 3) @ pose.rotation.T)
+        depth_m = table_depth_m(eye, pose).astype(np.float32)
+        agreed = inside & (rng.random(inside.shape) < 1 / 3)
+        # Half-way between the axis of the body and the table.
+        depth_m[agreed] = depth_m[agreed] if shown else np.linalg.norm(eye - [*AXIS_M, 0.11]) + 0.05
+        reading = np.where(inside & ~agreed, DROPPED, SAME).astype(np.uint8)
+        frames.append(DepthFrame(0.0, depth_m, None, pose, CAMERA))
+        image = RayImage(reading, reading.astype(np.uint16), depth_m, depth_m - np.float32(0.01), inside)
+        images.append(image)
+    limit_m = np.stack([image.limit_m for image in images])
+    tables = np.zeros((4, 5 * CONTEXTS), np.float32)
+    tables[:, FAR] = np.log(KINDS[:, 1] / 0.01)
+    rays = evidence.RayEvidence(frames, np.ones(8, np.float32), limit_m, limit_m, limit_m)
+    body = UprightBody(AXIS_M, np.full(2, 0.002), (RADIUS_M, RADIUS_M), 0.002, (LOW_M, HIGH_M), 60.0)
+    found = seen_behind(body, rays, images, tables, 5.0, 0.005)
+    # Even at a false-alarm rate of 1 %, an opaque body reads nothing behind it.
+    assert bool(found > np.log(100)) is shown
 
 
 @pytest.mark.parametrize(

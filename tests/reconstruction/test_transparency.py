@@ -205,6 +205,25 @@ def test_readings_near_edges_are_another_context_than_those_away_from_them():
     assert len(np.unique(rays.code[60, 60:80])) >= 3
 
 
+@pytest.mark.parametrize("baseline_m", [0.05, -0.05])
+def test_a_surface_that_the_second_eye_does_not_see_is_a_context_of_its_own(baseline_m):
+    """In the shadow beside an object nothing can be read, whereas a step on the other side only mixes depths."""
+    camera = Camera.simple(160, 120, 300.0)
+    depth_m = np.full((120, 160), 1.0, np.float32)
+    depth_m[40:80, 60:100] = 0.6
+    noise = TrackedNoise(replace(SENSOR_NOISE["kinect"], baseline_m=baseline_m, edge_rad=1 / 300))
+    own, *others = [
+        ViewDepth.of_frame(DepthFrame(0.1 * i, depth_m, None, Pose.identity(), camera), noise)
+        for i in range(5)
+    ]
+    code = ray_image(own, others, noise).code[60]
+    # f b (1 / z - 1 / Z) = 10 px; one at either end is the step's.
+    shadow = range(51, 59) if baseline_m > 0 else range(101, 109)
+    assert len(np.unique(code[list(shadow)])) == 1
+    other_step = range(97, 103) if baseline_m > 0 else range(57, 63)
+    assert code[shadow[4]] not in code[list(other_step)]
+
+
 @pytest.mark.parametrize("lost", [0.0, 0.25])
 def test_drop_outs_beside_a_part_are_the_rate_of_the_surface_behind_it(lost):
     """Through a part half of the readings of a wall drop out; beside it none does (glass), or a quarter (polished metal)."""

@@ -74,8 +74,9 @@ def test_a_plain_box_as_bright_as_the_grass_is_placed_where_the_floor_ends():
     error, sigma = np.array(near).T
     # Half a cell of 8.7 mm. Sums over columns of the image, which vertical outlines cross, were 24 mm (rms) too far.
     assert np.abs(error).max() < 0.0044
-    assert np.median(sigma) < 0.006
-    assert np.sqrt(np.mean((error / sigma) ** 2)) < 1.3
+    assert np.median(sigma) < 0.003
+    # 0.89; 0.43 where the spread of the likelihood and the scatter of the ranges, two estimates of one error, are added.
+    assert 0.65 < np.sqrt(np.mean((error / sigma) ** 2)) < 1.3
 
 
 def test_joints_along_the_drive_are_no_obstacle():

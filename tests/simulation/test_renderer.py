@@ -21,7 +21,7 @@ from visuohaptic.simulation.rendering import (
     crossings,
     texture_tile,
 )
-from visuohaptic.simulation.rendering._canvas import coverage
+from visuohaptic.simulation.rendering._coverage import coverage
 from visuohaptic.simulation.rendering._render_kernels import add_plane
 
 FLAT = Look()  # no texture, no shading: levels 170 foam, 60 body, 100 floor
@@ -325,7 +325,24 @@ def test_plane_kernel_equals_numpy(warped: bool) -> None:
     turn = np.array([[0.05, -0.1], [0.02, 0.15]])
     warp = (place @ turn.T).astype(np.float32) if warped else np.zeros((0, 0, 2), np.float32)
     grid = np.array([-0.5, -0.6, 0.05])
-    add_plane(image, clear, weight, 7, 5, rays, matrix[None], packed, 300.0, 9.0, level, warp, grid)
+    x, y = np.moveaxis(rays, 2, 0).astype(np.float32)
+    add_plane(
+        image,
+        clear,
+        weight,
+        np.tile(np.int32([0, 20]), (12, 1)),
+        7,
+        5,
+        x,
+        y,
+        matrix[None],
+        packed,
+        300.0,
+        9.0,
+        level,
+        warp,
+        grid,
+    )
     a, b, w = np.moveaxis(np.concatenate([rays, np.ones((30, 40, 1))], axis=-1) @ matrix.T, -1, 0)
     a, b = a / w, b / w
     assert max(abs(a).max() - 0.5, abs(b).max() - 0.6) < 0.0

@@ -18,6 +18,7 @@ from ..fusion.volume import SpaceGrid
 from ..vessel_shapes import UprightBody
 from .ray_evidence import RayEvidence
 from .ray_readings import CONTEXTS, FAR, KINDS, SAME, RayImage
+from .view_geometry import intrinsics
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,6 +150,8 @@ def seen_behind(
 ) -> float:
     """Evidence that what is behind a body is read through it, of the rays farther inside its outline than half a matching window [nat].
 
+    What is behind it is what rays beside the body see: the readings at a mirror agree by chance, at surfaces that nothing else shows.
+
     Parameters
     ----------
     body
@@ -161,9 +164,11 @@ def seen_behind(
         Spacing of the points of the body [m].
     """
     away_m, inner = _inner_rays(body, rays, window_px, voxel_m)
+    inner &= rays.limit_m > np.array(away_m)[:, None, None]
+    beside = ~rays.through(body.points_m(voxel_m), voxel_m)
     codes = [
-        image.code[inside & (limit_m > there_m)]
-        for image, inside, limit_m, there_m in zip(images, inner, rays.limit_m, away_m, strict=True)
+        image.code[inside][_seen_from(_surface_m(image, frame, inside), rays, images, beside)]
+        for image, frame, inside in zip(images, rays.frames, inner, strict=True)
     ]
     return passing_evidence(codes, rays.weights / window_px**2, tables)
 
@@ -249,6 +254,34 @@ def _inner_rays(
     away_m = [float(frame.T_world_camera.inverse().apply(middle_m)[0, 2]) for frame in rays.frames]
     half_m = 0.5 * window_px / rays.frames[0].camera.focal_px * float(np.median(away_m))
     return away_m, rays.through(points_m[body.contains(points_m, -half_m)], 0.0)
+
+
+def _surface_m(image: RayImage, frame: DepthFrame, chosen: Bool[np.ndarray, "h w"]) -> np.ndarray:
+    """Where the surface that other views see is on rays, in the world (n, 3) [m]."""
+    (v, u), z = np.nonzero(chosen), image.predicted_m[chosen]
+    fx, fy, cx, cy = intrinsics(frame.camera)
+    return frame.T_world_camera.apply(np.column_stack([(u - cx) / fx * z, (v - cy) / fy * z, z]))
+
+
+def _seen_from(
+    points_m: Float[np.ndarray, "n 3"],
+    rays: RayEvidence,
+    images: Sequence[RayImage],
+    counted: Bool[np.ndarray, "views h w"],
+) -> Bool[np.ndarray, "n"]:
+    """Whether a counted ray of some view reads a surface at points, within three standard deviations."""
+    seen = np.zeros(len(points_m), dtype=bool)
+    for image, frame, some in zip(images, rays.frames, counted, strict=True):
+        x, y, z = frame.T_world_camera.inverse().apply(points_m).T
+        (fx, fy, cx, cy), (rows, columns) = intrinsics(frame.camera), some.shape
+        z = np.where(z > 0.05, z, np.nan)
+        u, v = np.rint(fx * x / z + cx), np.rint(fy * y / z + cy)
+        held = (u >= 0) & (v >= 0) & (u < columns) & (v < rows)
+        at = v[held].astype(int), u[held].astype(int)
+        within_m = image.predicted_m[at] - image.limit_m[at]
+        same = some[at] & (image.reading[at] == SAME)
+        seen[held] |= same & (np.abs(image.predicted_m[at] - z[held]) <= within_m)
+    return seen
 
 
 def outer_voxels(inside: Bool[np.ndarray, "x y z"]) -> Int[np.ndarray, "n 3"]:

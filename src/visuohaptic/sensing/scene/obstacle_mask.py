@@ -36,6 +36,10 @@ from .obstacle_parallax import FaceCells, FramePair, ObstacleSettings, StripImag
 
 #: Number of comparisons per baseline: closer frames show the same pixels again.
 _COMPARISONS = 6
+#: Standard deviation of a range that is common to all frames of a face [steps of the ranges]: faces are not exactly perpendicular
+#: to the drive, and interpolation blurs the two frames differently. Measured: rms of the mean errors of 21 open drives of
+#: ``benchmarks.scene_evidence``, 0.86 mm for a step of 8.7 mm.
+_SYSTEMATIC_STEPS = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -217,17 +221,17 @@ class ObstacleDetector:
         around = slice(max(int(best.min()) - 1, 0), int(best.min()) + 2)
         one = (self._evidence[0][around][:, standing] > 0.0).any(axis=0)
         nearest, face = int(np.median(best[one])), standing[one]
-        found, sigma = cells.locate(pair, nearest, face)
+        found, spread = cells.locate(pair, nearest, face)
         if math.isfinite(self._range_m):
             self._misses.append(found - self._range_m)
-            # Two ranges of one face differ by both their errors.
-            sigma = math.hypot(
-                sigma, float(np.linalg.norm(self._misses)) / math.sqrt(2.0 * len(self._misses))
-            )
+        # Two ranges of one face differ by both their errors; the spread of the likelihood counts as one range.
+        squares = spread**2 + 0.5 * sum(miss**2 for miss in self._misses)
+        random_m = math.sqrt(squares / (1 + len(self._misses)))
         # The range is measured in units of the drive.
-        away = found - cells.eye_x_m
+        drive_m = pair.drive_sigma_m * (found - cells.eye_x_m) / cells.baseline_m
+        common_m = _SYSTEMATIC_STEPS * (cells.range_m[1] - cells.range_m[0])
         self._standing[one, 0] = found
-        self._range_m, self._sigma_m = found, math.hypot(sigma, pair.drive_sigma_m * away / cells.baseline_m)
+        self._range_m, self._sigma_m = found, math.hypot(random_m, common_m, drive_m)
         self._y_m, self._at_border = float(cells.lateral_m[face].mean()), nearest == 0
 
     def _nearest(self) -> Obstacle:

@@ -34,9 +34,6 @@ _BLACK = 5.0
 _FREEDOM = 4.0
 #: Standard deviation of the registration [bins]: a third of a bin is a uniform error of half a bin each way.
 _REGISTRATION_BINS = 0.3
-#: Its part that is common to all pixels of a face: faces are not exactly perpendicular to the drive, and interpolation blurs
-#: the two frames differently. Errors of the range are 0.7 to 2 mm (rms of a drive) on open seeds of ``benchmarks.scene_evidence``.
-_SYSTEMATIC_BINS = 0.1
 #: A quarter of normal residuals is smaller than this many standard deviations: floor may be only a quarter of the image.
 _QUARTER_SIGMAS = normal_sigmas(0.75)
 #: Residuals of a noiseless image [grey levels]: rounding, 1 / sqrt(12), of both images.
@@ -308,7 +305,7 @@ class FaceCells:
         return -sums / self.settings.correlated_bins
 
     def locate(self, pair: FramePair, at: int, laterals: Int[np.ndarray, "cells"]) -> tuple[float, float]:
-        """Range of a face at its centre and its standard deviation [m], by its likelihood over the same pixels.
+        """Range of a face at its centre and the standard deviation of its random part [m], by its likelihood over the same pixels.
 
         The floor ends at the foot of the face: pixels below are floor, those above are face. The face is the most likely run of
         vertical lines, with floor beside it, and may be rotated.
@@ -348,7 +345,7 @@ class FaceCells:
             bend = max(2.0 * middle - below - beyond, 1.0)
             found = float(ranges[best]) + 0.25 * step * (beyond - below) / bend
             spread = math.hypot(spread, 0.5 * step / math.sqrt(bend))
-        return found, math.hypot(spread, _SYSTEMATIC_BINS / _STEP_BINS * step)
+        return found, spread
 
     def _ratio(self, pair: FramePair, x_m: float, part: tuple[slice, slice]) -> Float32[np.ndarray, "a b"]:
         """Log-likelihood ratio of every pixel of a part; 0 where a plane was out of view in the earlier frame."""

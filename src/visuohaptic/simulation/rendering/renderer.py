@@ -27,12 +27,11 @@ from ._solids import (
     solid_faces,
     turned_left,
 )
-from .appearance import Look, Occluder, Surface
+from .appearance import Look, Occluder, Surface, shade_floor
 from .contour_truth import ContourTruth
 from .effects import CameraEffects
 from .exposure import CameraShake, ExposedScene, SceneLike, inner_edge, observe
 from .scene import FoamScene
-from .shadow import shade_floor
 from .textures import MATERIALS, compression
 
 #: Light comes from above, behind and the left; a face's brightness grows with its normal along this direction.
