@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from tests.worlds import foam
 from tests.worlds.foam_disturbances import DISTURBANCES, covered, disturbed, faulty, forces, segments
+from tests.worlds.foam_lamps import lamps
 from tests.worlds.foam_presses import calibration_plate
 
 from benchmarks._journal import Journal
@@ -265,6 +266,7 @@ def _each_disturbance(seeds: list[int]) -> list[tuple[str, Callable[[], foam.Seq
 CAMPAIGNS: dict[str, tuple[Callable, Callable]] = {
     "shadows": (_each(foam.shadows), shadow_figures),
     "pincers": (_each(foam.pincers), shadow_figures),
+    "lamps": (_each(lamps), shadow_figures),
     "disturbances": (_each_disturbance, disturbance_figures),
     "force": (_each(forces), force_figures),
     "faults": (_each(faulty), fault_figures),

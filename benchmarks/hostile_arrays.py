@@ -1,9 +1,11 @@
-"""Invalid arrays passed to every public function that takes one: crashes, hangs and wrong results.
+"""Invalid arguments of public functions: crashes, hangs and wrong results.
 
-Walks ``__all__`` of all packages, builds arguments from the shapes in the annotations, and replaces one array after
-another by NaN, infinity, huge numbers, empty arrays, other types, byte orders, strides and shapes. A function may return a
-result or raise one of the library's errors; any other exception, a crash, a hang, and a result that changes with
-the memory layout of the same numbers are faults. Functions whose other arguments cannot be built here are listed.
+Walks ``__all__`` of all packages, builds arguments of every function that takes an array from the shapes in the annotations,
+and replaces one array after another by NaN, infinity, huge numbers, empty arrays, other types, byte orders, strides and
+shapes. Of these functions, and of all functions and classes of ``visuohaptic`` itself, each other argument is
+replaced by values of other types. A function may return a result or raise one of the library's errors; any other
+exception, a crash, a hang, and a result that changes with the memory layout of the same numbers are faults. Functions whose
+other arguments cannot be built here are listed; of the names of ``visuohaptic`` these are ``None``.
 
     python -m benchmarks.hostile_arrays --count 40     prints functions, cases, and faults by kind
     python -m benchmarks.hostile_arrays --names visuohaptic.core.so3_exp --verbose    and every case of one function
@@ -15,6 +17,7 @@ import argparse
 import importlib
 import inspect
 import json
+import math
 import os
 import pkgutil
 import re
@@ -46,7 +49,7 @@ _RUNNER = ThreadPoolExecutor(1)
 
 
 def public_functions() -> dict[str, Callable[..., Any]]:
-    """Every function of a package's ``__all__`` that takes an array, by its shortest public name."""
+    """Every function of a package's ``__all__`` that takes an array, and what the library offers first, by shortest name."""
     import visuohaptic
 
     found: dict[tuple[str, str], tuple[str, Any]] = {}
@@ -61,6 +64,12 @@ def public_functions() -> dict[str, Callable[..., Any]]:
                 key = (inspect.unwrap(thing).__module__, name)
                 if key not in found or len(whole) < len(found[key][0]):
                     found[key] = (whole, thing)
+    for name in getattr(visuohaptic, "__all__", ()):
+        thing = getattr(visuohaptic, name)
+        makes = inspect.isclass(thing) and not issubclass(thing, Exception)
+        usable = inspect.isfunction(thing) or (makes and not getattr(thing, "_is_protocol", False))
+        if usable and inspect.signature(thing).parameters:
+            found[(inspect.unwrap(thing).__module__, name)] = (f"visuohaptic.{name}", thing)
     return dict(sorted(found.values()))
 
 
@@ -135,7 +144,10 @@ def _things() -> dict[str, Callable[[], Any]]:
 
 
 def _arguments(name: str, thing: Callable[..., Any], seed: int) -> dict[str, Any] | None:
-    """Sound arguments; None where one of them is of a type that is not known here."""
+    """Sound arguments; None where one of them is of a type that is not known here.
+
+    Of the names that the library offers first, such an argument is None instead.
+    """
     rng = np.random.default_rng(seed)
     arrays = _arrays(thing)
     known = _things()
@@ -152,8 +164,10 @@ def _arguments(name: str, thing: Callable[..., Any], seed: int) -> dict[str, Any
                 chosen[key] = known[text]()
             except (AttributeError, TypeError, ValueError):
                 return None
-        else:
+        elif name.count(".") > 1:
             return None
+        elif parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+            chosen[key] = None
     return chosen
 
 
@@ -211,6 +225,13 @@ OTHER: dict[str, Callable[[np.ndarray], Any]] = {
 }
 
 
+#: In place of an argument that is no array.
+VALUES: dict[str, Any] = {
+    "None": None, "true": True, "a negative number": -1.5, "no number": math.nan, "a text": "x", "bytes": b"x", "a list": [],
+    "a mapping": {}, "an object": object(), "an empty array": np.zeros(0), "an array of NaN": np.full((2, 3), np.nan),
+}  # fmt: skip
+
+
 def _close(first: Any, second: Any) -> bool:
     """Whether two results are equal; true if they cannot be compared."""
     if isinstance(first, tuple | list):
@@ -261,12 +282,21 @@ def cases(name: str, thing: Callable[..., Any], seed: int) -> Iterator[tuple[str
             elif title in SAME and found != outcome:
                 found, text = "wrong", f"{found}, expected {outcome}: {text}"
             yield f"{key}: {title}", found, text
+    for key, parameter in inspect.signature(thing).parameters.items():
+        if key in _arrays(thing) or parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+            continue
+        for title, value in VALUES.items():
+            arguments = _arguments(name, thing, seed)
+            assert arguments is not None
+            found, text, _ = call(arguments | {key: value})
+            yield f"{key}: {title}", found, text
 
 
 def _work(names: list[str], seed: int) -> None:
     """Print one line before and after each function; a crash takes this process with it."""
     lines = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # separate the output of functions from ours
+    os.chdir(tempfile.mkdtemp())  # some write files
     functions = public_functions()
     for name in names:
         print(json.dumps([name]), file=lines, flush=True)

@@ -239,11 +239,10 @@ def run_deformation() -> None:
 
 
 def run_simulation() -> None:
-    """Press a box into a short strip and render a small image of it, grey and in colour."""
+    """Press a box into a short strip and render a small image of it beside a round leg, grey and in colour."""
     from visuohaptic.core.camera import Camera
     from visuohaptic.simulation.foam import FoamStrip, FoamStripGeometry, Outline
     from visuohaptic.simulation.rendering import CameraEffects, FoamScene, Look, SceneObject, SceneRenderer
-    from visuohaptic.simulation.rendering._render_kernels import add_signed_coverage
 
     strip = FoamStrip(FoamStripGeometry(length_m=0.1, spacing_m=0.002))
     box = Outline.box((0.05, 0.0), (0.1, 0.04), 0.0, 0.0005)
@@ -251,13 +250,15 @@ def run_simulation() -> None:
         state = strip.press([box.moved(0.02 - depth_m, 0.0)], 0.01)
     back_m = np.column_stack([np.zeros(len(state.s_m)), state.s_m])
     corners_m = np.array([[0.02, -0.02], [0.1, -0.02], [0.1, 0.02], [0.02, 0.02]])
-    scene = FoamScene(0.0, back_m, state.front_m, (SceneObject(corners_m, texture=4.0),))
+    angle = np.linspace(0.0, 2 * np.pi, 48, endpoint=False)
+    leg_m = 0.01 * np.column_stack([np.cos(angle), np.sin(angle)]) + [0.04, 0.04]
+    objects = (SceneObject(corners_m, texture=4.0), SceneObject(leg_m))
+    scene = FoamScene(0.0, back_m, state.front_m, objects)
     camera = Camera.simple(160, 90, 180.0)
     pose = camera.pose_of_view((-0.1, 0.0, 0.28), (0.02, 0.0, 0.0)).inverse()
     for colour in (False, True):
         renderer = SceneRenderer(camera, pose, Look(colour=colour), CameraEffects(noise_sigma=2.0))
         renderer.render(scene, rng=np.random.default_rng(0))
-    add_signed_coverage(corners_m, 0, 0, np.zeros((4, 4), np.float32))
 
 
 def run_containers() -> None:
@@ -304,7 +305,7 @@ def run_worlds() -> None:
 def run_foam() -> None:
     """Edges of a few lines, and the force of a contact in the middle of a strip; as the sensor calls them."""
     from visuohaptic.sensing.foam._chain_kernels import edge_crossing, filter_runs, join, place_odds
-    from visuohaptic.sensing.foam._light_kernels import front_in_light
+    from visuohaptic.sensing.foam._light_kernels import floor_beyond
     from visuohaptic.sensing.foam._posterior_kernels import shadow_odds
     from visuohaptic.sensing.foam._profile_kernels import integrate_regions, shared_variance
     from visuohaptic.sensing.foam._texture_kernels import foam_bands, level_odds, texture_odds
@@ -325,7 +326,7 @@ def run_foam() -> None:
     for image in (now, rest):
         mean_between(image, points_px)
     local_statistics(front)
-    front_in_light(now, rest, one_px, front, front, one_px, one_px, 4.0, np.zeros((7, 6)))
+    floor_beyond(now, rest, one_px, front, front + 4.0, np.zeros((3, 6)))
     edges = front, front + 9.0, one_px
     shadow_odds(now, rest, np.ones((6, 6)), *edges, 1.0, one_px, 1.0, 1.0, seen, found)
     merged_fronts(now, np.ones((6, 6)), front, one_px, *edges, one_px, 9.0 * one_px, ~seen, np.zeros((6, 4)))

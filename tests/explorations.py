@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -14,6 +15,6 @@ def explored_less() -> Iterator[None]:
     from visuohaptic.recognition.touch import calibrate
 
     with pytest.MonkeyPatch.context() as patch:
-        given = calibrate.__kwdefaults__
+        given = inspect.unwrap(calibrate).__kwdefaults__
         patch.setitem(given, "explorations", given["explorations"] // 10)
         yield

@@ -36,7 +36,7 @@ def test_each_name_is_documented_for_itself(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_example_of_a_name_runs(name, tmp_path, monkeypatch):
+def test_the_example_of_a_name_runs(name, tmp_path, monkeypatch, fewer_explorations):
     """At least one statement that is not skipped, and what it prints is what the docstring says."""
     monkeypatch.chdir(tmp_path)
     found = getattr(vh, name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import io
 import json
 from pathlib import Path
@@ -56,7 +57,9 @@ def _run(capsys: pytest.CaptureFixture[str], *words: str) -> dict:
 def test_classes_are_grouped_and_the_tree_is_drawn(
     trained: Path, tmp_path: Path, capsys, monkeypatch
 ) -> None:
-    monkeypatch.setitem(calibrate.__kwdefaults__, "explorations", 400)  # neither depends on the probabilities
+    monkeypatch.setitem(
+        inspect.unwrap(calibrate).__kwdefaults__, "explorations", 400
+    )  # neither depends on the probabilities
     picture = tmp_path / "tree.png"
     found = _run(
         capsys, "train", "--objects", f"{trained}/set.npz", "--group", "cup=soft,rim",

@@ -139,6 +139,29 @@ def test_ctrl_c_ends_a_live_run_with_its_rows_and_its_summary(capsys):
         run_sensor(args, reader, frames(), outputs)
 
 
+@pytest.mark.parametrize("zero_frames", [0, 3])
+def test_ctrl_c_before_the_first_frame_says_that_the_camera_sent_none(zero_frames):
+    def frames():
+        yield from ()
+        raise KeyboardInterrupt
+
+    class Zeroing(Counting):
+        def zero(self, found):
+            list(found)
+
+    args = Namespace(
+        out=None, csv="t.csv", source="0", report=print, console=Console(), zero_frames=zero_frames
+    )
+    reader = Zeroing()
+    reader.zeroed = True
+    outputs = Outputs(None, rows=lambda number: (number,), describe=str)
+    with pytest.raises(InputError, match=r"^0: was stopped before its first frame was measured; check"):
+        run_sensor(args, reader, frames(), outputs)
+    args.source = "push.mp4"
+    with pytest.raises(KeyboardInterrupt):
+        run_sensor(args, reader, frames(), outputs)
+
+
 def test_the_recording_that_import_writes_is_known_to_info(tmp_path, capsys):
     import json
 

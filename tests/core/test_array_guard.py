@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 from jaxtyping import Bool, Float, Int, UInt8
 
-from visuohaptic.core import InputError, polygon_area, so3_exp, vertex_normals
+from visuohaptic.core import Camera, FrameSource, InputError, polygon_area, so3_exp, vertex_normals
 from visuohaptic.core import geometry as module
-from visuohaptic.core.front_door.array_guard import guarded
+from visuohaptic.core.front_door.array_guard import guard_class, guarded
 
 
 @guarded
@@ -117,3 +121,104 @@ def test_public_names_are_guarded_and_stay_one_object():
         polygon_area(np.zeros((3, 3)))
     with pytest.raises(InputError, match="faces: found an array of float64"):
         vertex_normals(np.zeros((3, 3)), np.zeros((1, 3)))
+
+
+@guarded
+def weigh(
+    path: Path | str = "x",
+    *,
+    count: int = 1,
+    mass_kg: float = 1.0,
+    places: Sequence[tuple[float, float]] = (),
+    offset_m: tuple[float, float] = (0.0, 0.0),
+    names: tuple[str, ...] = (),
+    sigma_N: float | Float[np.ndarray, " n"] = 0.0,
+    camera: Camera | None = None,
+    source: FrameSource | None = None,
+    mode: Literal["fast", "exact"] = "fast",
+    report: Callable[[str], None] | None = None,
+    fails: Exception | None = None,
+) -> float:
+    if fails is not None:
+        raise fails
+    raise AttributeError("'int' object has no attribute 'mean'")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"path": True}, "path: found True, expected Path or str"),
+        ({"path": [1]}, r"path: found \[1\], expected Path or str"),
+        ({"count": 1.5}, "count: found 1.5, expected int"),
+        ({"count": True}, "count: found True, expected int"),
+        ({"mass_kg": "2"}, "mass_kg: found '2', expected float"),
+        ({"places": "ab"}, r"places: found 'ab', expected Sequence\[tuple\[float, float\]\]"),
+        ({"places": np.full((2, 3), np.nan)}, r"places: found array\("),
+        ({"places": np.array(1.0)}, r"places: found array\("),
+        (
+            {"offset_m": np.zeros(0)},
+            r"offset_m: found array\(\[\], dtype=float64\), expected tuple\[float, float\]",
+        ),
+        ({"names": np.zeros((2, 2))}, r"names: found array\(.*, expected tuple\[str, \.\.\.\]"),
+        ({"sigma_N": "x"}, "sigma_N: found 'x', expected float or Float"),
+        ({"sigma_N": None}, "sigma_N: found None, expected float or Float"),
+        ({"sigma_N": [[1], [2, 3]]}, r"sigma_N: found \[\[1\], \[2, 3\]\], expected float or Float"),
+        ({"places": [(1, 2), (3,)]}, r"places: found \[\(1, 2\), \(3,\)\]"),
+        ({"camera": 3}, "camera: found 3, expected Camera or None"),
+        ({"source": []}, r"source: found \[\], expected FrameSource or None"),
+        ({"mode": "slow"}, "mode: found 'slow', expected Literal"),
+        ({"report": 3}, "report: found 3, expected Callable"),
+    ],
+)
+def test_a_foreign_error_names_the_argument_of_another_type(arguments, said):
+    with pytest.raises(InputError, match=rf"^weigh: {said}") as refused:
+        weigh(**arguments)
+    assert isinstance(refused.value.__cause__, AttributeError)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"path": Path("x"), "count": np.int64(3), "mass_kg": 2, "places": [[1, 2], np.zeros(2)]},
+        {"mass_kg": np.float32(2), "camera": Camera.simple(8, 6, 5.0), "report": print, "mode": "exact"},
+        {"places": np.zeros((4, 2)), "offset_m": [1, 2.0], "sigma_N": np.ones(3)},
+    ],
+)
+def test_where_all_arguments_are_as_annotated_the_error_is_that_of_the_function(arguments):
+    with pytest.raises(AttributeError, match="has no attribute 'mean'"):
+        weigh(**arguments)
+    with pytest.raises(InputError, match=r"^file.txt: is empty"):
+        weigh(**arguments, fails=InputError("file.txt", "is empty"))
+
+
+def test_a_refusal_of_a_function_inside_is_told_by_the_one_that_was_called():
+    @guarded
+    def inner(path: str) -> str:
+        return path.lower()
+
+    @guarded
+    def outer(location: str) -> str:
+        return inner(location)
+
+    with pytest.raises(InputError, match=r"^outer: location: found 3, expected str"):
+        outer(3)
+
+
+def test_creation_is_guarded_and_names_the_class():
+    @dataclass
+    class Load:
+        mass_kg: float
+        where_m: Float[np.ndarray, "3"]
+
+        def __post_init__(self) -> None:
+            self.total = self.mass_kg * 2 + self.where_m.sum()
+
+    guard_class(Load)
+    guard_class(Load)  # once only
+    assert Load(1.0, np.ones(3)).total == pytest.approx(5.0)
+    with pytest.raises(InputError, match=r"^Load: mass_kg: found None, expected float"):
+        Load(None, np.ones(3))
+    with pytest.raises(InputError, match=r"^Load: where_m: found shape \(2,\)"):
+        Load(1.0, [1.0, 2.0])
+    with pytest.raises(TypeError, match="missing 1 required"):
+        Load(1.0)

@@ -13,9 +13,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba import types
 from numba.core import caching, compiler, dispatcher
 from numba.core.errors import TypingError
 from numba.core.event import install_recorder
+from numba.extending import intrinsic
 
 from visuohaptic.core import KernelCache, cache_folder, code_digest, kernel, kernels, remove_stale
 
@@ -293,9 +295,26 @@ def test_the_digest_has_every_ingredient():
         made(factor=np.ones(2, np.float32)), made(fastmath=True), made(fastmath={"nsz"}),
         made(error_model="numpy"), made(nogil=True), made(parallel=True),
     ]  # fmt: skip
+
+    def generated(constant):
+        @intrinsic
+        def number(context):
+            def generate(context, builder, signature, arguments):
+                return context.get_constant(types.float64, constant)
+
+            return types.float64(), generate
+
+        def function(x):
+            return x * number()
+
+        dispatcher = kernel(function)
+        kernels.KERNELS.remove(dispatcher)
+        return code_digest(dispatcher)
+
+    digests += [generated(2.0), generated(3.0)]
     assert None not in digests
     assert len(set(digests)) == len(digests)
-    assert made() == digests[0]
+    assert (made(), generated(2.0)) == (digests[0], digests[-2])
 
 
 def test_the_collector_rests_while_kernels_are_compiled(monkeypatch):

@@ -20,8 +20,20 @@ def test_what_a_reader_makes_of_a_file(tmp_path):
     path.write_text('{"format": 3, "size": "1.5"}')
     assert load_json(path, "a size", doubled) == 3.0
     assert load_json(path, "a size", doubled, version=3) == 3.0
-    with pytest.raises(InputError, match=r"size.json: found format 3, expected 4"):
-        load_json(path, "a size", doubled, version=4)
+    with pytest.raises(InputError, match=r"size.json: found format 3, expected 4; measure it"):
+        load_json(path, "a size", doubled, version=4, remedy="measure it")
+
+
+@pytest.mark.parametrize(("own", "told"), [("", "measure it"), ("give metres", "give metres")])
+def test_an_error_of_the_parser_has_its_remedy_or_that_of_the_file(tmp_path, own, told):
+    path = tmp_path / "size.json"
+    path.write_text("{}")
+
+    def parse(data):
+        raise InputError(path, "found 2000, expected less", field="size", remedy=own)
+
+    with pytest.raises(InputError, match=rf"size.json: size: found 2000, expected less; {told}$"):
+        load_json(path, "a size", parse, remedy="measure it")
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from numba.core import ir, types
 from numba.core.compiler import CompilerBase, DefaultPassBuilder, Flags, compile_extra
 from numba.core.compiler_machinery import FunctionPass, PassManager, register_pass
 from numba.core.dispatcher import Dispatcher
+from numba.core.extending import _Intrinsic
 from numba.core.typed_passes import NopythonTypeInference
 
 import visuohaptic
@@ -104,8 +105,8 @@ def _statement_costs(statement, kinds) -> Iterator[str]:
         # A method of an array; or a function that takes arrays, or lists of numbers.
         if isinstance(function, types.BoundFunction):
             name = str(function.typing_key).rpartition(".")[2].strip("')")
-        elif not isinstance(function, types.Function):
-            return
+        elif not isinstance(function, types.Function) or isinstance(function.typing_key, _Intrinsic):
+            return  # a kernel; or instructions as they are, which have no types to be found
         elif any(isinstance(kind, (types.Array, types.List)) for kind in given):
             name = getattr(function.typing_key, "__name__", str(function.typing_key))
         else:

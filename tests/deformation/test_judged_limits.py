@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
 
 from visuohaptic.core import InputError
 from visuohaptic.deformation import load_object
 from visuohaptic.deformation.maps.curve_features import _judged
 from visuohaptic.deformation.maps.thickness_map import with_thickness_map
-from visuohaptic.deformation.shapes.coverage import _lid_area, check_container
+from visuohaptic.deformation.shapes.coverage import SAMPLES, _lid_area, check_container
 from visuohaptic.deformation.shapes.import_mesh import _thick
-from visuohaptic.deformation.shapes.mesh_repair import _holes, _noise, clamped_foot
+from visuohaptic.deformation.shapes.mesh_repair import DIAGONAL, MOVED_FRACTION, _holes, _noise, clamped_foot
 from visuohaptic.deformation.shapes.posture import _check_upright, _metres_per_unit
 from visuohaptic.deformation.shells.shell_material import MATERIALS, YIELD_Pa
 from visuohaptic.io.meshes import inspect_mesh
@@ -228,3 +229,38 @@ def test_a_top_is_level_within_ten_degrees_in_the_uppermost_tenth() -> None:
         level = [(0.0, 0.0, 0.1 - depth), (0.02, 0.0, 0.1 - depth), (0.0, 0.02, 0.1 - depth)]
         state = _state(*level, (0.0, 0.0, 0.1), (0.0, 0.0, 0.0), (0.0, 0.001, 0.0))
         assert _lid_area(state, 0.1) == pytest.approx(2e-4 if counts else 0.0)
+
+
+def test_waves_of_this_fraction_of_a_wall_stiffen_it_by_four_thousandths() -> None:
+    """Second moment of a strip whose middle is a sine, by quadrature, relative to that of a straight one."""
+    x = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+    y = np.linspace(-0.5, 0.5, 2001)
+    place = MOVED_FRACTION * np.sin(x)[:, None] + y
+    assert np.mean(place**2) / np.mean(y**2) - 1.0 == pytest.approx(0.00375, rel=0.1)
+
+
+def test_half_of_a_square_has_its_diagonal() -> None:
+    assert pytest.approx(np.hypot(1.0, 1.0)) == DIAGONAL
+
+
+def test_a_fraction_of_a_wall_is_sampled_to_half_a_percent() -> None:
+    seen = np.random.default_rng(1).binomial(SAMPLES, 0.5, 5_000) / SAMPLES
+    assert seen.std() == pytest.approx(0.005, rel=0.07)
+
+
+@pytest.mark.parametrize(("lean", "stands"), [(13.5, True), (16.5, False)])
+def test_a_tube_may_lean_by_fifteen_degrees(lean: float, stands: bool) -> None:
+    """Of its axis against the height; its foot is a ring that stands on one point."""
+    around, z = np.meshgrid(np.linspace(0, 2 * np.pi, 24, endpoint=False), np.linspace(0, 0.3, 13))
+    points = np.stack([0.03 * np.cos(around), 0.03 * np.sin(around), z], axis=2).reshape(-1, 3)
+    k = np.arange(12 * 24)
+    right = k // 24 * 24 + (k + 1) % 24
+    faces = np.vstack([np.column_stack([k, right, k + 24]), np.column_stack([right, right + 24, k + 24])])
+    state: Any = SimpleNamespace(
+        vertices=Rotation.from_euler("x", lean, degrees=True).apply(points), faces=faces
+    )
+    if stands:
+        _check_upright(state, "a.stl")
+        return
+    with pytest.raises(InputError):
+        _check_upright(state, "a.stl")

@@ -124,10 +124,36 @@ def test_bayer(tmp_path: Path, pattern: str) -> None:
     np.testing.assert_array_equal(image[6, 6], [blue, green, red])
 
 
+@pytest.mark.parametrize("encoding", ["yuyv", "yuv422_yuy2", "uyvy", "yuv422"])
+def test_colours_shared_by_two_pixels(tmp_path: Path, encoding: str) -> None:
+    """Plain colours, converted by the equations of ITU-R BT.601, come back."""
+    red, green, blue = (
+        np.array([[30.0, 200.0, 90.0, 250.0]] * 6)[:, order]
+        for order in np.mgrid[:3, :4][1] - [[0], [1], [2]]
+    )
+    y = 16 + 0.257 * red + 0.504 * green + 0.098 * blue
+    u = 128 - 0.148 * red - 0.291 * green + 0.439 * blue
+    v = 128 + 0.439 * red - 0.368 * green - 0.071 * blue
+    twice_y = np.repeat(y, 2, axis=1)
+    colour = np.stack([u, v], axis=-1).reshape(6, 8)
+    pair = (twice_y, colour) if encoding.startswith("yu") and "y" in encoding[-4:] else (colour, twice_y)
+    path = write_bag(tmp_path / "bag", [np.stack(pair, axis=-1).round().astype(np.uint8)], encoding)
+    with open_source(path) as source:
+        image = next(iter(source)).image
+    expected = np.repeat(np.stack([blue, green, red], axis=-1), 2, axis=1)
+    np.testing.assert_allclose(image, expected, atol=2.0)  # three roundings of a level, times 1.6 at most
+
+
+def test_pairs_of_pixels_need_an_even_width(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "bag", [np.zeros((6, 7, 2), np.uint8)], "yuyv")
+    with open_source(path) as source, pytest.raises(InputError, match="none of 1 frames"):
+        list(source)
+
+
 def test_unknown_encoding_and_wrong_data_size(tmp_path: Path) -> None:
-    path = write_bag(tmp_path / "a", GREY, "yuv422")
+    path = write_bag(tmp_path / "a", GREY, "nv21")
     with (
-        pytest.raises(InputError, match="found 'yuv422', expected one of mono8"),
+        pytest.raises(InputError, match="found 'nv21', expected one of mono8"),
         open_source(path) as source,
     ):
         list(source)

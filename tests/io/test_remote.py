@@ -256,6 +256,7 @@ def test_replies_of_another_kind_are_an_error_of_the_device(monkeypatch: pytest.
         monkeypatch.setattr("visuohaptic.io.remote.client.unpack", lambda message: 7)
         with pytest.raises(DeviceError, match="found int, expected the reply of a robot"):
             robot.scan()
+        assert robot._connection.closed, "what else it sends would be taken for another reply"
 
 
 @pytest.mark.parametrize(

@@ -94,6 +94,8 @@ def thing(**changes):
         (thing(haptic_tag={"explored": -1}), "objects[0].haptic_tag.explored: found -1"),
         (thing(haptic_tag={"failed": True}), "objects[0].haptic_tag.failed: found True"),
         (thing(haptic_tag={"drift": "inf"}), "objects[0].haptic_tag.drift: found value inf"),
+        (thing(pose_sigma=[0.01, 3]), "objects[0].pose_sigma[1]: found 3.0, expected 0 to 1.8138"),
+        (thing(pose_sigma=[-0.01, 0.1]), "objects[0].pose_sigma: found (-0.01, 0.1), expected at least 0"),
         (thing(haptic_tag={"static_friction_N": -1}), "objects[0].haptic_tag.static_friction_N: found -1"),
         (thing(haptic_tag={"drift": {"sigma": 1}}), "objects[0].haptic_tag.drift.value: is missing"),
         (

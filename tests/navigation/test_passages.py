@@ -199,3 +199,20 @@ def test_a_door_that_stays_closed_is_planned_around_or_given_up():
     assert str(done.outcome) == "no plan"
     assert "closed" in [record.event for record in done.records]
     assert world.x < DOOR_M[0]
+
+
+def test_a_passage_inside_of_a_wall_is_refused():
+    """A wall of 50 cm: a door on its side, or all through it, leads somewhere; one that no free cell is beside does not."""
+    cells = np.zeros((60, 60), np.int8)
+    cells[[0, -1]] = cells[:, [0, -1]] = 100
+    cells[:, 20:30] = 100
+    floor = OccupancyMap(cells, 0.05)
+
+    def problem(x0, x1):
+        door = Passage("door", outline(x0, 1.0, x1, 2.0), PassageKind.DOOR_SLIDING)
+        return PlanningProblem(floor, ROBOT, np.array([0.5, 1.5]), np.array([2.2, 1.5]), passages=(door,))
+
+    assert problem(0.95, 1.55).passages
+    assert problem(1.0, 1.2).passages
+    with pytest.raises(InputError, match=r"Passage: footprint_m: found 'door' with walls all around"):
+        problem(1.15, 1.35)

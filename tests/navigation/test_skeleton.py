@@ -9,7 +9,7 @@ from scipy.ndimage import label
 
 from visuohaptic.navigation.graph.tracing import skeleton
 from visuohaptic.navigation.graph.tracing._lines import Lines, measures
-from visuohaptic.navigation.graph.tracing._skeleton_kernels import ADJACENT
+from visuohaptic.navigation.graph.tracing._skeleton_kernels import _adjacent, _deletable
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
 
 from .random_maps import RADII_M, random_map, topology
@@ -56,6 +56,7 @@ def test_components_and_holes_are_kept():
 
 
 def test_links_make_the_euler_number_of_any_set():
+    adjacent = _adjacent()
     rng = np.random.default_rng(3)
     for density in (0.1, 0.3, 0.5, 0.7, 0.9, 1.0):
         for _ in range(20):
@@ -65,7 +66,7 @@ def test_links_make_the_euler_number_of_any_set():
             ends = 0
             for row, column in np.argwhere(cells):
                 near = padded[row : row + 3, column : column + 3]
-                ends += int(ADJACENT[int((near * weights).sum())]).bit_count()
+                ends += int(adjacent[int((near * weights).sum())]).bit_count()
             components, holes = topology(cells)
             assert ends % 2 == 0  # every link is seen from both sides
             assert cells.sum() - ends // 2 == components - holes
@@ -97,3 +98,15 @@ def test_lines_are_measured_like_a_walk_from_cell_to_cell():
         taken = sum(0.5 * (slow[k] + slow[k + 1]) * step for k, step in enumerate(steps))
         np.testing.assert_allclose(time_s, taken, rtol=1e-5)
         np.testing.assert_allclose(clearance_m, min(away), rtol=1e-6)
+
+
+def test_cells_are_deleted_where_they_are_simple_and_no_end():
+    """By the definition, for each of the 256 surroundings of a cell."""
+    around = [(1, 2), (2, 2), (2, 1), (2, 0), (1, 0), (0, 0), (0, 1), (0, 2)]
+    deletable = _deletable()
+    for mask in range(256):
+        near = np.zeros((3, 3), dtype=bool)
+        near[1, 1] = True
+        for k, cell in enumerate(around):
+            near[cell] = bool(mask >> k & 1)
+        assert deletable[mask] == (near.sum() > 2 and is_simple(near)), mask

@@ -65,6 +65,7 @@ def test_the_next_touch_tells_most_per_second(classifier: HapticClassifier) -> N
     best = max(gain / seconds for gain, seconds in gains.values())
     assert found.information_nat / found.seconds == pytest.approx(best)
     assert not found.confident
+    assert found.answer == "", "of classes that are all as probable none is the answer"
     # The tree measures its scale first.
     assert found.tree_next_touch == (8, "x")
     assert found.tree_answer is None
@@ -75,6 +76,7 @@ def test_a_prior_of_vision_moves_the_answer(classifier: HapticClassifier) -> Non
     # Without touches the posterior is the prior, times what is left beside the unknown class (0.1 by default).
     assert given.probabilities["rim"] == pytest.approx(0.9 * 0.8, rel=1e-6)
     assert given.probabilities["soft"] == 0.0
+    assert given.answer == "rim"
 
 
 def test_what_is_saved_answers_the_same(classifier: HapticClassifier, tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from visuohaptic.recognition.data import (
     stiffness_grid,
 )
 from visuohaptic.recognition.data.readings import _positive
+from visuohaptic.recognition.data.spikes import without_spikes
 
 
 def test_without_noise_the_coefficients_are_those_of_the_simulation() -> None:
@@ -335,3 +336,43 @@ def test_a_stiffness_without_a_logarithm_or_a_deviation_is_rejected(
 def test_a_touch_is_at_one_of_the_heights() -> None:
     with pytest.raises(InputError, match=r"found x2.5, expected x or y and 1 to 16"):
         TouchReading(2.5, "x", (None, None))
+
+
+@pytest.mark.parametrize("stiffness", [600.0, 5e3, 4e4])
+def test_a_spike_of_one_sample_leaves_the_stiffness_as_accurate_as_declared(stiffness: float) -> None:
+    """Samples with the tails of Student's t with three degrees of freedom, at the stated deviation, and one at thirty of it."""
+    rng = np.random.default_rng(11)
+    last = min(0.003, 20 / stiffness)
+    d, z = np.linspace(last / 9, last, 9), []
+    for _ in range(1000):
+        noise = rng.standard_t(3, (2, 9)) / np.sqrt(3)
+        noise[rng.integers(2), rng.integers(9)] += 30 * rng.choice([-1, 1])
+        try:
+            read = fit_curve(d + 1e-4 * noise[0], stiffness * d + 0.1 * noise[1], from_contact=True)
+        except InputError:
+            z.append(np.inf)
+            continue
+        z.append(np.log(read.i_N_per_m / stiffness) / read.i_relative_sigma)
+    away = np.abs(z)
+    # .67 of a Gaussian, .44 of t at the same deviation.
+    assert 0.44 < np.median(away) < 0.7
+    # The spike stays if another of its eight neighbours is beyond 5.5 deviations, as .25 % of t are: 2 %, and twice this for two.
+    assert np.mean(away > 4) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("curve", "corners"), [("line", 0), ("membrane", 0), ("jump", 0), ("kink", 2), ("snap", 2)]
+)
+def test_no_sample_of_a_smooth_wall_is_a_spike(curve: str, corners: int) -> None:
+    """Beside a corner, two samples may be left out; the noise alone is a spike in one curve of 100,000."""
+    rng, d = np.random.default_rng(4), np.linspace(2e-4, 0.003, 15)
+    force = {
+        "line": 3000 * d,
+        "membrane": 7e8 * d**3,
+        "jump": 3000 * d + 6.0 * (d > 0.0015),
+        "kink": 9000 * np.maximum(d - 0.0012, 0),
+        "snap": 3000 * np.where(d < 0.002, d, 0.004 - d),
+    }[curve]
+    for _ in range(300):
+        read = np.stack([d + 1e-4 * rng.standard_normal(15), force + 0.1 * rng.standard_normal(15)])
+        assert without_spikes(read, np.array([1e-4, 0.1]), 1e-5).sum() >= 15 - corners

@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from scipy.stats import norm
 
-from visuohaptic.deformation.shells.shell_material import MATERIALS
+from visuohaptic.deformation.shapes import class_names, draw_variants, load_container
+from visuohaptic.deformation.shapes.variants import container_outline
+from visuohaptic.deformation.shells.fourier_shell import RevolutionShell, pinch_stiffness
+from visuohaptic.deformation.shells.shell_material import MATERIALS, IsotropicMaterial
 from visuohaptic.recognition.data import compressions, readings
+from visuohaptic.recognition.data.spikes import without_spikes
 from visuohaptic.recognition.touch import (
     ModelSettings,
     _round_body,
     belief,
+    calibration,
     contents,
     few_curves,
     haptic_model,
     steps,
     unknown_class,
 )
+from visuohaptic.recognition.touch.unknown_class import posterior_with_unknown
 from visuohaptic.recognition.trees import tree_growth
 from visuohaptic.recognition.visual import visual_words
 
@@ -106,3 +114,75 @@ def test_a_finger_meets_the_radius_of_its_height_on_a_wall_that_widens() -> None
     """3 mm of height, on a wall that widens by a sixth of it."""
     below, above = 0.03 + (0.06 + np.array([0.0, 0.003])) / 6.0
     assert above - below == pytest.approx(_round_body.RADIUS_M, rel=0.01)
+
+
+def test_a_container_without_a_width_is_as_wide_as_the_shipped_ones() -> None:
+    members = [one for name in class_names() for one in draw_variants(load_container(name), 6, 0)]
+    wide_m = np.mean([2.0 * container_outline(one)[:, 0].mean() for one in members])
+    assert pytest.approx(wide_m, rel=0.1) == few_curves._USUAL_WIDTH_m
+
+
+def test_a_gripper_is_tilted_by_three_degrees() -> None:
+    assert math.radians(3.0) == pytest.approx(ModelSettings().tilt_rad, rel=0.06)
+
+
+def test_a_class_has_as_many_parameters_as_the_shipped_ones() -> None:
+    """Numbers of a description that differ between its members; both ends of a range are the same in each."""
+
+    def numbers(part: Any) -> list[float]:
+        values = part.values() if isinstance(part, dict) else part if isinstance(part, list | tuple) else ()
+        return [float(part)] if isinstance(part, float) else [x for value in values for x in numbers(value)]
+
+    found = []
+    for name in class_names():
+        table = np.array([numbers(one.model_dump()) for one in draw_variants(load_container(name), 6, 0)])
+        found.append(0.5 * np.count_nonzero(np.ptp(table, axis=0) > 1e-9))
+    assert np.mean(found) == pytest.approx(haptic_model.PARAMETERS, rel=0.1)
+
+
+def test_a_squeeze_resists_with_this_power_of_the_wall() -> None:
+    """Half-way up a bottle with a held mouth, by Fourier series."""
+    z_m, wall_m = np.linspace(0.0, 0.2, 65), 3e-4 * np.array([0.9, 1.1])
+    material = IsotropicMaterial(2.35e9, 0.38)
+    force = [
+        pinch_stiffness(RevolutionShell(np.full(65, 0.033), z_m, np.full(65, t), rim_held=True), material, harmonics=40)[30]
+        for t in wall_m
+    ]  # fmt: skip
+    power = math.log(force[1] / force[0]) / math.log(wall_m[1] / wall_m[0])
+    assert pytest.approx(power, rel=0.08) == _round_body.WALL_POWER
+
+
+def test_a_false_alarm_rate_of_one_percent_is_known_to_a_seventh_by_the_simulated_explorations() -> None:
+    """Rate beyond the empirical quantile of so many draws: .0100 +- .0015."""
+    drawn = np.random.default_rng(1).random((1000, calibration.EXPLORATIONS))
+    assert np.quantile(drawn, 0.01, axis=1).std() == pytest.approx(0.0015, rel=0.1)
+
+
+def test_a_state_that_is_true_is_rejected_once_in_a_thousand() -> None:
+    """One piece of evidence of three numbers; the limit is where "none of them" becomes as probable."""
+    limit = brentq(
+        lambda square: posterior_with_unknown(np.zeros(1), np.array([[square]]), np.array([3]))[1] - 0.5,
+        5.0,
+        40.0,
+    )
+    drawn = np.random.default_rng(1).standard_normal((1_500_000, 3))
+    assert ((drawn**2).sum(axis=1) > limit).mean() == pytest.approx(1e-3, rel=0.1)
+
+
+def test_a_curve_loses_a_sample_by_chance_once_in_a_hundred_thousand() -> None:
+    """One of nine samples without noise is moved beyond a parabola through the others, by another library's fit."""
+    t, d = np.arange(9.0), np.linspace(2e-4, 1.8e-3, 9)
+    parabola = np.vander(np.delete(t, 4), 3)
+    at = np.array([16.0, 4.0, 1.0])
+    sigma_N = 0.1 * math.sqrt(1.0 + at @ np.linalg.inv(parabola.T @ parabola) @ at)
+    # Two sides, nine samples, two sensors.
+    limit = float(norm.isf(1e-5 / 2 / 9 / 2))
+    for factor, spike in ((0.998, False), (1.002, True)):
+        f = 3000.0 * d + np.where(t == 4, factor * limit * sigma_N, 0.0)
+        kept = without_spikes(np.stack([d, f]), np.array([1e-4, 0.1]), readings.FALSE_ALARM)
+        assert kept[4] != spike
+        assert kept.sum() == 9 - spike
+
+
+def test_a_caliper_by_hand_is_two_millimetres_off() -> None:
+    assert few_curves.WIDTH_REPEATS[-1] == pytest.approx(0.002 / few_curves._USUAL_WIDTH_m, rel=0.1)

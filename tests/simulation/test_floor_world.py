@@ -52,6 +52,28 @@ def test_the_planners_model_of_the_robot_is_refused():
         FloorWorld(rooms(3, 3, []), [], (1.5, 1.5, 0.0), RobotModel(0.17))  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("round_m", [0.0, 0.2])
+def test_an_object_in_a_wall_is_refused_and_one_against_it_weighs_what_it_weighs(round_m):
+    with pytest.raises(InputError, match=r"FloorWorld: objects: found 'box' on \d+ cells of walls, such as"):
+        FloorWorld(
+            rooms(3, 3, []),
+            [FloorObject("box", box(0.1, 1.5, 0.4), 3.0, 0.3, round_m=round_m)],
+            (1.5, 1.5, 0.0),
+        )
+    item = FloorObject("box", box(0.25, 1.5, 0.4), 3.0, 0.3, round_m=round_m)
+    world = FloorWorld(rooms(3, 3, []), [item], (0.9, 1.5, math.pi))
+    forces = drive(world, 0.05, 8.0)
+    # It stands at the wall: the robot stalls above the force of its drive, not at one of kilonewtons.
+    assert 0 < forces[-20:].max() < 2 * world.robot.force_max_N
+
+
+def test_what_is_not_on_the_floor_is_not_seen():
+    world = FloorWorld(rooms(3, 3, []), [FloorObject("box", box(2, 2, 0.4), 3.0, 0.3)], (1.5, 1.0, 0.0))
+    senses = FloorSenses(world, np.random.default_rng(0))
+    assert senses.look("box") is not None
+    assert senses.look("pane") is None
+
+
 def test_walls_stand():
     world = FloorWorld(rooms(3, 3, []), [], (1.5, 1.5, 0.0))
     drive(world, 0.3, 6.0)

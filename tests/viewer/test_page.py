@@ -139,6 +139,19 @@ def test_sharing_through_the_internet_is_refused(page):
     assert page._server.request_share_url() is None
 
 
+@pytest.mark.parametrize("port", ["x", "8080", [], -1, 65536, 80.5, None])
+def test_a_port_that_cannot_be_one_is_refused(port):
+    """Viser's own thread fails on some of them, and the page waited for it forever."""
+    with pytest.raises(InputError, match=r"^LivePage: port: found .*expected 0 to 65535"):
+        LivePage(port)
+
+
+@pytest.mark.parametrize("rate_hz", [0, -1, float("nan")])
+def test_a_rate_is_positive(rate_hz):
+    with pytest.raises(InputError, match="LivePage: rate_hz"):
+        LivePage(0, rate_hz=rate_hz)
+
+
 def test_closing_twice_does_no_harm():
     live = LivePage(port=0)
     live.close()

@@ -178,19 +178,12 @@ def run_sensor(
         There is no zero reference, or no frame.
     """
     live = live or is_live(str(args.source or ""))
-    if count := getattr(args, "zero_frames", 0):  # not every verb has it
-        reader.zero(islice(frames, count))
-    reader.require_zero("give --zero-frames N")
+    first = _first_frame(
+        args, reader, frames, live
+    )  # before any file is opened: none is replaced by an empty one
     tables = [path for name in ("csv", "parquet") if (path := getattr(args, name, None))]
     plot: Path | None = getattr(args, "plot", None)
     run = SensorRun(out=[str(path) for path in (args.out, *tables, plot) if path])
-    first = next(frames, None)  # before any file is opened: one that exists is not replaced by an empty one
-    if first is None:
-        raise InputError(
-            args.source or "--poses",
-            "no frames are left to measure",
-            remedy="check --zero-frames, --start, --stop",
-        )
     drawn: list[tuple[float, Mapping[str, Any], str]] = []
     events: list[core.Event] = []
     with ExitStack() as stack:
@@ -227,6 +220,27 @@ def run_sensor(
     if not run.reasons["ok"]:
         args.exit_code = NO_RESULT
     return run
+
+
+def _first_frame(
+    args: Any, reader: sensing.SensorReader[Measured], frames: Iterator[core.Frame], live: bool
+) -> core.Frame:
+    """The first frame after those of the zero reference."""
+    source = args.source or "--poses"
+    try:
+        if count := getattr(args, "zero_frames", 0):  # not every verb has it
+            reader.zero(islice(frames, count))
+        reader.require_zero("give --zero-frames N")
+        first = next(frames, None)
+    except KeyboardInterrupt as stopped:
+        if not live:
+            raise
+        text = "was stopped before its first frame was measured"
+        raise InputError(source, text, remedy="check that the camera sends images") from stopped
+    if first is None:
+        remedy = "check --zero-frames, --start, --stop"
+        raise InputError(source, "no frames are left to measure", remedy=remedy)
+    return first
 
 
 def _hold_open(args: Any) -> None:

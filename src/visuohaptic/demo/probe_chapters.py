@@ -250,8 +250,8 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
     known.outline_errors = errors
     rms_m = bottle.outline_error_m(outline)
     seen_rms_m = bottle.outline_error_m(seen) if len(seen) else None
-    lower_m = min(error_m, touched.error_m)  # seen heights have an error that touches do not change
-    missed = "" if lower_m <= BOUND_M else f", where {1e3 * BOUND_M:.1f} mm were requested"
+    missed = f" ({1e3 * touched.error_m:.2f} mm where it was not seen, {1e3 * BOUND_M:.2f} mm were requested)"
+    missed = "" if touched.error_m <= BOUND_M else missed
     number = counted(len(contacts), "contact")
     how, sure = f"{number} complete the outline", math.nan
     if recalled is not None:

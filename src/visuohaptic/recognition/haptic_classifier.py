@@ -40,7 +40,7 @@ REUSES = (0.0, 0.1, 0.3)
 class TouchPrediction:
     """Class of an object given some touches, and the next touch."""
 
-    answer: str  #: most probable class, or "unknown"
+    answer: str  #: most probable class, or "unknown"; empty where nothing was touched and no prior given
     confidence: float  #: probability of the answer
     probabilities: dict[str, float]  #: of every class and of "unknown"; they sum to 1
     confident: bool  #: the requested confidence is reached
@@ -227,7 +227,7 @@ class HapticClassifier:
         information, seconds = (0.0, 0.0) if best is None else gains[best]
         wanted, node = (None, 0) if tree is None else next_touch(tree, stiffness_grid(touches))
         return TouchPrediction(
-            belief.answer,
+            belief.answer if touches or prior else "",
             belief.confidence,
             belief.as_mapping(),
             belief.confidence >= self.confidence,

@@ -235,7 +235,7 @@ class VirtualHand(KitchenTable):
         self.deformation_m, self._short_m = 0.5 * (low + high), short_m
         state = self._strip.press([self._body(short_m, felt.bend_at(height))])
         moved_m, change_N = short_m - self.deformation_m - before_m, state.load_N - self.force_N
-        bound = state.stiffness_N_per_m
+        bound = self._strip.stiffness_N_per_m()
         slope = change_N / moved_m if abs(moved_m) > 1e-9 else bound
         self._stiffness_N_per_m = float(np.clip(slope, 0.1 * bound, bound))
         self.force_N, self._front_m = state.load_N, state.front_m

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int8, UInt8
 
-from ..core import ForceProfile, HapticTag, InputError, Pose
+from ..core import POSITIVE, ForceProfile, HapticTag, InputError, Pose, check_numbers
 from .map_layer import draw_map
 from .meshes import columns, pressure_colours, prism
 from .server import Page, markdown_text
@@ -49,6 +49,8 @@ class LivePage(Page):
     ------
     MissingExtraError
         viser is not installed.
+    InputError
+        The port or the rate is out of range.
     DeviceError
         No port could be opened.
 
@@ -61,6 +63,7 @@ class LivePage(Page):
     """
 
     def __init__(self, port: int = 8080, *, title: str = "visuohaptic", rate_hz: float = 10.0) -> None:
+        check_numbers("LivePage", POSITIVE, rate_hz=rate_hz)
         super().__init__(port, title)
         self._period_s = 1.0 / rate_hz
         self._drawn_s = -np.inf

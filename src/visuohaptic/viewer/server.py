@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING, Any
 
-from ..core.errors import DeviceError, needs
+from ..core.errors import DeviceError, InputError, needs
 from ..core.resources import Closing
 from .access_control import AccessControl
 
@@ -36,6 +36,8 @@ class Page(Closing):
     """
 
     def __init__(self, port: int, title: str) -> None:
+        if not (isinstance(port, int) and 0 <= port < 2**16):
+            raise InputError(type(self).__name__, f"found {port!r}, expected 0 to 65535", field="port")
         self._access = AccessControl()
         self._server: Any = _start(port, title, self._access)
         gui = self._server.gui

@@ -118,6 +118,53 @@ def test_unloading_is_split_and_fitted(reference_law):
     np.testing.assert_allclose(found.material.unloading.stress(down), back, atol=0.01 * law(0.6))
 
 
+def repeated(law, gains, rng, noise_Pa=20.0):
+    """One record of several presses up to a strain of 0.5 and back, each with its own gain."""
+    up = np.linspace(0, 0.5, 51)
+    path = np.concatenate([up, up[-2::-1]])
+    direction = np.repeat([1, -1], [51, 50])
+    back = np.where(direction > 0, 1.0, 0.8)
+    stress = np.concatenate([gain * back * law(path) for gain in gains])
+    stress += noise_Pa * rng.standard_normal(len(stress))
+    return StrainStress(np.tile(path, len(gains)), stress, np.tile(direction, len(gains)))
+
+
+@pytest.mark.parametrize("presses", [2, 4])
+def test_the_next_press_scatters_as_the_calibrating_ones(reference_law, presses):
+    rng, at = np.random.default_rng(presses), np.array([0.1, 0.25, 0.4])
+    inside, trials = 0, 50
+    for _ in range(trials):
+        gains = np.exp(rng.normal(0, 0.03, presses + 1))
+        found = calibrate_foam(repeated(reference_law.stress, gains[:-1], rng), **SIZE)
+        assert found.presses == presses
+        loading = found.material.loading
+        z = (loading.stress(at) - gains[-1] * reference_law.stress(at)) / loading.stress_sigma(at)
+        inside += float(np.mean(np.abs(z) < 1))
+    # 68 % of 50, with a binomial scatter of 3.3 and a common gain at all strains; a single press has a sigma of 0.1 %.
+    assert 25 <= inside <= 43
+
+
+def test_equal_presses_are_known_as_their_noise_tells(reference_law):
+    rng = np.random.default_rng(5)
+    together = calibrate_foam(repeated(reference_law.stress, [1.0, 1.0, 1.0], rng), **SIZE)
+    alone = calibrate_foam(repeated(reference_law.stress, [1.0], rng), **SIZE)
+    assert (together.presses, alone.presses) == (3, 1)
+    assert np.isnan(alone.press_sigma)
+    # 51 points of 20 Pa tell the gain of a press of about 10 kPa to 0.03 %.
+    assert together.press_sigma < 1e-3
+
+
+def test_presses_of_different_speed_are_no_outliers_and_share_their_unloading(reference_law):
+    rng = np.random.default_rng(6)
+    found = calibrate_foam(repeated(reference_law.stress, [0.94, 1.06], rng), **SIZE)
+    # Two gains 12 % apart: each is 8.5 % of one standard deviation from the next, by Student's distribution 1.84 times more.
+    assert found.press_sigma == pytest.approx(1.84 * 0.12 / np.sqrt(2) * np.sqrt(1.5), rel=0.02)
+    assert found.residual_spline_Pa == pytest.approx(20.0, rel=0.5)
+    assert found.hysteresis_loss == pytest.approx(0.2, abs=0.01)
+    up = np.linspace(0.05, 0.45, 9)
+    np.testing.assert_allclose(found.material.unloading.stress(up), 0.8 * reference_law.stress(up), rtol=0.02)
+
+
 GOOD = np.linspace(0, 0.6, 61)
 
 
@@ -130,7 +177,12 @@ def law(strain):
     [
         (GOOD, law(GOOD) - 6e3 * np.exp(-(((GOOD - 0.35) / 0.1) ** 2)), "the stress falls by"),
         (GOOD, 3e3 * np.sin(GOOD / 0.6 * np.pi) + 1e3 * GOOD, "the stress falls by"),
-        (GOOD[:8], law(GOOD[:8]), "found 8 different strains"),
+        (GOOD[:8], law(GOOD[:8]), "found 8 different strains of loading, expected 12 or more"),
+        (
+            np.linspace(0, 0.6, 11),
+            law(np.linspace(0, 0.6, 11)),
+            "found 11 different strains of loading, expected 12",
+        ),
         (GOOD / 3, law(GOOD / 3), "found strains 0.00 to 0.20"),
         (GOOD[20:], law(GOOD[20:]), "found strains 0.20 to 0.60"),
         (GOOD, np.where(GOOD[5] == GOOD, np.nan, law(GOOD)), "found NaN or infinity"),

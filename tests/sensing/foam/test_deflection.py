@@ -28,7 +28,7 @@ def filled(delta, hidden):
     """The contour with an occluder on some of its points."""
     probability = np.zeros((K, 4))
     probability[:, 0], probability[hidden] = 1.0, [0.0, 0.0, 1.0, 0.0]
-    states = EdgeStates(probability, np.zeros((K, K)), "")
+    states = EdgeStates(probability, np.zeros(K), "")
     seen = states.foam
     filled = fill_gaps(GEOMETRY, delta, SIGMA, SIGMA, 0.0 * SIGMA, seen)
     return Deflection(*filled[:4], seen, filled[4], delta, states, *np.zeros((3, K)), filled[5])
@@ -164,19 +164,18 @@ def test_texture_that_the_zero_has_too_cancels() -> None:
 
 def test_an_edge_that_may_be_that_of_an_occluder_is_no_history_of_the_foam() -> None:
     found = filled(np.full(K, 0.002), np.zeros(K, dtype=bool))
-    runs = np.zeros((K, K))
-    runs[40:46, 40:46] = 0.4
-    contour = replace(found, states=replace(found.states, runs=runs)).contour(GEOMETRY, 0.0)
+    doubt = np.where(np.isin(np.arange(K), np.arange(40, 46)), 0.4, 0.0)
+    contour = replace(found, states=replace(found.states, doubt=doubt)).contour(GEOMETRY, 0.0)
     np.testing.assert_array_equal(np.flatnonzero(~contour.measured), np.arange(40, 46))
 
 
 PLATE_M = 0.003 * np.exp(-np.maximum(np.abs(GEOMETRY.s_m) - 0.02, 0.0) / 0.006)
 
 
-def read_with(material, delta, runs) -> tuple[FoamReading, FoamReading, float]:
+def read_with(material, delta, doubt) -> tuple[FoamReading, FoamReading, float]:
     """The reading before and after the states of its points are known, and the probability that it is wrong."""
     found = filled(delta, np.zeros(K, dtype=bool))
-    found = replace(found, states=replace(found.states, runs=runs))
+    found = replace(found, states=replace(found.states, doubt=doubt))
     before = read_profile(found.contour(GEOMETRY, 0.0), material)
     return before, *with_states(before, found, material, GEOMETRY.cell_m)
 
@@ -199,21 +198,35 @@ def test_texture_in_the_residual_is_not_counted_twice() -> None:
 
 
 def test_a_run_that_may_be_no_foam_is_in_sigma_and_refuses_the_frame(material) -> None:
-    runs = np.zeros((K, K))
-    before, after, wrong = read_with(material, PLATE_M, runs)
+    doubt = np.zeros(K)
+    before, after, wrong = read_with(material, PLATE_M, doubt)
     assert wrong == 0.0
     assert after.budget.total_N < 1.1 * before.budget.total_N
     # Five points of the plate, each 3 mm of 10 mm high foam under its stress at 3 mm, with one in a hundred.
     part = slice(K // 2 - 2, K // 2 + 3)
-    runs[part, part] = 0.01
-    _, after, wrong = read_with(material, PLATE_M, runs)
+    doubt[part] = 0.01
+    _, after, wrong = read_with(material, PLATE_M, doubt)
     force_N = 5 * np.diff(GEOMETRY.s_m).mean() * 0.01 * float(material.stress(np.array([0.003 / 0.02]))[0])
     added_N = np.sqrt(after.budget.total_N**2 - before.budget.total_N**2)
     np.testing.assert_allclose(added_N, 0.1 * force_N, rtol=0.05)
     assert wrong == pytest.approx(0.01)
     # The same points hardly pressed: whatever they are, the force is right.
-    _, _, wrong = read_with(material, 0.002 * PLATE_M, runs)
+    _, _, wrong = read_with(material, 0.002 * PLATE_M, doubt)
     assert wrong == 0.0
+
+
+def test_points_apart_are_in_doubt_for_one_cause(material) -> None:
+    """Another lamp moves two parts of the front or none; the more certain part counts with its own probability."""
+    doubt = np.zeros(K)
+    doubt[K // 2 - 4 : K // 2 - 1], doubt[K // 2 + 2 : K // 2 + 5] = 0.04, 0.01
+    before, after, wrong = read_with(material, 0.08 * PLATE_M, doubt)
+    part_N = (
+        3 * np.diff(GEOMETRY.s_m).mean() * 0.01 * float(material.stress(np.array([0.08 * 0.003 / 0.02]))[0])
+    )
+    added_N = np.sqrt(after.budget.total_N**2 - before.budget.total_N**2)
+    np.testing.assert_allclose(added_N, part_N * np.sqrt(0.04 + 3 * 0.01), rtol=0.05)
+    assert part_N < 3.0 * before.budget.total_N + 0.05 < 2.0 * part_N, "both parts together are too much"
+    assert wrong == pytest.approx(0.01)
 
 
 def test_light_shifts_all_points_of_a_contact_alike(material) -> None:

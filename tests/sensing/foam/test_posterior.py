@@ -431,7 +431,7 @@ def end_of_strip(*, usable: bool, pressed: bool) -> float:
     seen = np.arange(count) < count - (not usable)
     delta = 0.003 * (np.arange(count) >= 6) if pressed else np.zeros(count)
     strip: Any = SimpleNamespace(
-        t_s=0.1, usable=seen, low_confidence=~every.astype(bool), pixel_m=2e-4 * every, common_sigma_m=1e-5,
+        t_s=0.1, usable=seen, low_confidence=~every.astype(bool), edge_px=0.0 * every, pixel_m=2e-4 * every, common_sigma_m=1e-5,
         stripe=every.astype(bool), lens_px=1.0, front=SimpleNamespace(blur_px=every, level=every, contrast=every),
     )  # fmt: skip
     edges: Any = SimpleNamespace(

@@ -8,7 +8,6 @@ import pytest
 from visuohaptic.core import InputError
 from visuohaptic.sensing.foam.material import (
     StressCurve,
-    force_sigma,
     section_height,
     section_material,
     section_stress,
@@ -18,10 +17,10 @@ from visuohaptic.sensing.foam.material import (
 LINEAR = StressCurve("cubic", np.array([0.0, 0.6]), np.array([5e4, 0.0, 0.0]), np.zeros((3, 3)))
 
 
-@pytest.mark.parametrize("front", [0.3, 0.5, 0.8])
-def test_linear_foam_in_a_trapezoid(front):
+def test_linear_foam_in_a_trapezoid():
     """Slabs in series: strain = N / E * mean of 1 / h = stress / E * ln(1 / front) / (1 - front)."""
-    strain, stress = section_stress(LINEAR, "trapezoid", front_ratio=front)
+    strain, stress = section_stress(LINEAR, "trapezoid")
+    front = 0.5
     expected = stress / 5e4 * np.log(1 / front) / (1 - front)
     np.testing.assert_allclose(strain, expected, rtol=1e-4, atol=1e-9)  # midpoint rule of 200 slabs
     assert stress[-1] == pytest.approx(front * 3e4)  # the front is at the end of its calibration
@@ -39,8 +38,6 @@ def test_shapes():
     assert section_height("triangle", y)[2] < 0.05
     with pytest.raises(InputError, match="expected one of rectangle, triangle, trapezoid"):
         section_height("circle", y)
-    with pytest.raises(InputError, match="found 0"):
-        section_height("trapezoid", y, 0)
 
 
 def test_sensitivity_curves_have_the_shape_of_figure_3_4(material):
@@ -68,16 +65,6 @@ def test_sensitivity_is_3_9(material):
         np.array(0.2 - 0.5 * pixel_m / 0.02)
     )
     assert sensitivity(material, np.array(0.2)) == pytest.approx(float(rise), rel=1e-3)
-    with pytest.raises(InputError, match="expected d > 0"):
-        sensitivity(material, np.array(0.2), distance_m=0.0)
-
-
-def test_force_sigma_is_3_10_by_monte_carlo():
-    rng = np.random.default_rng(0)
-    contours = rng.normal(0, 0.05, (20000, 2, 14))
-    forces = 0.01 * 0.003 * 200.0 * (contours[:, 0] - contours[:, 1]).sum(axis=1)
-    # 20000 trials give the scatter to 0.5 %.
-    assert force_sigma(200.0, 14, 0.003, 0.01, 0.05) == pytest.approx(forces.std(), rel=0.02)
 
 
 def test_covariance_of_a_rod_follows_the_foam(reference_law, make_log):

@@ -46,9 +46,11 @@ def load_json(
         raise InputError(path, f"is not valid JSON: {error}", remedy=remedy) from error
     try:
         if version is not None and data["format"] != version:
-            raise InputError(path, f"found format {data['format']!r}, expected {version}")
+            raise InputError(path, f"found format {data['format']!r}, expected {version}", remedy=remedy)
         return parse(data)
-    except InputError:
-        raise
+    except InputError as error:
+        if error.remedy or not remedy:
+            raise
+        raise InputError(error.where, error.problem, field=error.field, remedy=remedy) from error
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(path, f"is not {what} ({error})", remedy=remedy) from error

@@ -1,4 +1,4 @@
-"""Public names of a package: lazily imported, functions with a check of their array arguments."""
+"""Public names of a package: lazily imported, functions and classes with a check of their arguments."""
 
 from __future__ import annotations
 
@@ -30,7 +30,9 @@ def attach(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], 
 
 
 def public(package: str, name: str, found: Any) -> Any:
-    """The object that a package exports under a name: functions with array arguments are wrapped with a check.
+    """The object that a package exports under a name: functions are wrapped with a check of their arguments.
+
+    So is the creation of classes, where they are.
 
     Parameters
     ----------
@@ -41,13 +43,16 @@ def public(package: str, name: str, found: Any) -> Any:
     found
         Object of this name in the package's module.
     """
-    if not isinstance(found, FunctionType) or hasattr(found, "arrays_checked"):
+    if isinstance(found, type) and "__init__" in vars(found) and not issubclass(found, BaseException):
+        from .array_guard import guard_class
+
+        guard_class(found)
+    if not isinstance(found, FunctionType) or hasattr(found, "arguments_checked"):
         return found
     from .array_guard import guarded
 
     checked = guarded(found)
-    if checked is not found:
-        checked.__module__ = package
-        # Later uses, and pickle, get the same object.
-        setattr(sys.modules[package], name, checked)
+    checked.__module__ = package
+    # Later uses, and pickle, get the same object.
+    setattr(sys.modules[package], name, checked)
     return checked

@@ -1,7 +1,10 @@
-"""Validation of array arguments of public functions.
+"""Validation of the arguments of public functions and classes.
 
 Inside the library, arrays match their annotations. Functions accessed through the package, as applications do, first check
 this: type of numbers, byte order, shape. Kernels given other arrays would read invalid memory.
+
+Other arguments are compared with their annotations only after a call has failed with an error of Python or of another
+library: what can be computed is computed, and a wrong type is one line that names the argument.
 """
 
 from __future__ import annotations
@@ -9,14 +12,16 @@ from __future__ import annotations
 import functools
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import FunctionType
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, VisuohapticError, brief
 from ..ranges import MAX_NUMBER
+from .annotations import misfit
 
 _ARRAY = re.compile(
     r"(Float|Float32|Int|Int8|UInt8|Bool)\[np\.ndarray, ['\"]([^'\"]*)['\"]\]((?: \| (?:float|int|None|Sequence\[[\w\[\], ]*\]))*)"
@@ -126,14 +131,14 @@ def _is_ours(error: Exception) -> bool:
     return trace is None or str(trace.tb_frame.f_globals.get("__name__", "")).startswith("visuohaptic")
 
 
-def _specs(function: Callable[..., Any]) -> list[tuple[int, str, _ArraySpec]]:
+def _specs(function: Callable[..., Any], where: str) -> list[tuple[int, str, _ArraySpec]]:
     """Position, name and specification of the array parameters."""
     found = []
     for place, (name, parameter) in enumerate(inspect.signature(function).parameters.items()):
         if match := _ARRAY.fullmatch(str(parameter.annotation)):
             kind, shape, others = match.groups()
             spec = _ArraySpec(
-                function.__name__,
+                where,
                 name,
                 kind,
                 tuple(shape.split()),
@@ -145,16 +150,14 @@ def _specs(function: Callable[..., Any]) -> list[tuple[int, str, _ArraySpec]]:
 
 
 def guarded(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap a function with a check of its arrays; returns the function itself if its annotations contain none.
+    """Wrap a function with a check of its arguments: of arrays before the call, of the others where the call fails.
 
     Parameters
     ----------
     function
-        Function whose array parameters are annotated with jaxtyping.
+        Function with annotations, those of arrays by jaxtyping.
     """
-    specs = _specs(function)
-    if not specs:
-        return function
+    specs = _specs(function, function.__name__)
 
     @functools.wraps(function)
     def checked(*args: Any, **kwargs: Any) -> Any:
@@ -167,18 +170,76 @@ def guarded(function: Callable[..., Any]) -> Callable[..., Any]:
                 kwargs[name] = spec.checked(kwargs[name], sizes)
         try:
             return function(*given, **kwargs)
-        except VisuohapticError:
-            raise
         except Exception as error:
-            for place, name, spec in specs:
-                value = given[place] if place < len(given) else kwargs.get(name)
-                if refusal := spec.unsuitable(value, error):
-                    raise refusal from error
-            if not _is_ours(error):
+            if refusal := _refusal(function, function.__name__, specs, given, kwargs, error):
+                raise refusal from error
+            if specs and not _is_ours(error) and not isinstance(error, VisuohapticError):
                 raise InputError(
                     function.__name__, f"cannot be computed from these arrays ({error})"
                 ) from error
             raise
 
-    vars(checked)["arrays_checked"] = True
+    vars(checked)["arguments_checked"] = True
     return checked
+
+
+def guard_class(made: type) -> None:
+    """Let the arguments of a class be checked where its creation fails.
+
+    Parameters
+    ----------
+    made
+        Class with its own ``__init__``; others are left as they are.
+    """
+    create = vars(made).get("__init__")
+    if (
+        not isinstance(create, FunctionType)
+        or hasattr(create, "arguments_checked")
+        or getattr(made, "_is_protocol", False)
+    ):
+        return
+
+    @functools.wraps(create)
+    def checked(*args: Any, **kwargs: Any) -> None:
+        try:
+            create(*args, **kwargs)
+        except Exception as error:
+            specs = _specs(create, made.__name__)
+            if refusal := _refusal(create, made.__name__, specs, args, kwargs, error):
+                raise refusal from error
+            raise
+
+    vars(checked)["arguments_checked"] = True
+    made.__init__ = checked  # type: ignore[misc]
+
+
+def _refusal(
+    function: Callable[..., Any],
+    where: str,
+    specs: list[tuple[int, str, _ArraySpec]],
+    args: Sequence[Any],
+    kwargs: Mapping[str, Any],
+    error: Exception,
+) -> InputError | None:
+    """Which argument is the cause of a foreign error; None if all are as they are annotated.
+
+    An error of ours that has a foreign cause came from a function that was called with this argument.
+    """
+    if isinstance(error, VisuohapticError) and error.__cause__ is None:
+        return None
+    try:
+        given = inspect.signature(function).bind(*args, **kwargs).arguments
+    except TypeError:  # arguments that the function does not have: Python says which
+        return None
+    arrays = {name: spec for _, name, spec in specs if name in given}
+    for name, spec in arrays.items():
+        try:
+            spec.checked(given[name], {})
+        except InputError as refusal:
+            return refusal
+    if wrong := misfit(function, {name: value for name, value in given.items() if name not in arrays}):
+        name, expected = wrong
+        return InputError(where, f"found {brief(given[name])}, expected {expected}", field=name)
+    if isinstance(error, VisuohapticError):
+        return None
+    return next((why for name, spec in arrays.items() if (why := spec.unsuitable(given[name], error))), None)

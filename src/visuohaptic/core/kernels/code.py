@@ -16,12 +16,13 @@ from typing import Any
 
 import numpy as np
 from numba.core.dispatcher import Dispatcher
+from numba.core.extending import _Intrinsic
 from numba.core.types import Type
 
 _log = logging.getLogger(__name__)
 
 #: Libraries whose functions a cached kernel may use: part of Python, or named in the folder's name.
-_LIBRARIES = {"builtins", "cmath", "math", "numba", "numpy", "operator", "_operator"}
+_LIBRARIES = {"builtins", "cmath", "llvmlite", "math", "numba", "numpy", "operator", "_operator"}
 
 
 def code_digest(dispatcher: Dispatcher) -> str | None:
@@ -47,12 +48,16 @@ class _NotPlainError(Exception):
 
 def _ingredients(dispatcher: Dispatcher, seen: set[Dispatcher]) -> Iterator[str]:
     """Texts that together determine the machine code of a kernel; already visited kernels are only named."""
-    function = dispatcher.py_func
     yield kernel_name(dispatcher)
     if dispatcher in seen:
         return
     seen.add(dispatcher)
     yield from (f"{name}={_text(value)}" for name, value in sorted(dispatcher.targetoptions.items()))
+    yield from _used(dispatcher.py_func, seen)
+
+
+def _used(function: Any, seen: set[Dispatcher]) -> Iterator[str]:
+    """Texts of a function's code, and of what it uses."""
     yield _text(function.__defaults__)
     cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
     values = {**function.__globals__, **{name: cell.cell_contents for name, cell in cells}}
@@ -65,6 +70,8 @@ def _ingredients(dispatcher: Dispatcher, seen: set[Dispatcher]) -> Iterator[str]
             yield name
             if isinstance(value, Dispatcher):
                 yield from _ingredients(value, seen)
+            elif isinstance(value, _Intrinsic):  # it generates instructions instead of being compiled
+                yield from _used(value._defn, seen)
             elif name in values:
                 yield _text(value)
 

@@ -1,4 +1,3 @@
-from .contents import AMBIENT_PRESSURE_Pa as AMBIENT_PRESSURE_Pa
 from .contents import Contents as Contents
 from .contents import closed_compliance as closed_compliance
 from .contents import contained_curve as contained_curve

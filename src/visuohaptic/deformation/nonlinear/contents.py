@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core import POSITIVE, InputError, Ranged, within
+from ...core.measurement import AIR_PA
 from ..shapes.mesher import ShellObject
 from ..shells.corotational import CorotationalShell, PressureLaw
 from ..shells.shell import ShellModel, enclosed_volume, volume_gradient
@@ -23,9 +24,6 @@ from ..shells.stiffness_map import DualTips, bent_loads, tip_loads
 from .equilibrium_path import EquilibriumPath
 from .load_stepping import follow_displacement
 from .self_contact import SelfContactGuard
-
-#: P_0 in the dissertation.
-AMBIENT_PRESSURE_Pa = 1e5
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +37,7 @@ class Contents(Ranged):
     closed: bool = True  #: the contents cannot escape
     #: fraction of the volume that is liquid; 1 is incompressible
     fill: float = field(default=0.0, metadata=within(0, 1))
-    ambient_Pa: float = field(default=AMBIENT_PRESSURE_Pa, metadata=POSITIVE)  #: absolute pressure outside
+    ambient_Pa: float = field(default=AIR_PA, metadata=POSITIVE)  #: absolute pressure outside
 
     def bulk_stiffness(self, volume_m3: float) -> float:
         """kappa = -dp/dV in the undeformed state [Pa/m^3]; infinite without gas, zero when open.

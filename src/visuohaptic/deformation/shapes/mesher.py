@@ -252,6 +252,7 @@ def rim_zones(
         Width of a cell at the rim without doubling, relative to the height of the others: a narrow neck
         needs fewer.
     """
+    check_numbers("rim_zones", POSITIVE, rim_cell=rim_cell)
     fraction, times = np.ones(len(cells)), np.ones(len(cells), dtype=np.int64)
     for begin, height, more in RIM_ZONES:
         inside = cells <= begin + 1e-6

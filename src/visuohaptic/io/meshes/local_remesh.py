@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ...core import POSITIVE, check_numbers
 from ...core.geometry import area_vectors, vertex_normals
 from . import _collapse_kernels as kernels
 
@@ -345,6 +346,7 @@ def collapse_edges(
     tuple
         Vertices, triangles, and the largest of those distances.
     """
+    check_numbers("collapse_edges", POSITIVE, length=length)
     quadric, border = _quadrics(vertices, faces)
     vertices, faces = np.array(vertices, dtype=float), np.array(faces, dtype=np.int64)
     size = np.linalg.norm(vertices[faces] - vertices[np.roll(faces, 1, axis=1)], axis=2)

@@ -149,15 +149,16 @@ class RemoteRobot(Closing):
     def _receive(self) -> dict[str, Any]:
         try:
             if not self._connection.poll(PATIENCE_S):
-                # A late reply would be taken for that of the next call.
-                self._connection.close()
                 raise DeviceError(f"the robot has not answered for {PATIENCE_S:g} s")
             reply = unpack(self._connection.recv_bytes(MAX_MESSAGE_BYTES))
+            if not isinstance(reply, dict):
+                raise DeviceError(f"found {type(reply).__name__}, expected the reply of a robot")
         except (OSError, EOFError) as problem:
             self._connection.close()
             raise DeviceError(f"lost the connection to the robot ({type(problem).__name__})") from problem
-        if not isinstance(reply, dict):
-            raise DeviceError(f"found {type(reply).__name__}, expected the reply of a robot")
+        except DeviceError:
+            self._connection.close()  # a late reply would be taken for that of the next call
+            raise
         return reply
 
     def served(self) -> dict[str, Any]:

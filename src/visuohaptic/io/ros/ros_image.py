@@ -27,6 +27,11 @@ _ENCODINGS: dict[str, tuple[int, int, str]] = {
     "bgra8": (4, 1, "COLOR_BGRA2BGR"),
     "8UC4": (4, 1, "COLOR_BGRA2BGR"),
     "rgba8": (4, 1, "COLOR_RGBA2BGR"),
+    # Two pixels share their colour, after or before their brightness; newer and older names of ROS.
+    "yuyv": (2, 1, "COLOR_YUV2BGR_YUY2"),
+    "yuv422_yuy2": (2, 1, "COLOR_YUV2BGR_YUY2"),
+    "uyvy": (2, 1, "COLOR_YUV2BGR_UYVY"),
+    "yuv422": (2, 1, "COLOR_YUV2BGR_UYVY"),
     # ROS names a Bayer pattern by its first row; OpenCV by the second row's second and third pixel.
     "bayer_rggb8": (1, 1, "COLOR_BayerBG2BGR"),
     "bayer_bggr8": (1, 1, "COLOR_BayerRG2BGR"),
@@ -39,7 +44,7 @@ def decode_raw(message: Any, where: str) -> UInt8[np.ndarray, "rows columns *col
     """Grey or BGR image, 8 bit, from a ``sensor_msgs/Image``.
 
     Row padding (``step``) is removed; for 16-bit images, the
-    upper 8 bits are kept; Bayer patterns are interpolated.
+    upper 8 bits are kept; Bayer patterns and the colours of ``yuyv`` and ``uyvy`` are interpolated.
 
     Parameters
     ----------
@@ -58,6 +63,8 @@ def decode_raw(message: Any, where: str) -> UInt8[np.ndarray, "rows columns *col
     encoding = str(message.encoding)
     check_choice(where, _ENCODINGS, encoding, field="encoding")
     channels, depth, conversion = _ENCODINGS[encoding]
+    if channels == 2 and width % 2:
+        raise InputError(where, f"found {width}, expected an even number for {encoding}", field="width")
     rows = _rows(message, where, width * channels * depth)
     if depth == 2:
         kind = ">u2" if message.is_bigendian else "<u2"

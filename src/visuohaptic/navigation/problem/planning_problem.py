@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 from jaxtyping import Float
 
-from ...core import FINITE, NON_NEGATIVE, HapticTag, InputError, check_numbers, finite_array
+from ...core import FINITE, NON_NEGATIVE, HapticTag, InputError, check_numbers, finite_array, within
 from ...core.geometry import polygon_centroid
-from ...io.maps.occupancy_map import OccupancyMap
+from ...io.maps.occupancy_map import OCCUPIED, OccupancyMap
 from .outlines import outline_of
 from .passages import Passage
 from .place_area import PlaceArea
 from .robot_model import RobotModel as RobotModel
+
+#: Standard deviation of a heading of which nothing is known: uniform from -pi to pi [rad].
+ANY_HEADING_rad = math.pi / math.sqrt(3.0)
 
 
 class PushMode(StrEnum):
@@ -49,6 +53,7 @@ class MovableObject:
 
     def __post_init__(self) -> None:
         check_numbers("MovableObject", NON_NEGATIVE, pose_sigma=self.pose_sigma)
+        check_numbers("MovableObject", within(0, ANY_HEADING_rad), **{"pose_sigma[1]": self.pose_sigma[1]})
         object.__setattr__(self, "footprint_m", outline_of(self.footprint_m, "MovableObject"))
 
     @property
@@ -88,6 +93,8 @@ class PlanningProblem:
     areas: tuple[PlaceArea, ...] = ()  #: where pushed objects should end, or should not
 
     def __post_init__(self) -> None:
+        import shapely
+
         check_numbers("PlanningProblem", FINITE, start_yaw_rad=self.start_yaw_rad)
         for name in ("start_m", "goal_m"):
             point = finite_array("PlanningProblem", getattr(self, name), 2, field=name).copy()
@@ -115,4 +122,12 @@ class PlanningProblem:
                     "to corner, expected metres",
                     field="footprint_m",
                 )
+        cell_m = self.map.resolution_m
+        for passage in self.passages:
+            beside = (
+                shapely.Polygon(passage.footprint_m).buffer(1.5 * cell_m).exterior.segmentize(0.5 * cell_m)
+            )
+            if (self.map.value_at(shapely.get_coordinates(beside)) == OCCUPIED).all():
+                found = f"found '{passage.id}' with walls all around, expected a way through"
+                raise InputError("Passage", found, field="footprint_m")
         object.__setattr__(self, "objects", tuple(self.objects))

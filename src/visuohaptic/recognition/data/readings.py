@@ -22,6 +22,7 @@ from scipy.special import ndtri
 
 from ...core import InputError, finite_array
 from ...core.objects import HEIGHTS, NOMINAL_N, LOW_m, NOMINAL_m
+from .spikes import without_spikes
 
 #: False alarms of a curve: one in a thousand files of a hundred curves.
 FALSE_ALARM = 1e-5
@@ -137,7 +138,7 @@ def fit_curve(
     *,
     from_contact: bool = False,
 ) -> CurveCoefficients:
-    """Coefficients of a closing curve that starts at contact.
+    """Coefficients of a closing curve that starts at contact, without its spikes (:func:`.without_spikes`).
 
     Parameters
     ----------
@@ -158,6 +159,8 @@ def fit_curve(
     noise = TouchNoise() if noise is None else noise
     d = finite_array("curve", deformation_m, None, field="deformation_m")
     f = finite_array("curve", force_N, len(d), field="force_N")
+    kept = without_spikes(np.stack([d, f]), np.array([noise.deformation_m, noise.force_N]), FALSE_ALARM)
+    d, f = d[kept], f[kept]
     if not from_contact:
         check_curve(d, f, noise)
     low = d <= LOW_m * (1 + 1e-9)

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 from ...core.measurement import AIR_PA
-from ..data import HEIGHTS, FeatureSet, POSE_m, TouchProtocol
+from ..data import HEIGHTS, FeatureSet, POSE_m, TILT_rad, TouchProtocol
 from .unknown_class import FEATURES, FIRST_WIDTH, HEIGHT, USUAL_HEIGHT_m
 
 #: Ratio of the pose error of an uncalibrated gripper (5 mm) to that of a calibrated one.
@@ -32,7 +32,7 @@ class ModelSettings:
     end_discrepancy: float = 0.5  #: at the lowest and highest place, which depend on boundary conditions
     pose_m: float = POSE_m  #: error of the height, common to all touches
     poses: tuple[float, ...] = (1.0, POSE_RATIO)  #: equally probable factors of it; 1 if it was measured
-    tilt_rad: float = 0.05  #: error of the gripper's tilt against the object, 3 degrees
+    tilt_rad: float = TILT_rad  #: error of the gripper's tilt against the object, 3 degrees
     width_m: float = 0.0008  #: error of the width by pose and contact
     width_discrepancy: float = 0.005  #: relative
     gain: float = 0.09  #: common to all stiffnesses: force gain 5 %, modulus within 12 % (std 7 % if uniform)

@@ -39,7 +39,6 @@ from .strip.geometry import StripGeometry as StripGeometry
 from .strip.optics import ObservedStrip as ObservedStrip
 from .strip.stripe_view import stripe_masks as stripe_masks
 from .strip.stripe_view import train_stripe as train_stripe
-from .strip.zero import DriftSettings as DriftSettings
 from .strip.zero import ZeroReference as ZeroReference
 from .strip.zero import ZeroWatch as ZeroWatch
 from .validity import Validity as Validity

@@ -181,7 +181,7 @@ def _join_runs(unary, pair, ahead, behind, posterior, runs):
 
 @kernel(nogil=True)
 def filter_runs(runs, onset, moved, s, pixel, same, cleared, own, stay, wrong, best):
-    """Filter the probability of wrong runs from frame to frame.
+    """Filter the probability of wrong runs from frame to frame; returns that of each point to be in one, (K,).
 
     What was not foam in the frame before and looked like it is still there with the probability ``stay``: its appearance is no
     new evidence, only a change of its appearance is. Single points and pairs are interpolated: only runs of at least three
@@ -190,7 +190,7 @@ def filter_runs(runs, onset, moved, s, pixel, same, cleared, own, stay, wrong, b
     Parameters
     ----------
     runs
-        From :func:`join`; replaced by the probability given all frames, (K, K).
+        From :func:`join`; replaced by the probability given all frames, from the first to the last point, (K, K).
     onset
         Prior odds of a new contact against a new occluder or shadow, 1 where there is no new contact, (K,).
     moved, s
@@ -252,17 +252,11 @@ def filter_runs(runs, onset, moved, s, pixel, same, cleared, own, stay, wrong, b
             if last < n - 1:
                 value += runs[first, last + 1] - (runs[first - 1, last + 1] if first > 0 else 0.0)
             runs[first, last] = value
-    for first in range(n):
-        for last in range(first, n):
-            value = runs[first, last]
-            if last < first + 2:
-                value = 0.0
-                for start in range(last - 2, first + 1):
-                    value = max(value, runs[max(start, 0), min(start + 2, n - 1)])
-            runs[last, first] = min(value, 1.0)
-    for first in range(n):
-        for last in range(first, n):
-            runs[first, last] = runs[last, first]
+    doubt = np.zeros(n)
+    for k in range(n):
+        for start in range(k - 2, k + 1):
+            doubt[k] = min(max(doubt[k], runs[max(start, 0), min(start + 2, n - 1)]), 1.0)
+    return doubt
 
 
 @kernel(nogil=True)

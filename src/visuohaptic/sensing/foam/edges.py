@@ -7,16 +7,9 @@ decreases. The edge of a shadow farther away tilts the grey levels beside the fr
 plateau with a step of d in its middle has an error of d / 4, which shifts an edge of blur b and contrast C by
 sqrt(2 pi) / 4 b d / C. Both errors are shared by neighbours, as far as these agree beyond their own scatter.
 
-Near its place at rest, the front is compared with the zero image in the light that is seen beside it, within the blur of the lens
-(``_light_kernels.front_in_light``). This edge is shifted only by light that varies within the blur. The difference s from the other
-edge is what light has shifted, with the probability that there is such light and the floor as at rest beyond the edge. Without light,
-s has the error e of edges in even light, and of light that is seen beside the front at rest or beside the displaced one; with it, it
-is as large as the blur b: the likelihood ratio is ``exp(s^2 / 2 e^2) / sqrt(1 + b^2 / e^2)``. Light is common to two points or more:
-the ratio of a point or of the likelier one of its neighbours counts twice, whichever is less. What the light beside the edge explains
-of its blur is no excess.
-
-If a body lies beyond the edge, behind a narrow gap, the edge is shifted by that gap. The texture beyond distinguishes them: both
-shifts are weighed by their probabilities, and their scatter is error.
+If a body lies beyond the edge, behind a narrow gap, the edge is shifted by that gap. Beside the edge of a shadow it looks alike. The
+texture beyond distinguishes them: where the floor as at rest lies there, in any light, there is no body. The shift is weighed by
+the probability of a body, and its scatter is error.
 """
 
 from __future__ import annotations
@@ -32,7 +25,7 @@ from ...core.measurement import SIGMA_PER_MAD
 from ...tracking._solve_kernels import median
 from ...tracking.contours.contour import PIXEL_PX, quick_median
 from ._chain_kernels import ALIKE
-from ._light_kernels import front_in_light
+from ._light_kernels import floor_beyond
 from .strip import ObservedStrip, ZeroReference
 
 #: Fraction a of the step that is due to a shadow within the blur: the ratio of squared shift to excess squared blur is 0.05
@@ -42,12 +35,6 @@ _SHADOW_PART = 0.11
 BESIDE = 4
 #: Length of each of the two parts of the plateau between which the light is compared [px].
 _PLATEAU_PX = 4.0
-#: Standard deviation by which pixels (1 / 12 px^2) and linear interpolation between them (1 / 6 px^2 on average) blur samples.
-_SAMPLE_PX = 0.5
-#: Prior probability of an edge in a shadow that begins beside it: one strip in a hundred has the edge of a shadow.
-SHADOWED = 0.01
-#: Half the length of a blurred edge: 1.4 % of its step lies beyond either end.
-_EDGE_BLURS = 2.2
 #: Number of edges at rest for estimating their scatter, to a fifth.
 SCATTER_POINTS = 24
 #: An excess blur of more than this many standard deviations is attributed to a gap, such a change of light to a shadow: the
@@ -93,15 +80,14 @@ def measure_edges(
     scale = width_m / rest
     raw = scale * (rest - strip.width_m + part * strip.encoded_m)
     excess = blur_excess_px2(strip, zero, np.abs(raw - last_m) / strip.pixel_m)
-    unexplained = excess.copy()
-    lit, uneven, light = shift_by_light_px(strip, zero, unexplained)
+    body = 1.0 - floor_probability(strip, zero, excess)
     gap, gap_sigma = gap_shift_px(strip, zero, excess)
     # The edge before a gap is that between foam and floor, as at rest.
     to_floor = np.where(gap == 0.0, 0.0, encoded - strip.encoded_m)
-    either = strip.pixel_m * gap + part * to_floor + strip.pixel_m * lit
-    raw = raw + scale * ((1.0 - light) * either - strip.pixel_m * lit)
+    ahead = scale * (strip.pixel_m * gap + part * to_floor)
+    raw = raw + body * ahead
     noise = scale * strip.width_noise_m
-    kink = scale * np.hypot(edge_uncertainty_m(strip), strip.pixel_m * gap_sigma * np.sqrt(1.0 - light))
+    kink = scale * np.hypot(edge_uncertainty_m(strip), strip.pixel_m * gap_sigma * np.sqrt(body))
     # Derivative of the deflection by the fraction of the encoding's shift that is present.
     shift = scale * (strip.encoded_m - encoded * (1.0 - raw / width_m))
     encoding = math.hypot(math.sqrt(part * (1.0 - part)), _SHIFT_ERROR * part) * np.where(
@@ -109,10 +95,10 @@ def measure_edges(
     )
     clean = strip.usable & (kink == 0.0)
     sigma = with_cancelled_texture(raw, scale * strip.width_sigma_m, noise, clean, strip.pixel_m)
-    excess = np.where((gap == 0.0) | (light > 0.5), unexplained, np.nan)
-    light_m = strip.pixel_m * light_shift_px(strip, zero, excess, light, uneven)
+    excess = np.where((gap == 0.0) | (body < 0.5), excess, np.nan)
+    light_m = strip.pixel_m * light_shift_px(strip, zero, excess)
     # The error of the zero reference is the same in every frame; it is not noise of this image.
-    systematic = np.hypot(kink, scale * np.hypot(zero.width_sigma_m, np.sqrt(light * (1.0 - light)) * either))
+    systematic = np.hypot(kink, np.hypot(scale * zero.width_sigma_m, np.sqrt(body * (1.0 - body)) * ahead))
     # Neighbours share the error of widths that were inferred at rest, and not that of kinks: over 640 pairs its correlation is -0.1.
     unclean = np.where(zero.inferred & zero.known, systematic, 0.0)
     return MeasuredEdges(raw, sigma, noise, systematic, encoding, light_m, unclean)
@@ -137,69 +123,28 @@ def blur_excess_px2(
     return np.where(excess > 0.0, np.maximum(excess - smear, 0.0), excess)
 
 
-def shift_by_light_px(
+def floor_probability(
     strip: ObservedStrip, zero: ZeroReference, excess_px2: Float[np.ndarray, "K"]
-) -> Float[np.ndarray, "3 K"]:
-    """What the light beside each edge near the front at rest explains of its place.
+) -> Float[np.ndarray, "K"]:
+    """Probability that the floor as at rest lies beyond each edge, in any light, and no other surface; 0 where it is not seen.
+
+    Beside floor, the samples scatter about the zero image in other light as they do beside edges without excess blur; another
+    surface scatters by any variance. Both are as probable a priori, and five neighbours share their surface.
 
     Parameters
     ----------
-    strip, zero
-        As in :func:`blur_excess_px2`.
-    excess_px2
-        From there; the part that the light beside the edge explains is subtracted.
-
-    Returns
-    -------
-    ndarray
-        Apparent deflection due to the light [px], its variance [px^2], and the probability of light on the floor as at rest, (3, K).
+    strip, zero, excess_px2
+        As in :func:`gap_shift_px`.
     """
-    if strip.stripe:
-        return np.zeros((3, len(excess_px2)))
-    found = np.full((7, len(excess_px2)), np.nan)
-    blur = np.hypot(zero.blur_ratio * strip.lens_px, _SAMPLE_PX)
-    # At rest, too. A shadow's edge that is known is part of the fit of its front.
-    seen = (strip.usable | strip.low_confidence) & ~zero.inferred & (strip.edge_px == 0.0)
-    front = np.where(seen, strip.front.position_px, np.nan)
-    front_in_light(
-        strip.image, zero.image, strip.step_px, strip.rest_px, front, blur, _EDGE_BLURS * blur, _PLATEAU_PX, found
-    )  # fmt: skip
-    near, measured = np.isfinite(found[0]), np.isfinite(found[0] + excess_px2)
+    found = np.full((3, len(excess_px2)), np.nan)
+    if not strip.stripe:
+        begin = np.fmax(strip.rest_px, strip.front.position_px) + 2.0 * np.hypot(strip.lens_px, PIXEL_PX)
+        floor_beyond(strip.image, zero.image, strip.step_px, begin, begin + _PLATEAU_PX, found)
+    lit, plain, count = found
+    measured = np.isfinite(lit + excess_px2)
     if not measured.any():
-        return np.zeros((3, len(near)))
-    # The zero image has the blur of its own lens: the half of the edges with the less excess shows by how much that has changed.
+        return np.zeros(len(lit))
     even = measured & (np.abs(excess_px2) <= quick_median(np.abs(excess_px2[measured])))
-    remainder = found[1] - quick_median((found[1] - excess_px2)[even])
-    shift = np.where(near, strip.rest_px - front - found[0], 0.0)
-    scatter = max((SIGMA_PER_MAD * quick_median(np.abs(shift[even]))) ** 2, 1e-12)
-    error = scatter + np.where(near, found[3] ** 2, 0.0)
-    odds = 0.5 * (shift**2 / error - np.log1p(blur**2 / error))
-    # Light is no matter of a single point.
-    beside = np.maximum(np.append(odds[1:], odds[-2]), np.append(odds[1], odds[:-1]))
-    odds = 2.0 * np.minimum(odds, beside) + math.log(SHADOWED)
-    light = _floor_probability(found[4], found[5], found[6], even, strip.front.contrast)
-    light *= np.where(near, 1.0 / (1.0 + np.exp(-np.clip(odds, -40.0, 40.0))), 0.0)
-    excess_px2[measured] += (light * (remainder - excess_px2))[measured]
-    # Noise alone scatters about a straight line, too.
-    uneven, chance = local_statistics(found[2])
-    noise = quick_median(found[2, even])
-    uneven = np.where(uneven - noise > _CHANCE_SIGMAS * chance, uneven**2 - noise**2, 0.0)
-    return np.stack([shift, uneven, light])
-
-
-def _floor_probability(
-    lit: Float[np.ndarray, "K"],
-    plain: Float[np.ndarray, "K"],
-    count: Float[np.ndarray, "K"],
-    even: Bool[np.ndarray, "K"],
-    contrast: Float[np.ndarray, "K"],
-) -> Float[np.ndarray, "K"]:
-    """Probability that the floor as at rest lies beyond each edge, and no other surface; 0 where it is not seen.
-
-    Variances of the samples about the zero image in other light and about a straight line, and their number. Beside floor, the
-    former is that of ``even`` edges, with their scatter (log-normal); another surface has its own, of any size up to the
-    squared contrast (log-uniform). Both are as probable a priori, and five neighbours share their surface.
-    """
     beside = np.log(lit[even & (lit > 0.0)])
     if not len(beside):
         return np.zeros(len(lit))  # black or saturated: without texture and noise
@@ -208,7 +153,9 @@ def _floor_probability(
     with np.errstate(invalid="ignore", divide="ignore"):
         away = np.log(lit) - usual
         odds = 0.5 * (count - 2.0) * np.log(plain / lit) - 0.5 * (away / scatter) ** 2
-        odds += np.log(np.maximum(np.log(contrast**2) - usual, 1.0) / (math.sqrt(2.0 * math.pi) * scatter))
+        # Any variance up to the squared contrast: log-uniform.
+        others = np.maximum(np.log(strip.front.contrast**2) - usual, 1.0)
+        odds += np.log(others / (math.sqrt(2.0 * math.pi) * scatter))
     shared = ALIKE * np.convolve(np.nan_to_num(odds), np.ones(round(1.0 / ALIKE)), "same")
     return np.where(np.isfinite(odds), 1.0 / (1.0 + np.exp(-np.clip(shared, -40.0, 40.0))), 0.0)
 
@@ -253,11 +200,7 @@ def gap_shift_px(
 
 
 def light_shift_px(
-    strip: ObservedStrip,
-    zero: ZeroReference,
-    excess_px2: Float[np.ndarray, "K"],
-    lit: Float[np.ndarray, "K"],
-    uneven_px2: Float[np.ndarray, "K"],
+    strip: ObservedStrip, zero: ZeroReference, excess_px2: Float[np.ndarray, "K"]
 ) -> Float[np.ndarray, "K"]:
     """Standard deviation of the position of each edge due to uneven light [px], shared by neighbours.
 
@@ -266,9 +209,7 @@ def light_shift_px(
     strip, zero
         As in :func:`blur_excess_px2`.
     excess_px2
-        From :func:`blur_excess_px2`, as far as :func:`shift_by_light_px` leaves it; NaN where a gap explains it.
-    lit, uneven_px2
-        Of :func:`shift_by_light_px`, the third row and the second one.
+        From :func:`blur_excess_px2`; NaN where a gap explains it.
     """
     if strip.stripe:
         return np.zeros(len(strip.width_m))
@@ -287,8 +228,7 @@ def light_shift_px(
     variance = _SHADOW_PART / (1.0 - _SHADOW_PART) * np.where(unlike, np.abs(shadow) - error, 0.0)
     for step, error in steps:
         unlike = np.abs(step) > _CHANCE_SIGMAS * error
-        variance += (1.0 - lit) * 0.125 * math.pi * blur**2 * np.where(unlike, step**2 - error**2, 0.0)
-    variance += lit * uneven_px2
+        variance += 0.125 * math.pi * blur**2 * np.where(unlike, step**2 - error**2, 0.0)
     return np.asarray(np.sqrt(np.where(np.isfinite(variance), variance, 0.0)))
 
 

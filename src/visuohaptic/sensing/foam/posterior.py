@@ -22,11 +22,11 @@ The variance about g Z and the visible fraction of the texture of Z (blur, JPEG)
 edges of the same frame; pixels beyond the edge are weighted by the correlation of their own residuals. Steepness and
 crossing couple the states along the strip, and states persist in time for ``PERSISTENCE_S``. An occluder that covers one
 point within reach of the contact covers its neighbours within reach as well: position, surface and persistence of a run of
-points count once, not once per point. The forward-backward algorithm over the points gives p(z_k | all), and the
-probabilities P_ij that the states of all points from i to j are wrong, from which force and variance follow in
-``validity.py``.
+points count once, not once per point. Where the edge of a shadow is known, another one is as probable as not: things have two
+sides, and rooms several lamps. The forward-backward algorithm over the points gives p(z_k | all), and the probability of each
+run of points that all of its states are wrong, from which force and variance follow in ``validity.py``.
 
-P_ij is filtered from frame to frame (``filter_runs``). An edge that was wrongly taken for foam moves on as foam would, and
+It is filtered from frame to frame (``filter_runs``). An edge that was wrongly taken for foam moves on as foam would, and
 frames share its appearance. Therefore its odds decrease by the rate at which states change, and where its appearance becomes
 more like that of foam than in any frame since it came, but not because it looks the same in every frame. Beside an occluder or
 shadow that has gone, such an edge is what that has left, with one of the ends that are possible in its place.
@@ -44,7 +44,7 @@ from ...tracking.contours.contour import PIXEL_PX
 from ._chain_kernels import BLUR, FOAM, NOTHING, OPTICS, SHADOW, edge_crossing, filter_runs, join, place_odds
 from ._posterior_kernels import EDGE, shadow_odds
 from ._texture_kernels import MAX_ODDS, SAME_GREY, foam_bands, level_odds, texture_odds
-from .edges import SHADOWED, MeasuredEdges, local_statistics, mean_between
+from .edges import MeasuredEdges, local_statistics, mean_between
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
 
@@ -54,13 +54,14 @@ DECAY_PER_WIDTH = 0.15
 _CHORD = 0.03
 #: Largest bulge of the foam beside a contact, as a fraction of the depth of the contact.
 BULGE = 0.067
-#: Accepted probability that a run of points has wrong states and its force makes the reading of the frame wrong.
+#: Accepted probability that points have wrong states and their force makes the reading of the frame wrong.
 FALSE_ALARM = 1e-3
 #: Time constant of the persistence of edge states [s].
 PERSISTENCE_S = 0.3
 #: Log-probability of entering F, S, O and N from another state at the next point: one strip in a hundred has an
 #: occluder or the edge of a shadow, one point in a hundred has no edge, and each of them is some twenty points long.
-_ENTER = np.log([0.05, SHADOWED, 0.01, 0.01])
+#: Where the edge of a shadow is known, another one is as likely as not.
+_ENTER = np.log([[0.05, 0.01, 0.01, 0.01], [0.05, 0.5, 0.01, 0.01]])
 #: Prior probability of the onset of a contact per frame, at most.
 _ONSET = 0.01
 #: Probability that the surface beyond the front of a contact changes from one frame to the next.
@@ -76,9 +77,8 @@ class EdgeStates:
     """States of K edges in one frame."""
 
     probability: Float[np.ndarray, "K 4"]  #: of foam, shadow, occluder, nothing
-    #: Probability that the states of all points from one to another are wrong; single points and pairs
-    #: are interpolated and do not count.
-    runs: Float[np.ndarray, "K K"]
+    #: Probability that the states of a run of points with this one are wrong; single points and pairs are interpolated.
+    doubt: Float[np.ndarray, "K"]
     evidence: str  #: strongest evidence against foam over the points that are not, or may not be; empty if there is none
 
     @property
@@ -89,7 +89,7 @@ class EdgeStates:
     @property
     def undecided(self) -> Bool[np.ndarray, "K"]:
         """Points that may belong to a run of points with wrong states."""
-        return self.runs.diagonal() > FALSE_ALARM
+        return self.doubt > FALSE_ALARM
 
     @property
     def shadow(self) -> Bool[np.ndarray, "K"]:
@@ -154,8 +154,7 @@ class EdgePosterior:
             strip.front.blur_px, strip.lens_px, strip.pixel_m, self._width, self._speed,
             BULGE * max(float(delta.max()), 0.0), against, unary, near,
         )  # fmt: skip
-        against[~seen, :] = 0.0
-        against[~seen, 4] = MAX_ODDS
+        against[~seen] = MAX_ODDS * np.eye(len(_CHANNELS))[_CHANNELS.index("no edge")]
         unary[~seen] = [-60.0, -60.0, 0.0, 0.0]
         unary[seen, NOTHING] = -MAX_ODDS
         # The front corner of a free end moves inwards beside a body: the last line may meet the end face, or no edge.
@@ -169,11 +168,12 @@ class EdgePosterior:
         log_prior = np.log(stay * last * np.exp(np.maximum(common, 0.0))[:, None] + change)
         log_prior[:, FOAM] = common + np.log(stay * last[:, FOAM] + change)
         shared = log_prior.max(axis=1, keepdims=True) - log_prior
-        probability, runs = np.empty_like(unary), np.empty((len(seen), len(seen)))
-        rules = DECAY_PER_WIDTH * self._width, _CHORD, OPTICS * self._width
+        probability, runs = np.empty_like(unary), np.empty_like(self._wrong)
         crossing = edge_crossing(delta, sigma, self._s, self._width)
-        places = delta, sigma, REST_PX * strip.pixel_m, self._s
-        join(unary, shared, crossing, *places, _ENTER, *rules, probability, runs, against[:, 3])
+        places = crossing, delta, sigma, REST_PX * strip.pixel_m, self._s
+        enter = _ENTER[int((strip.edge_px > 0.0).any())]
+        rules = enter, DECAY_PER_WIDTH * self._width, _CHORD, OPTICS * self._width
+        join(unary, shared, *places, *rules, probability, runs, against[:, 3])
         self._last = strip.t_s, probability
         reach = min(self._speed * apart_s, self._width) + np.hypot(sigma, OPTICS * self._width)
         own -= against[:, BLUR]
@@ -184,8 +184,8 @@ class EdgePosterior:
         moved = np.nan_to_num(delta - self.last_m)
         same = foam & self._foam & (np.abs(moved) < reach)
         self._wrong, self._best = self._wrong.copy(), self._best.copy()  # for a shallow copy
-        again = same, foam & ~self._foam, own, stay, self._wrong, self._best
-        filter_runs(runs, onset, moved, self._s, strip.pixel_m, *again)
+        before = same, foam & ~self._foam, own, stay, self._wrong, self._best
+        doubt = filter_runs(runs, onset, moved, self._s, strip.pixel_m, *before)
         # A contact that is hidden is expected to be there afterwards.
         self._pressed = np.where(foam, deflected, self._pressed)
         # How an edge came to its place is known only where there was foam before.
@@ -193,8 +193,8 @@ class EdgePosterior:
         # Foam in a shadow is at rest where the floor lies beyond it. Beside another surface, which may press, it is not seen.
         beside = probability[:, SHADOW] * (1.0 - bare)
         probability = probability + np.outer(beside, np.eye(4)[NOTHING] - np.eye(4)[SHADOW])
-        total = against[(probability.argmax(axis=1) != FOAM) | (runs.diagonal() > FALSE_ALARM)].sum(axis=0)
-        states = EdgeStates(probability, runs, _CHANNELS[int(total.argmax())] if total.max() > 0.0 else "")
+        total = against[(probability.argmax(axis=1) != FOAM) | (doubt > FALSE_ALARM)].sum(axis=0)
+        states = EdgeStates(probability, doubt, _CHANNELS[total.argmax()] if total.max() > 0.0 else "")
         calm = states.foam & seen
         self._beyond = np.where(calm, surface, self._beyond)
         self.last_m = np.where(calm, delta, self.last_m)
@@ -318,5 +318,5 @@ def _compressed(
     result, place = image.copy(), np.arange(image.shape[2])
     for k in np.flatnonzero(chosen):
         for lane in range(image.shape[1]):
-            result[k, lane] = np.interp(place / part[k], place, image[k, lane])
+            result[k, lane] = np.rint(np.interp(place / part[k], place, image[k, lane]))
     return result

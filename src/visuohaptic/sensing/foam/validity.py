@@ -99,9 +99,10 @@ def with_states(
 ) -> tuple[FoamReading, float]:
     """The reading with the uncertainty of the edge states in its budget, and the probability that it is wrong nevertheless.
 
-    A run of points with a wrong state has an error of its whole force: with the force f_k of each point and the probability
-    P_ij that all states from i to j are wrong, the variance is the sum of f_i P_ij f_j. A run makes the reading wrong if its
-    force exceeds three standard deviations of the other errors plus ``NEGLIGIBLE_N``.
+    A point with a wrong state has an error of its whole force f_k. What makes states wrong, another light or another surface,
+    is common to all points of a frame: with the probability p_k that a state is wrong, the variance is the sum of
+    f_i min(p_i, p_j) f_j. The least certain points make the reading wrong if their force exceeds three standard deviations of the
+    other errors plus ``NEGLIGIBLE_N``.
 
     Parameters
     ----------
@@ -115,7 +116,8 @@ def with_states(
         Length of foam that each point represents [m].
     """
     inside = np.zeros(len(cell_m), dtype=bool)
-    runs, states = found.states.runs, found.states
+    states, doubt = found.states, found.states.doubt
+    common = np.minimum.outer(doubt, doubt)
     known = (states.foam | states.shadow) & np.isfinite(found.raw_m)
     used = np.where(
         states.foam, found.delta_m, found.raw_m
@@ -126,7 +128,7 @@ def with_states(
     for contact in reading.contacts:
         part = slice(contact.first, contact.last + 1)
         inside[part] = True
-        open_var = float(each_N[part] @ runs[part, part] @ each_N[part])
+        open_var = float(each_N[part] @ common[part, part] @ each_N[part])
         model = math.sqrt(contact.budget.model_N**2 + open_var)
         contacts.append(replace(contact, budget=replace(contact.budget, model_N=model)))
     delta, sigma = found.delta_m, found.sigma_m
@@ -143,11 +145,10 @@ def with_states(
         slope = material.slope(np.where(np.isfinite(delta), delta, 0.0) / material.width_m) / material.width_m
         loose = math.hypot(loose, material.height_m * float(cell_m @ (light * slope)))
     budget = replace(reading.budget, zero_N=math.hypot(reading.budget.zero_N, loose))
-    total_N, first = np.concatenate([[0.0], np.cumsum(each_N)]), np.arange(len(each_N))
-    last = np.searchsorted(total_N, total_N[:-1] + (3.0 * budget.total_N + NEGLIGIBLE_N)) - 1
-    possible = last < len(each_N)
-    wrong = float(runs[first[possible], last[possible]].max(initial=0.0))
-    budget = replace(budget, model_N=math.sqrt(budget.model_N**2 + float(each_N @ runs @ each_N)))
+    order = np.argsort(-doubt)
+    over = np.cumsum(each_N[order]) > 3.0 * budget.total_N + NEGLIGIBLE_N
+    wrong = float(doubt[order][over].max(initial=0.0))
+    budget = replace(budget, model_N=math.sqrt(budget.model_N**2 + float(each_N @ common @ each_N)))
     return replace(reading, contacts=tuple(contacts), budget=budget), wrong
 
 

@@ -34,9 +34,6 @@ _BLACK = 5.0
 _FREEDOM = 4.0
 #: Standard deviation of the registration [bins]: a third of a bin is a uniform error of half a bin each way.
 _REGISTRATION_BINS = 0.3
-#: Its part that is common to all pixels of a face: faces are not exactly perpendicular to the drive, and interpolation blurs
-#: the two frames differently. Errors of the range are 0.7 to 2 mm (rms of a drive) on open seeds of ``benchmarks.scene_evidence``.
-_SYSTEMATIC_BINS = 0.1
 #: A quarter of normal residuals is smaller than this many standard deviations: floor may be only a quarter of the image.
 _QUARTER_SIGMAS = normal_sigmas(0.75)
 #: Residuals of a noiseless image [grey levels]: rounding, 1 / sqrt(12), of both images.
@@ -54,6 +51,9 @@ _BEYOND_CELLS = 4
 _SLOPES = np.linspace(-0.3, 0.3, 7)
 #: Pixels of a strip in half bins from those in bins.
 _HALF_BINS = np.array([[2.0, 0.0, 0.5], [0.0, 2.0, 0.5], [0.0, 0.0, 1.0]])
+#: Cells across the narrowest obstacle. What tells of a textureless face are its outlines, and floor beside them in the same cell
+#: speaks against it: the sums over adjacent cells begin and end within 2 mm of an outline.
+PARTS = 5
 #: If the strip shows the horizon, ranges end after this number of steps.
 _MAX_RANGES = 48
 
@@ -174,7 +174,7 @@ class FaceCells:
         self.face_far_m = min(self.eye_x_m + (far_m - self.eye_x_m) / (1.0 + rise), float(self.range_m[-1]))
         self.face_far_m -= self.baseline_m
         half = math.ceil(0.5 * self.shape[1] / self._matrix[0, 0] * math.hypot(eye[2], away) / width_m)
-        self.lateral_m = (np.arange(-half, half) + 0.5) * width_m
+        self.lateral_m = (np.arange(-half * PARTS, half * PARTS) + 0.5) * width_m / PARTS
         self._cells = [self._seen_by(x, eye, rays) for x in self.range_m]
         count = len(self.lateral_m)
         self.in_view = np.array([np.bincount(cell, minlength=count + 1)[:-1] > 0 for _, cell in self._cells])
@@ -186,7 +186,7 @@ class FaceCells:
         with np.errstate(divide="ignore", invalid="ignore"):
             along = (x_m - eye[0]) / rays[..., 0]
             y, z = eye[1] + along * rays[..., 1], eye[2] + along * rays[..., 2]
-            cell = np.floor((y - self.lateral_m[0]) / self.settings.width_m + 0.5)
+            cell = np.floor((y - self.lateral_m[0]) / (self.settings.width_m / PARTS) + 0.5)
         count = len(self.lateral_m)
         inside = (along > 0) & (z > 0) & (z < self.settings.height_m) & (cell >= 0) & (cell < count)
         rows = np.flatnonzero(inside.any(axis=1))
@@ -308,7 +308,7 @@ class FaceCells:
         return -sums / self.settings.correlated_bins
 
     def locate(self, pair: FramePair, at: int, laterals: Int[np.ndarray, "cells"]) -> tuple[float, float]:
-        """Range of a face at its centre and its standard deviation [m], by its likelihood over the same pixels.
+        """Range of a face at its centre and the standard deviation of its random part [m], by its likelihood over the same pixels.
 
         The floor ends at the foot of the face: pixels below are floor, those above are face. The face is the most likely run of
         vertical lines, with floor beside it, and may be rotated.
@@ -348,7 +348,7 @@ class FaceCells:
             bend = max(2.0 * middle - below - beyond, 1.0)
             found = float(ranges[best]) + 0.25 * step * (beyond - below) / bend
             spread = math.hypot(spread, 0.5 * step / math.sqrt(bend))
-        return found, math.hypot(spread, _SYSTEMATIC_BINS / _STEP_BINS * step)
+        return found, spread
 
     def _ratio(self, pair: FramePair, x_m: float, part: tuple[slice, slice]) -> Float32[np.ndarray, "a b"]:
         """Log-likelihood ratio of every pixel of a part; 0 where a plane was out of view in the earlier frame."""

@@ -16,7 +16,7 @@ from jaxtyping import Float, Float32, UInt8
 
 from ...core import Camera, InputError, Pose
 from ..rendering import TILE_MEAN, CameraEffects, texture_tile
-from ..rendering._canvas import coverage
+from ..rendering._coverage import coverage
 from .rod import RodState
 from .rod_prints import Print
 from .rod_rig import RodRig

@@ -70,13 +70,15 @@ class FloorSenses:
         return force, (float(x), float(y))
 
     def look(self, id: str) -> tuple[float, float, float] | None:
-        """Measured pose (x [m], y [m], yaw [rad]) of an object; ``None`` if it is not visible.
+        """Measured pose (x [m], y [m], yaw [rad]) of an object; ``None`` if it is not visible, or not there.
 
         Parameters
         ----------
         id
             Name of the object.
         """
+        if all(obj.id != id for obj in self._world.objects):
+            return None
         place = self._world.object_pose_m(id)
         if np.hypot(*(place[:2] - self._world.pose_m()[:2])) > self._errors.range_m:
             return None

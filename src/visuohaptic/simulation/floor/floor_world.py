@@ -23,6 +23,8 @@ from ...io.maps.occupancy_map import OccupancyMap
 from ..mobile.platform import CommandedBase, towards
 from .floor_model import FloorObject, FloorRobot, floor_mjcf
 
+#: Least occupancy of a wall [%].
+WALL = 50
 #: Physics is computed while the rim is nearer than this to anything (m).
 NEAR_M = 0.03
 #: The drive stalls when the reaction is too large for this time (s).
@@ -55,7 +57,7 @@ class FloorWorld:
     Raises
     ------
     InputError
-        ``robot`` is of another kind, such as the planner's model of it.
+        ``robot`` is of another kind, such as the planner's model of it, or an object stands in a wall.
     """
 
     def __init__(
@@ -74,6 +76,7 @@ class FloorWorld:
                 "FloorWorld", f"found {type(robot).__name__}, expected FloorRobot", field="robot"
             )
         self.objects = tuple(objects)
+        _check_places(map, self.objects)
         self._map, self._boxes = map, wall_boxes(map)
         self._model: Any = mujoco.MjModel.from_xml_string(
             floor_mjcf(map, self._boxes, self.objects, self.robot)
@@ -254,6 +257,22 @@ class FloorWorld:
         self._data.qpos[:3] = self._pose
 
 
+def _check_places(map: OccupancyMap, objects: Sequence[FloorObject]) -> None:
+    """Refuse objects that stand in walls: contacts would press them out with any force."""
+    import shapely
+
+    walls_m = map.world_from_cell(np.argwhere(map.cells >= WALL))
+    for obj in objects:
+        outline = shapely.Polygon(obj.footprint_m)
+        if obj.round_m > 0:
+            outline = shapely.Point(polygon_centroid(obj.footprint_m)).buffer(obj.round_m)
+        inside = np.flatnonzero(shapely.contains_xy(outline, walls_m))
+        if len(inside):
+            (x, y), count = walls_m[inside[0]], len(inside)
+            found = f"found '{obj.id}' on {count} cells of walls, such as ({x:.2f}, {y:.2f}) m, expected free floor"
+            raise InputError("FloorWorld", found, field="objects")
+
+
 class FloorBase(CommandedBase):
     """The robot of a :class:`FloorWorld` as a ``robots.MobileBase``.
 
@@ -279,7 +298,7 @@ def wall_boxes(map: OccupancyMap) -> Float[np.ndarray, "n 4"]:
     Parameters
     ----------
     map
-        Cells of 50 and more are walls.
+        Cells of :data:`WALL` and more are walls.
 
     Returns
     -------
@@ -288,7 +307,7 @@ def wall_boxes(map: OccupancyMap) -> Float[np.ndarray, "n 4"]:
     """
     from scipy.ndimage import binary_dilation
 
-    wall = map.cells >= 50
+    wall = map.cells >= WALL
     near = binary_dilation(~wall, iterations=2)
     return merged_rectangles(wall & near) * map.resolution_m
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numba as nb
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from ...core.kernels import kernel
 
@@ -81,10 +81,9 @@ def penetration(
 
 @kernel
 def solve_strip(
+    memory: Float[np.ndarray, "k0 fields"],
+    at: Float[np.ndarray, "k"],
     u: Float[np.ndarray, "k n"],
-    state: Float[np.ndarray, "k n j"],
-    relaxing: Float[np.ndarray, "k n"],
-    strain_before: Float[np.ndarray, "k n"],
     limit: Float[np.ndarray, "k"],
     cell: Float[np.ndarray, "k n"],
     gap: Float[np.ndarray, "k1 n"],
@@ -99,10 +98,10 @@ def solve_strip(
     decay: float,
     shear_limit: float,
     iterations: int,
-    touched: Bool[np.ndarray, "k"],
+    free_strain: float,
     reaction: Float[np.ndarray, "k"],
 ) -> tuple[int, float]:
-    """Equilibrium of K columns of N layers against a rigid outline (active set and Newton steps).
+    """Equilibrium of K columns of N layers against a rigid outline (active set and Newton steps), and its hysteresis.
 
     The unknowns are the displacements towards the base of the layers' front
     faces. Energy of a layer of a column: that of :class:`StripLaw`; energy of
@@ -111,10 +110,13 @@ def solve_strip(
 
     Parameters
     ----------
+    memory
+        (k0, 3 n + n j + 1) of the strip's regular columns: displacements [m], strains, chi (n each), xi (n j), touched;
+        those of this step are changed.
+    at
+        (k,) columns of this step as indices of regular ones, between two of them when not whole.
     u
-        (k, n) start and result [m].
-    state, relaxing, strain_before
-        xi (k, n, j), chi (k, n) and strain (k, n) of the last accepted step; not changed.
+        (k, n) result [m].
     limit
         (k,) smallest displacement of the front [m].
     cell, gap
@@ -135,8 +137,8 @@ def solve_strip(
         Parameter g0 of the shear energy.
     iterations
         Maximum number of Newton steps.
-    touched
-        (k,) columns in contact in the last step: start of the contact search.
+    free_strain
+        Strain up to which a layer has left the body, and its hysteresis ends.
     reaction
         (k,) result: force of the body on the column [N].
 
@@ -154,7 +156,19 @@ def solve_strip(
     gradient = np.zeros(count)
     matrix = np.zeros((count, band + 1))
     active = np.zeros(K, nb.boolean)
-    strain = np.zeros((K, N))
+    strain, strain_before, relaxing = np.zeros((K, N)), np.zeros((K, N)), np.zeros((K, N))
+    state, touched = np.zeros((K, N, J)), np.zeros(K, nb.boolean)
+    for i in range(K):
+        low = min(int(at[i]), len(memory) - 2)
+        before, after, part = memory[low], memory[low + 1], at[i] - low
+        for m in range(N):
+            u[i, m] = before[m] * (1.0 - part) + after[m] * part
+            strain_before[i, m] = before[N + m] * (1.0 - part) + after[N + m] * part
+            relaxing[i, m] = before[2 * N + m] * (1.0 - part) + after[2 * N + m] * part
+            for j in range(J):
+                field = 3 * N + m * J + j
+                state[i, m, j] = before[field] * (1.0 - part) + after[field] * part
+        touched[i] = before[-1] * (1.0 - part) + after[-1] * part > 0.5
     for i in range(K):
         active[i] = limit[i] >= u[i, N - 1] or (touched[i] and limit[i] > 0.0)
     released = np.zeros(K, nb.int64)
@@ -293,4 +307,17 @@ def solve_strip(
         scale = 1.0 if step < 0.3 * thickness[0] else 0.3 * thickness[0] / step
         for p in range(count):
             u[p // N, p % N] -= scale * gradient[p]
+    for i in range(K):
+        if at[i] != int(at[i]):
+            continue
+        row = memory[int(at[i])]
+        for m in range(N):
+            row[m] = u[i, m]
+            row[N + m] = (u[i, m] - (u[i, m - 1] if m > 0 else 0.0)) / thickness[m]
+            change, free = row[N + m] - strain_before[i, m], row[N + m] <= free_strain
+            row[2 * N + m] = 0.0 if free else (relaxing[i, m] + change / relaxation_strain) * decay
+            for j in range(J):
+                xi = min(max(state[i, m, j] + change / loss_strain[j], -1.0), 1.0)
+                row[3 * N + m * J + j] = 1.0 if free else xi
+        row[-1] = 1.0 if reaction[i] > 0.0 else 0.0
     return used, step

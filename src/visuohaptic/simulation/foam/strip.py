@@ -30,7 +30,6 @@ class StripState:
     moment_Nm: float  #: of the foam on all bodies about the origin of F
     body_force_N: Float[np.ndarray, "b 2"]  #: on every body
     body_moment_Nm: Float[np.ndarray, "b"]  #: on every body about the origin of F
-    stiffness_N_per_m: float  #: upper bound of d force / d depth of all touching columns, for time stepping
 
     @property
     def touching(self) -> Bool[np.ndarray, "k"]:
@@ -84,6 +83,9 @@ class FoamStrip:
         middle = np.cumsum(self._thickness) - 0.5 * self._thickness
         self._stretch = np.array([[self.geometry.stretch(float(y)) for y in middle]])
         self._back, self._normal = self.geometry.back_m(self.s_m), self.geometry.normals(self.s_m)
+        front_m = (self.s_m[1] - self.s_m[0]) * self.geometry.stretch(self.geometry.width_m)
+        self._area_m2 = np.full(len(self.s_m), front_m * self.geometry.height_m)
+        self._area_m2[[0, -1]] *= 0.5
         self.reset()
 
     def reset(self) -> None:
@@ -93,6 +95,7 @@ class FoamStrip:
         self._undeformed = np.zeros((k, 3 * n + n * j + 1))
         self._undeformed[:, 3 * n : -1] = 1.0
         self._memory = self._undeformed.copy()
+        self._pressed = np.zeros(0), np.zeros(0)
 
     def inner_m(self, height_m: float) -> Float[np.ndarray, "k 2"]:
         """Present position of a material line of the foam, frame F [m].
@@ -130,34 +133,30 @@ class FoamStrip:
         s = self.s_m[0] + at * (self.s_m[1] - self.s_m[0])
         normal = geometry.normals(s)
         depth, owner = np.empty(len(s)), np.empty(len(s), dtype=np.int64)
-        penetration(geometry.back_m(s), normal, w, vertices, starts, radii, depth, owner)
+        back = geometry.back_m(s)
+        penetration(back, normal, w, vertices, starts, radii, depth, owner)
         if not (depth > 0.0).any() and np.array_equal(self._memory, self._undeformed):
             return self._free(len(bodies))
 
-        old = _blend(self._memory, at)
-        strain, chi = np.ascontiguousarray(old[:, n : 2 * n]), np.ascontiguousarray(old[:, 2 * n : 3 * n])
-        u, xi = np.ascontiguousarray(old[:, :n]), np.ascontiguousarray(old[:, 3 * n : -1])
-        xi = xi.reshape(len(s), n, -1)
         distance = np.diff(s)
         cell = np.zeros(len(s))
         cell[1:] += 0.5 * distance
         cell[:-1] += 0.5 * distance
         decay = math.exp(-dt_s / law.relaxation_time_s)
-        reaction = np.zeros(len(s))
+        u, reaction = np.zeros((len(s), n)), np.zeros(len(s))
         solve_strip(
-            u, xi, chi, strain, np.minimum(depth, 0.97 * TABLE_END * w), cell[:, None] * self._stretch,
+            self._memory, at, u, np.minimum(depth, 0.97 * TABLE_END * w), cell[:, None] * self._stretch,
             distance[:, None] * self._stretch, self._thickness, geometry.height_m,
             TABLE_START, (TABLE_END - TABLE_START) / (TABLE_SIZE - 1),
             self._tables, self._losses,
             law.relaxation, law.relaxation_strain, decay, law.shear_limit,
-            60, old[:, -1] > 0.5, reaction,
+            60, FREE_STRAIN, reaction,
         )  # fmt: skip
-        self._remember(at, u, strain, xi, chi, reaction, decay)
-        stiffness = self._stiffness(u[:, -1], cell, reaction > 0)
-        front = geometry.back_m(s) + normal * (w - u[:, -1:])
-        force = reaction[:, None] * normal
+        touching = reaction > 0
+        self._pressed = u[touching, -1], cell[touching]
+        front = back + normal * (w - u[:, -1:])
         return self._result(
-            front, reaction, np.where(reaction > 0, owner, -1), at, stiffness, len(bodies), force
+            front, reaction, np.where(touching, owner, -1), at, len(bodies), reaction[:, None] * normal
         )
 
     def _window(
@@ -198,49 +197,29 @@ class FoamStrip:
         index = index[np.diff(index, prepend=-1.0) > 0.02]
         return np.sort(np.concatenate([regular, index]))
 
-    def _remember(
-        self, at: Float[np.ndarray, "k"], u: Float[np.ndarray, "k n"], strain: Float[np.ndarray, "k n"],
-        xi: Float[np.ndarray, "k n j"], chi: Float[np.ndarray, "k n"], reaction: Float[np.ndarray, "k"],
-        decay: float,
-    ) -> None:  # fmt: skip
-        """Accept a step: move the hysteresis elements of the regular columns."""
-        keep = at == np.floor(at)
-        k = int(keep.sum())
-        new = np.diff(u[keep], axis=1, prepend=0.0) / self._thickness
-        change = new - strain[keep]
-        free = new <= FREE_STRAIN
-        moved = np.clip(xi[keep] + change[:, :, None] / self._losses[1], -1.0, 1.0)
-        moved[free] = 1.0
-        relaxed = np.where(free, 0.0, (chi[keep] + change / self.law.relaxation_strain) * decay)
-        first = int(at[0])
-        self._memory[first : first + k] = np.column_stack(
-            [u[keep], new, relaxed, moved.reshape(k, -1), reaction[keep] > 0]
-        )
-
-    def _stiffness(
-        self, delta: Float[np.ndarray, "k"], cell: Float[np.ndarray, "k"], touching: Bool[np.ndarray, "k"]
-    ) -> float:
-        """Upper bound of d force / d depth [N/m]: every hysteresis element sticks."""
-        strain = np.clip(delta[touching] / self.geometry.width_m, 0.0, 0.9)
+    def stiffness_N_per_m(self) -> float:
+        """Upper bound of d force / d depth of all columns that touched in the last step: every hysteresis element sticks."""
+        delta, cell = self._pressed
+        strain = np.clip(delta / self.geometry.width_m, 0.0, 0.9)
         x = (strain - TABLE_START) / (TABLE_END - TABLE_START) * (TABLE_SIZE - 1)
         low = x.astype(np.int64)
         stress = self._stress[low]
         slope = (self._stress[low + 1] - stress) / (TABLE_END - TABLE_START) * (TABLE_SIZE - 1)
         gain = slope + stress * float(np.sum(self._losses[0] / self._losses[1]))
-        return float(gain @ cell[touching]) * self.geometry.height_m / self.geometry.width_m
+        return float(gain @ cell) * self.geometry.height_m / self.geometry.width_m
 
     def _free(self, bodies: int) -> StripState:
         """State without any contact."""
-        return self._result(np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.int64), np.zeros(0), 0.0, bodies)
+        none, points = np.zeros(0), np.zeros((0, 2))
+        self._pressed = none, none
+        return self._result(points, none, none.astype(np.int64), none, bodies, points)
 
     def _result(
         self, front: Float[np.ndarray, "q 2"], reaction: Float[np.ndarray, "q"], who: Int[np.ndarray, "q"],
-        at: Float[np.ndarray, "q"], stiffness: float, bodies: int,
-        force: Float[np.ndarray, "q 2"] | None = None,
+        at: Float[np.ndarray, "q"], bodies: int, force: Float[np.ndarray, "q 2"],
     ) -> StripState:  # fmt: skip
         """Forces from the reactions; profiles on the regular columns."""
-        geometry, k = self.geometry, len(self.s_m)
-        force = force if force is not None else np.zeros((0, 2))
+        k = len(self.s_m)
         moment = front[:, 0] * force[:, 1] - front[:, 1] * force[:, 0]
         parts = [
             np.bincount(who + 1, weights=x, minlength=bodies + 1)[1:]
@@ -251,25 +230,20 @@ class FoamStrip:
         fraction = at - low
         load = np.bincount(low, weights=reaction * (1 - fraction), minlength=k)
         load = load + np.bincount(np.minimum(low + 1, k - 1), weights=reaction * fraction, minlength=k)
-        area = np.full(
-            k, (self.s_m[1] - self.s_m[0]) * geometry.stretch(geometry.width_m) * geometry.height_m
-        )
-        area[[0, -1]] *= 0.5
         body = np.full(k, -1)
         body[low[fraction == 0]] = who[fraction == 0]
         delta = self._memory[:, len(self._thickness) - 1].copy()
         return StripState(
             s_m=self.s_m,
             delta_m=delta,
-            pressure_Pa=load / area,
-            front_m=self._back + self._normal * (geometry.width_m - delta[:, None]),
+            pressure_Pa=load / self._area_m2,
+            front_m=self._back + self._normal * (self.geometry.width_m - delta[:, None]),
             body=body,
             load_N=float(reaction.sum()),
             force_N=force.sum(axis=0),
             moment_Nm=float(moment.sum()),
             body_force_N=np.column_stack(parts[:2]),
             body_moment_Nm=parts[2],
-            stiffness_N_per_m=stiffness,
         )
 
 
@@ -281,10 +255,3 @@ def _flat(
     vertices = [np.asarray(body.vertices_m, dtype=np.float64) for body in bodies]
     flat = np.ascontiguousarray(np.concatenate(vertices)) if bodies else np.zeros((0, 2))
     return flat, starts, np.array([float(body.radius_m) for body in bodies])
-
-
-def _blend(values: Float[np.ndarray, "k *rest"], at: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q *rest"]:
-    """Linear interpolation at fractional indices."""
-    low = np.minimum(np.floor(at).astype(np.int64), len(values) - 2)
-    fraction = (at - low).reshape(-1, *([1] * (values.ndim - 1)))
-    return values[low] * (1 - fraction) + values[low + 1] * fraction

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ...core import Event, EventKind, Pose, above, check_numbers
 from ...core.errors import InputError, needs
-from ...core.geometry import so3_exp
+from ...core.geometry import rotation_2d
 from ..foam import SOFT_FOAM, FoamStrip, Outline, StripLaw
 from ..rendering.scene import FoamScene, SceneObject
 from .mujoco_model import world_mjcf
@@ -240,7 +240,8 @@ class FoamPushWorld:
             lean = np.array([turn[1], -turn[0]]) * height
             position = position.copy()
             position[:2] += (velocity[:2] + lean) * ahead_s
-            rotation = so3_exp(np.array([0.0, 0.0, turn[2] * ahead_s])) @ rotation
+            rotation = rotation.copy()
+            rotation[:2] = rotation_2d(turn[2] * ahead_s) @ rotation[:2]
         return section(self.obstacles[index], position, rotation, height)
 
     def _to_foam(self, outline: Outline, pose: tuple[float, float, float]) -> Outline:

@@ -111,7 +111,7 @@ class QuickWorld(CommandedBase):
                 kinetic = obstacle.name in self._sliding or obstacle.name in sliding
                 limit = obstacle.dynamic_friction_N if kinetic else obstacle.static_friction_N
                 if obstacle.movable and size > 1.02 * limit:
-                    over = (size - obstacle.dynamic_friction_N) / max(state.stiffness_N_per_m, 1.0)
+                    over = (size - obstacle.dynamic_friction_N) / max(self._strip.stiffness_N_per_m(), 1.0)
                     self._move(obstacle.name, turn @ force / size * min(over, 0.003))
                     sliding.add(obstacle.name)
                     settled = False

@@ -1,6 +1,7 @@
 from .appearance import Look as Look
 from .appearance import Occluder as Occluder
 from .appearance import Surface as Surface
+from .appearance import shade_floor as shade_floor
 from .blank_frames import BlankFrames as BlankFrames
 from .contour_truth import ContourTruth as ContourTruth
 from .contour_truth import crossings as crossings
@@ -15,7 +16,6 @@ from .rolling_view import RollingView as RollingView
 from .scene import FoamScene as FoamScene
 from .scene import SceneObject as SceneObject
 from .scene import Solid as Solid
-from .shadow import shade_floor as shade_floor
 from .textures import MATERIALS as MATERIALS
 from .textures import TILE_MEAN as TILE_MEAN
 from .textures import TILE_SIGMA as TILE_SIGMA

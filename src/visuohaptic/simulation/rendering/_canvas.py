@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Float32
 
 from ...core.camera.model import Camera
-from ...core.geometry import polygon_area
-from ._render_kernels import add_filtered_coverage, add_plane, add_signed_coverage
+from ._coverage import Coverage, coverage, share_facets
+from ._render_kernels import add_plane, hide
 from .appearance import Surface
 from .effects import in_bands
 from .rolling_view import ray_table
@@ -31,89 +30,6 @@ class Plane:
     #: the grid, (3,) [m]; (0, 0, 2) for a rigid surface
     warp: Float32[np.ndarray, "A B 2"] = field(default_factory=lambda: np.zeros((0, 0, 2), np.float32))
     grid: Float[np.ndarray, "3"] = field(default_factory=lambda: np.ones(3))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Coverage:
-    """Fraction of each pixel that a polygon covers, in a window whose first pixel is (x0, y0)."""
-
-    x0: int
-    y0: int
-    fraction: Float[np.ndarray, "h w"]
-
-    @property
-    def window(self) -> tuple[slice, slice]:
-        """Rows and columns of the window."""
-        return (
-            slice(self.y0, self.y0 + self.fraction.shape[0]),
-            slice(self.x0, self.x0 + self.fraction.shape[1]),
-        )
-
-
-def coverage(
-    polygon_px: Float[np.ndarray, "n 2"], rows: int, columns: int, blur_px: float = 0.0
-) -> Coverage | None:
-    """Fraction of each pixel that a polygon of either direction covers, behind a Gaussian blur.
-
-    The polygon's indicator convolved with the pixel's square and a Gaussian of
-    standard deviation ``blur_px``, at each pixel; ``None`` when it is outside.
-
-    Parameters
-    ----------
-    polygon_px
-        Corners (n, 2) [px].
-    rows, columns
-        Size of the image [px].
-    blur_px
-        Standard deviation of the blur [px].
-    """
-    if len(polygon_px) < 3 or not np.isfinite(polygon_px).all():
-        return None
-    sharp = blur_px < SHARP_PX
-    radius = 1 if sharp else _filter_table(blur_px)[0]
-    # One more pixel on each side keeps rounding errors along an edge inside the window.
-    low = np.floor(polygon_px.min(axis=0) + 0.5).astype(int) - radius - 1
-    high = np.floor(polygon_px.max(axis=0) + 0.5).astype(int) + radius + 2
-    # The window includes all columns to the left, since the cumulative sum starts there.
-    y0, y1 = max(low[1], 0), min(high[1], rows)
-    if y1 <= y0 or low[0] >= columns or high[0] <= 0:
-        return None
-    fraction = np.zeros((y1 - y0, high[0] - low[0]), np.float32)
-    polygon = np.ascontiguousarray(polygon_px, dtype=np.float64)
-    # Downward edges (y grows) count positive: they are the left border of a polygon of negative orientation.
-    if polygon_area(polygon) > 0:
-        polygon = polygon[::-1].copy()
-    if sharp:
-        add_signed_coverage(polygon, low[0], y0, fraction)
-    else:
-        radius, table, integral = _filter_table(blur_px)
-        add_filtered_coverage(polygon, low[0], y0, blur_px, table, integral, radius, fraction)
-    x0, x1 = max(low[0], 0), min(high[0], columns)
-    fraction = fraction[:, x0 - low[0] : x1 - low[0]]
-    return Coverage(int(x0), int(y0), fraction)
-
-
-#: Below this, blur is ignored: the variance of a pixel is a hundred times larger.
-SHARP_PX = 0.03
-
-#: Steps per pixel of the tabulated filter; the error of linear interpolation is 1 / (8 steps^2) of its curvature.
-_TABLE_STEPS = 256
-
-
-@lru_cache(maxsize=16)
-def _filter_table(blur_px: float) -> tuple[int, np.ndarray, np.ndarray]:
-    """Radius [px], and the filter of square and Gaussian with its integral, at equal steps."""
-    from scipy.special import ndtr
-
-    radius = int(np.ceil(4.2 * blur_px + 0.5))
-    x = np.linspace(-radius - 1, radius + 1, _TABLE_STEPS * (2 * radius + 2) + 1)
-
-    def primitive(z: np.ndarray) -> np.ndarray:  # of the normal distribution function
-        z = z / blur_px
-        return blur_px * (z * ndtr(z) + np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi))
-
-    table = ndtr((x + 0.5) / blur_px) - ndtr((x - 0.5) / blur_px)
-    return radius, table, primitive(x + 0.5) - primitive(x - 0.5)
 
 
 #: The painted parts of a solid.
@@ -178,7 +94,7 @@ class Canvas:
         light
             Factor of its levels in each pixel.
         """
-        everywhere = Coverage(0, 0, light)
+        everywhere = Coverage.full(0, 0, light)
         self._layers = [(everywhere, [(everywhere, plane)])]
 
     def drawn(self) -> Float32[np.ndarray, "rows columns channels"]:
@@ -190,11 +106,12 @@ class Canvas:
         """Draw the rows from ``low`` to ``high``, without the last."""
         self._image[low:high] = 0.0
         self._clear[low:high] = 1.0
-        for whole, parts in reversed(self._layers):
+        for i, (whole, parts) in reversed(list(enumerate(self._layers))):
             for cover, plane in parts:
                 self._add(plane, _rows(cover, low, high))
-            seen = _rows(whole, low, high)
-            self._clear[seen.window] *= 1 - seen.fraction
+            if i > 0:  # nothing is behind the farthest one
+                seen = _rows(whole, low, high)
+                hide(self._clear, seen.fraction, seen.spans, seen.x0, seen.y0)
 
     def paint_parts(
         self, polygons: list[np.ndarray], planes: list[Plane], active_rows: np.ndarray | None = None
@@ -214,7 +131,7 @@ class Canvas:
         found = [(c, plane) for c, plane in parts if c is not None]
         if active_rows is not None:
             found = [
-                (Coverage(c.x0, c.y0, c.fraction * active_rows[c.window[0], None].astype(np.float32)), plane)
+                (replace(c, fraction=c.fraction * active_rows[c.window[0], None].astype(np.float32)), plane)
                 for c, plane in found
             ]
         if found:
@@ -244,20 +161,8 @@ class Canvas:
         if whole is None:
             return []
         covers = [coverage(p, *self._clear.shape) for p in polygons]
-        found = [(c, plane) for c, plane in zip(covers, planes, strict=True) if c is not None]
-        total = np.zeros_like(whole.fraction)
-        placed = [(_overlap(c, whole), c, plane) for c, plane in found]
-        for (there, here), c, _ in placed:
-            total[there] += c.fraction[here]
-        scale = np.maximum(total, np.float32(1e-6))
-        np.divide(whole.fraction, scale, out=scale)
-        np.minimum(scale, 1, out=scale)
-        total *= scale
-        np.subtract(whole.fraction, total, out=total)
-        parts: Parts = [(Coverage(whole.x0, whole.y0, total), rest)]
-        for (there, here), c, plane in placed:
-            part = np.ascontiguousarray(c.fraction[here] * scale[there])
-            parts.append((Coverage(whole.x0 + there[1].start, whole.y0 + there[0].start, part), plane))
+        facets = [(c, plane) for c, plane in zip(covers, planes, strict=True) if c is not None]
+        parts: Parts = [(share_facets(whole, [c for c, _ in facets]), rest), *facets]
         self._layers.append((whole, parts))
         return parts
 
@@ -297,7 +202,7 @@ class Canvas:
             for hole, parts in reversed(list(solids.values()))
             for part in _fill_hole(hole, parts, weights, outer)
         ]
-        shown += [(Coverage(outer.x0, outer.y0, w), plane) for w, plane in zip(weights, planes, strict=True)]
+        shown += [(replace(outer, fraction=w), plane) for w, plane in zip(weights, planes, strict=True)]
         self._layers.append((outer, shown))
 
     def _add(self, plane: Plane, cover: Coverage) -> None:
@@ -305,10 +210,11 @@ class Canvas:
         add_plane(
             self._image,
             self._clear,
-            np.ascontiguousarray(cover.fraction),
+            cover.fraction,
+            cover.spans,
             cover.x0,
             cover.y0,
-            self._rays,
+            *self._rays,
             plane.matrices,
             self._tile(surface) if surface.texture else _NO_TILE,
             TILE_TEXELS / MATERIALS[surface.material],
@@ -335,7 +241,7 @@ def _fill_hole(hole: np.ndarray, parts: Parts, weights: list[np.ndarray], outer:
         return []
     area = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
     left = np.clip(hole[area], 0, None)
-    window = Coverage(outer.x0 + int(columns[0]), outer.y0 + int(rows[0]), left)
+    window = Coverage.full(outer.x0 + int(columns[0]), outer.y0 + int(rows[0]), left)
     faces = [_in_window(c, window) for c, _ in parts]
     total = np.sum(faces, axis=0)
     # Only the area of the solid; its own fraction decreases to zero beyond its blurred outline.
@@ -347,8 +253,7 @@ def _fill_hole(hole: np.ndarray, parts: Parts, weights: list[np.ndarray], outer:
         taken += part
     taken /= np.maximum(total, 1e-3)
     return [
-        (Coverage(window.x0, window.y0, face * taken), plane)
-        for face, (_, plane) in zip(faces, parts, strict=True)
+        (replace(window, fraction=face * taken), plane) for face, (_, plane) in zip(faces, parts, strict=True)
     ]
 
 
@@ -375,7 +280,8 @@ def _in_window(part: Coverage | None, frame: Coverage) -> np.ndarray:
 def _rows(cover: Coverage, low: int, high: int) -> Coverage:
     """The part of a coverage in some rows of the image."""
     first = min(max(low - cover.y0, 0), len(cover.fraction))
-    return Coverage(cover.x0, cover.y0 + first, cover.fraction[first : max(high - cover.y0, first)])
+    kept = slice(first, max(high - cover.y0, first))
+    return Coverage(cover.x0, cover.y0 + first, cover.fraction[kept], cover.spans[kept])
 
 
 def _union(parts: list[Coverage]) -> Coverage:
@@ -385,7 +291,7 @@ def _union(parts: list[Coverage]) -> Coverage:
     x0, y0 = min(p.x0 for p in parts), min(p.y0 for p in parts)
     x1 = max(p.x0 + p.fraction.shape[1] for p in parts)
     y1 = max(p.y0 + p.fraction.shape[0] for p in parts)
-    frame = Coverage(x0, y0, np.zeros((y1 - y0, x1 - x0), np.float32))
+    frame = Coverage.full(x0, y0, np.zeros((y1 - y0, x1 - x0), np.float32))
     for part in parts:
         frame.fraction[
             part.y0 - y0 : part.y0 - y0 + part.fraction.shape[0],

@@ -95,7 +95,7 @@ class CameraEffects(Ranged):
         seeds = np.asarray(rng.integers(0, 2**64, rows, dtype=np.uint64))
         field, gain = self.light_field(rows, columns), self.row_gain(row_times_s)
         sigma, quantiles = self.sigma_of_level(), _normal_quantiles()
-        result = np.zeros(image.shape, np.uint8)
+        result = np.empty(image.shape, np.uint8)
 
         def band(low: int, high: int) -> None:
             words, at = np.zeros((columns * channels + 3) // 4, np.uint64), slice(low, high)

@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from ...core import Camera, Pose
-from ._canvas import Canvas, Coverage, Hole, Parts, Plane
+from ._canvas import Canvas, Hole, Parts, Plane
+from ._coverage import Coverage
 from ._solids import (
     at_height,
     closed,
@@ -27,12 +28,11 @@ from ._solids import (
     solid_faces,
     turned_left,
 )
-from .appearance import Look, Occluder, Surface
+from .appearance import Look, Occluder, Surface, shade_floor
 from .contour_truth import ContourTruth
 from .effects import CameraEffects
 from .exposure import CameraShake, ExposedScene, SceneLike, inner_edge, observe
 from .scene import FoamScene
-from .shadow import shade_floor
 from .textures import MATERIALS, compression
 
 #: Light comes from above, behind and the left; a face's brightness grows with its normal along this direction.

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Float32, Int
 
 from ...core import Camera, Pose
 
@@ -281,18 +281,18 @@ def following(points: np.ndarray) -> np.ndarray:
     return np.concatenate([points[1:], points[:1]])
 
 
-def ray_table(camera: Camera) -> np.ndarray:
-    """Rays (H, W, 2) of all pixels, or two rows that suffice when the lens does not distort.
+def ray_table(camera: Camera) -> tuple[Float32[np.ndarray, "h w"], Float32[np.ndarray, "h2 w2"]]:
+    """x and y of the rays of all pixels, each (H, W); (1, W) and (H, 1) when the lens does not distort.
 
     Parameters
     ----------
     camera
         Lens and size of the image.
     """
-    columns = np.arange(camera.width, dtype=np.float64)
-    if not camera.distortion.any() and camera.matrix[0, 1] == 0:
-        rays = camera.rays(np.column_stack([columns, np.zeros(camera.width)]))[None, :, :2].copy()
-        rays[0, 1, 1] = 1.0 / camera.matrix[1, 1]
-        return rays
-    u, v = np.meshgrid(columns, np.arange(camera.height, dtype=np.float64))
-    return camera.rays(np.stack([u, v], axis=-1))[..., :2].copy()
+    grid = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
+    x, y = (
+        np.ascontiguousarray(part, np.float32)
+        for part in np.moveaxis(camera.rays(np.stack(grid, 2)), 2, 0)[:2]
+    )
+    upright = not camera.distortion.any() and camera.matrix[0, 1] == 0
+    return (x[:1].copy(), y[:, :1].copy()) if upright else (x, y)

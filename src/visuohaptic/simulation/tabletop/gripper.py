@@ -270,7 +270,7 @@ class VirtualGripper(Closing, Gripper):
         pressed = np.full(len(self.objects), travel_m)
         pressed[soft] -= give
         change, self._load = state.body_force_N[:, 0] - self._load, state.body_force_N[:, 0]
-        bound = state.stiffness_N_per_m
+        bound = self._strip.stiffness_N_per_m()
         slope = np.where(np.abs(pressed) > 1e-9, change / np.where(pressed == 0, 1.0, pressed), bound)
         self._stiffness = np.clip(slope, 0.1 * bound, bound)
         return self._load

@@ -128,7 +128,7 @@ def _ascending(times_s: list[float]) -> tuple[str, str]:
 
 
 def localizer_rules(
-    localizer: Localizer, base: MobileBase | None, wait: Callable[[float], None], motion: bool
+    localizer: Localizer, base: MobileBase | None, wait: Callable[[float], None], moves: Callable[[], bool]
 ) -> Iterator[tuple[str, str]]:
     """Check type, units, time, and agreement with the base.
 
@@ -140,15 +140,15 @@ def localizer_rules(
         Base that moves it; without one only readings are checked.
     wait
         Waits for a duration [s].
-    motion
-        Whether to move the base.
+    moves
+        Whether to move the base, asked once all readings are checked.
     """
     start = localizer.locate()
     yield rule("locate() is a MapPose", isinstance(start, MapPose), type(start).__name__)
     numbers = (start.t_s, start.x_m, start.y_m, start.heading_rad)
     yield rule("its numbers are finite", np.isfinite(numbers).all(), f"{start}")
     yield _fresh_rule(lambda: localizer.locate().t_s, wait)
-    if base is None or not motion:
+    if base is None or not moves():
         return
     start, before = localizer.locate(), base.state()
     base.drive(SPEED_m_s, TURN_rad_s)

@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -94,7 +95,8 @@ def check_robot(
     Returns
     -------
     list of ContractRule
-        Results in the order of the tests; after a broken rule the remaining ones of a part may be omitted.
+        Results in the order of the tests; after a broken rule a part is not moved any more, and rules that need what is
+        broken may be omitted.
 
     Raises
     ------
@@ -116,13 +118,10 @@ def check_robot(
         "base": (MobileBase, _base_rules),
         "arm": (ProbeArm, _arm_rules),
         "gripper": (Gripper, _gripper_rules),
-        "camera": (FrameSource, lambda part, _wait, _motion: camera_rules(part)),
-        "localizer": (
-            Localizer,
-            lambda part, wait, motion: localizer_rules(part, parts.base, wait, motion),
-        ),
-        "depth": (DepthSource, lambda part, wait, _motion: depth_rules(part, wait)),
-        "feel": (TouchReader, lambda part, _wait, _motion: touch_rules(part, parts.camera)),
+        "camera": (FrameSource, lambda part, _wait, _moves: camera_rules(part)),
+        "localizer": (Localizer, lambda part, wait, moves: localizer_rules(part, parts.base, wait, moves)),
+        "depth": (DepthSource, lambda part, wait, _moves: depth_rules(part, wait)),
+        "feel": (TouchReader, lambda part, _wait, _moves: touch_rules(part, parts.camera)),
     }
     found = []
     for name, (protocol, rules) in tried.items():
@@ -136,14 +135,36 @@ def check_robot(
         except InputError as problem:
             found.append(ContractRule(name, signature, str(problem)))
             continue
-        found.append(ContractRule(name, signature, ""))
-        for trial in (rules(part, parts.wait, motion), _stopped(part)):
-            try:
-                for rule, fault in trial:
-                    found.append(ContractRule(name, rule, fault))
-                    if fault:
-                        break
-            except Exception as problem:  # noqa: BLE001 - whatever somebody's robot raises is a finding
+        kept = ContractRule(name, signature, "")
+        found += _tried(kept, part, partial(rules, part, parts.wait), motion)
+    return found
+
+
+def _tried(
+    kept: ContractRule,
+    part: Any,
+    rules: Callable[[Callable[[], bool]], Iterator[tuple[str, str]]],
+    motion: bool,
+) -> list[ContractRule]:
+    """Results of one part, after the first. After a broken rule its readings are checked on, but it is not moved."""
+    found, name = [kept], kept.part
+    moving = False
+
+    def may_move() -> bool:
+        nonlocal moving
+        moving = motion and not any(one.problem for one in found)
+        return moving
+
+    for trial in (rules(may_move), _stopped(part)):
+        broken = False
+        try:
+            for rule, fault in trial:
+                found.append(ContractRule(name, rule, fault))
+                broken = broken or bool(fault)
+                if fault and moving:
+                    break
+        except Exception as problem:  # noqa: BLE001 - whatever somebody's robot raises is a finding
+            if not broken:  # otherwise it may follow from that, such as a state of another type
                 fault = f"{type(problem).__name__}: {problem}, after '{found[-1].rule}'"
                 found.append(ContractRule(name, "its methods work", fault))
     return found
@@ -233,14 +254,16 @@ def _next_state(base: MobileBase, wait: Callable[[float], None]) -> BaseState:
     return before
 
 
-def _base_rules(base: MobileBase, wait: Callable[[float], None], motion: bool) -> Iterator[tuple[str, str]]:
+def _base_rules(
+    base: MobileBase, wait: Callable[[float], None], moves: Callable[[], bool]
+) -> Iterator[tuple[str, str]]:
     start = base.state()
     yield rule("state() is a BaseState", isinstance(start, BaseState), type(start).__name__)
     numbers = [getattr(start, field.name) for field in fields(BaseState)]
     yield rule("its numbers are finite", np.isfinite(numbers).all(), f"{start}")
     yield from clock_rules(lambda: base.state().t_s, wait, HOLD_s)
     still = base.state()
-    if not motion:
+    if not moves():
         return
     base.drive(0.0, TURN_rad_s)
     wait(HOLD_s)
@@ -288,7 +311,7 @@ def _base_rules(base: MobileBase, wait: Callable[[float], None], motion: bool) -
 
 
 def _gripper_rules(
-    gripper: Gripper, wait: Callable[[float], None], motion: bool
+    gripper: Gripper, wait: Callable[[float], None], moves: Callable[[], bool]
 ) -> Iterator[tuple[str, str]]:
     start = gripper.state()
     yield rule("state() is a GripperState", isinstance(start, GripperState), type(start).__name__)
@@ -296,7 +319,7 @@ def _gripper_rules(
         "its opening is in metres", 0 <= start.opening_m < 0.5, f"{start.opening_m}, expected 0 to 0.5"
     )
     yield from clock_rules(lambda: gripper.state().t_s, wait, 0.5)
-    if not motion:
+    if not moves():
         return
     sign = -1.0 if start.opening_m > 1.5 * SQUEEZE_m else 1.0
     target, speed = start.opening_m + sign * SQUEEZE_m, 0.01
@@ -319,7 +342,9 @@ def _gripper_rules(
     wait(SQUEEZE_m / speed + 0.5)
 
 
-def _arm_rules(arm: ProbeArm, wait: Callable[[float], None], motion: bool) -> Iterator[tuple[str, str]]:
+def _arm_rules(
+    arm: ProbeArm, wait: Callable[[float], None], moves: Callable[[], bool]
+) -> Iterator[tuple[str, str]]:
     _, start = arm.pose()
     yield rule("pose() is a time and a Pose", isinstance(start, Pose), type(start).__name__)
     reach = np.asarray(arm.reach_m(), dtype=float)
@@ -329,7 +354,7 @@ def _arm_rules(arm: ProbeArm, wait: Callable[[float], None], motion: bool) -> It
     found = f"{far:.4g} m, reach {reach[0]:.4g} to {reach[1]:.4g} m"
     yield rule("the tip is within its reach, in metres", reach[0] <= far <= reach[1], found)
     yield from clock_rules(lambda: arm.pose()[0], wait, 0.5)
-    if not motion:
+    if not moves():
         return
     up = np.array([0.0, 0.0, LIFT_m])
     # Towards the middle of the reach: up or down, whichever stays inside.

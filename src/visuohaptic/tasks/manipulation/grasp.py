@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -36,6 +36,7 @@ class GraspOutcome(StrEnum):
 
     LIFTED = "lifted"
     NOTHING_THERE = "nothing_there"  #: closed without contact
+    TIMED_OUT = "timed_out"  #: the fingers did not reach the force
     TOO_SOFT = "too_soft"  #: maximum deformation reached before the force
     LOST = "lost"  #: the force vanished during the lift
     SENSOR_FAILED = "sensor_failed"
@@ -98,7 +99,7 @@ class GraspAndLiftTask(HandTask[GraspState]):
         self.rules = {
             s.OPEN: Rule((s.REACH,), 20.0),
             s.REACH: Rule((s.CLOSE,), 30.0),
-            s.CLOSE: Rule((s.LIFT, s.OPEN), 60.0, s.OPEN, count),
+            s.CLOSE: Rule((s.LIFT, s.OPEN), otherwise=s.OPEN, attempts=count),
             s.LIFT: Rule((s.CHECK, s.PUT_DOWN), 30.0, s.PUT_DOWN, count),
             s.CHECK: Rule((s.LOWER, s.PUT_DOWN), 10.0, s.PUT_DOWN, count),
             s.LOWER: Rule((), 30.0),
@@ -107,9 +108,12 @@ class GraspAndLiftTask(HandTask[GraspState]):
         super().__init__({"plan": plan, "others": others} if others else plan)
         self.force_N, self.deformation_m = 0.0, math.nan
         self._first_m = math.nan
-        self._weak = 0
+        self._weak = self._frames = 0
         self._closing: list[tuple[float, float]] = []  #: opening [m] and force [N]
         self._idle_N: list[float] = []  #: force before a contact [N]
+        self._stopped_N: list[float] | None = (
+            None  #: readings since one reached the force and the fingers stopped [N]
+        )
         self._unloaded_N: list[float] = []  #: load on the table [N]
         self._loaded_N: list[float] = []
 
@@ -168,12 +172,56 @@ class GraspAndLiftTask(HandTask[GraspState]):
         if self.deformation_m > p.deformation_m:
             why = f"deforms by {1e3 * self.deformation_m:.1f} mm at {seen.force_N:.2f} N"
             return self._fail(GraspOutcome.TOO_SOFT, why)
-        if seen.force_N >= p.force_N:
-            self.go(GraspState.LIFT, f"{seen.force_N:.2f} N")
-            return self.halt()
+        if self._stopped_N is not None or seen.force_N >= p.force_N:
+            reached_N = self._confirmed_N(seen.force_N)
+            if math.isnan(reached_N):
+                return self.halt()
+            if reached_N >= (1.0 - 0.5 * EXCESS) * p.force_N:
+                self.go(GraspState.LIFT, f"{reached_N:.2f} N")
+                return self.halt()
+            seen = replace(seen, force_N=reached_N)
+        if (late := self._late(seen.t_s)) is not None:
+            return self._fail(GraspOutcome.TIMED_OUT, late)
         if seen.opening_m <= 1e-4:
             return self._fail(GraspOutcome.NOTHING_THERE, "closed without reaching the force")
         return HandCommand(opening_m=self._next_opening_m(seen), finger_m_s=p.finger_m_s)
+
+    def _late(self, t_s: float) -> str | None:
+        """Why the fingers should have reached the force long ago: twice the frames and the time of the whole way.
+
+        Twice, since a gripper that moves one frame after its command needs two frames for each step.
+        """
+        p, self._frames = self.plan, self._frames + 1
+        steps = p.open_m / self._blind_m + 2.0 / EXCESS * (1.0 + self._noise**2)
+        late = self._frames > 2.0 * steps and self.since_s(t_s) > 2.0 * p.open_m / p.finger_m_s
+        return f"still closing after {self._frames} frames, where {steps:.0f} were expected" if late else None
+
+    @property
+    def _blind_m(self) -> float:
+        """Way of one frame by which the foam of both fingers presses with less than the force before a rigid wall [m]."""
+        return (1.0 - EXCESS) * self.plan.force_N / (0.5 * self.plan.finger_N_per_m)
+
+    @property
+    def _noise(self) -> float:
+        """Standard deviation of a reading before the contact, by half of the excess."""
+        return float(np.std(self._idle_N)) / (0.5 * EXCESS * self.plan.force_N) if self._idle_N else 0.0
+
+    def _confirmed_N(self, felt_N: float) -> float:
+        """Force at which the fingers stopped [N]; NaN while more readings of it are needed.
+
+        The reading that reaches the force first is one of many, chosen for its noise: those after it are averaged until
+        their standard error is half of the excess. Where one reading is as good as that, it decides.
+        """
+        if self._noise <= 1.0:
+            return felt_N
+        if self._stopped_N is None:
+            self._stopped_N = []
+            return math.nan
+        self._stopped_N.append(felt_N)
+        if len(self._stopped_N) < self._noise**2:
+            return math.nan
+        mean_N, self._stopped_N = float(np.mean(self._stopped_N)), None
+        return mean_N
 
     def _next_opening_m(self, seen: HandObservation) -> float:
         """Opening up to which to close until the next frame.
@@ -194,7 +242,7 @@ class GraspAndLiftTask(HandTask[GraspState]):
         elif not self._closing:
             self._idle_N.append(felt_N)
         noise_N = NOISE * float(np.std(self._idle_N)) if self._idle_N else 0.0
-        start_m, N_per_m = seen.opening_m, 0.5 * p.finger_N_per_m
+        start_m = seen.opening_m
         rise_N = 0.5 * max(p.force_N - felt_N, EXCESS * p.force_N)
         if weaker:
             opening_m, force_N = weaker[-1]
@@ -202,7 +250,7 @@ class GraspAndLiftTask(HandTask[GraspState]):
         elif foam_m > 0.0 and felt_N > EXCESS * p.force_N:
             N_per_m = (felt_N + noise_N) / (2.0 * foam_m)
         else:
-            start_m, rise_N = min(start_m, p.open_m), (1.0 - EXCESS) * p.force_N
+            return max(0.0, min(start_m, p.open_m) - self._blind_m)
         return max(0.0, start_m - rise_N / N_per_m)
 
     def weighs(self, t_s: float) -> bool:
@@ -236,8 +284,9 @@ class GraspAndLiftTask(HandTask[GraspState]):
         super().go(state, why)
         if state is GraspState.OPEN and self._others:
             self.plan = self._others.pop(0)
-            self._weak, self._first_m, self.deformation_m, self._closing = 0, math.nan, math.nan, []
-            self._idle_N, self._unloaded_N, self._loaded_N = [], [], []
+            self._weak, self._frames, self._closing = 0, 0, []
+            self._first_m = self.deformation_m = math.nan
+            self._idle_N, self._unloaded_N, self._loaded_N, self._stopped_N = [], [], [], None
 
 
 def grasp_and_lift(hand: Hand, plan: LiftPlan, *others: LiftPlan) -> GraspAndLift:

@@ -82,7 +82,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         **picked(material, "width_m height_m residual_Pa working_strain densification_strain"),
         "points_loading": len(data.loading[0]),
         "points_unloading": len(data.unloading[0]),
-        **picked(found, "residual_spline_Pa residual_cubic_Pa cubic_monotone hysteresis_loss notes"),
+        **picked(
+            found,
+            "residual_spline_Pa residual_cubic_Pa cubic_monotone hysteresis_loss presses press_sigma notes",
+        ),
         "tension_ratio": material.tension.ratio,
         "tension_sigma": material.tension.sigma,
         "tension_calibrated": material.tension.calibrated,
@@ -102,6 +105,7 @@ def _lines(result: dict[str, Any]) -> list[str]:
         f"strip: width {1e3 * result['width_m']:g} mm along the compression, "
         f"height {1e3 * result['height_m']:g} mm",
         f"{result['points_loading']} loading and {result['points_unloading']} unloading points",
+        _scatter(result["presses"], result["press_sigma"]),
         f"residual: spline {result['residual_spline_Pa']:.1f} Pa, cubic "
         + ("not fitted" if cubic is None else f"{cubic:.1f} Pa")
         + ("" if result["cubic_monotone"] else " (not monotone)")
@@ -113,3 +117,10 @@ def _lines(result: dict[str, Any]) -> list[str]:
         *result["notes"],
         f"wrote {result['out']}" + (f" and {result['plot']}" if result["plot"] else ""),
     ]
+
+
+def _scatter(presses: int, sigma: float) -> str:
+    """What the presses of a record tell about the next one."""
+    if presses > 1:
+        return f"{presses} presses: the stress of the next one is known to {100 * sigma:.1f} %"
+    return "one press: sigma lacks what differs from press to press, and with speed; several presses in one table determine it"

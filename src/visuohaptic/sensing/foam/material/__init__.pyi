@@ -25,7 +25,6 @@ from .records import StrainStress as StrainStress
 from .records import read_plate as read_plate
 from .records import read_strain_stress as read_strain_stress
 from .section import Section as Section
-from .section import force_sigma as force_sigma
 from .section import section_height as section_height
 from .section import section_material as section_material
 from .section import section_stress as section_stress

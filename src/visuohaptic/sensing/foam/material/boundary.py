@@ -88,8 +88,8 @@ def calibrate_tension(
     The contours are resampled at the point spacing of the sensor (mean over
     eight phases), because the slope of the flank of a plate depends on the spacing. The forces F of all depths obey
     ``F_enlarged / F - 1 = kappa relief / F + lambda c int h m eps^2 ds / F + e``, with the part c that remains at the
-    breadth of the plate; e is the scatter of a plate, that of the residuals, and the error of the law by sheared foam, which
-    all depths share. lambda has its prior.
+    breadth of the plate; e is the scatter of a plate, that of the residuals, and the errors that all depths share: of the law by
+    sheared foam, and of the curve, from which another press differs. lambda has its prior.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def calibrate_tension(
         The plate covers the whole record, or its forces do not fit the material.
     """
     material = replace(material, tension=Tension())
-    taken, rows = [], []
+    taken, rows, bases = [], [], []
     for record in records:
         top = float(record.delta_m.max())
         if not 0.04 * material.width_m <= top <= material.densification_strain * material.width_m:
@@ -121,7 +121,9 @@ def calibrate_tension(
                 remedy="use a plate narrower than the strip and record the contour beyond its flanks",
             )
         taken.append(record.force_N)
-        rows.append(_effects(record, material, spacing_m))
+        effects, basis = _effects(record, material, spacing_m)
+        rows.append(effects)
+        bases.append(basis / record.force_N)
     if len(taken) < 2:
         raise CalibrationError(
             where,
@@ -140,8 +142,9 @@ def calibrate_tension(
     if weight < 1e-6:
         raise CalibrationError(where, "the contours have no flanks", remedy="use a narrower plate")
     design = np.column_stack([effect, lateral])
+    curve = np.array(bases) @ material.loading.covariance @ np.array(bases).T
     (kappa, expansion), covariance = _regressed(
-        design, excess, SHEARED_SIGMA * sheared, material.tension.lateral_sigma
+        design, excess, SHEARED_SIGMA**2 * np.outer(sheared, sheared) + curve, material.tension.lateral_sigma
     )
     sigma, expansion_sigma = (float(x) for x in np.sqrt(np.diag(covariance)))
     if not -2 * sigma <= kappa <= 2.0:
@@ -157,21 +160,23 @@ def calibrate_tension(
 def _regressed(
     design: Float[np.ndarray, "n 2"],
     excess: Float[np.ndarray, "n"],
-    common: Float[np.ndarray, "n"],
+    common: Float[np.ndarray, "n n"],
     lateral_sigma: float,
 ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]]:
-    """Posterior mean and covariance of kappa, with a flat prior, and lambda; ``common`` is the error that all depths share."""
+    """Posterior mean and covariance of kappa, with a flat prior, and lambda; ``common`` is the covariance that depths share."""
     information, variance = np.diag([0.0, lateral_sigma**-2]), PLATE_SIGMA**2
     for _ in range(2):  # the second fit uses the residuals of the first one
-        weighted = np.linalg.solve(variance * np.eye(len(excess)) + np.outer(common, common), design)
+        weighted = np.linalg.solve(variance * np.eye(len(excess)) + common, design)
         covariance = np.linalg.inv(design.T @ weighted + information)
         mean = covariance @ weighted.T @ excess
         variance = PLATE_SIGMA**2 + float(np.mean((excess - design @ mean) ** 2))
     return mean, covariance
 
 
-def _effects(record: PlateRecord, material: FoamMaterial, spacing_m: float) -> Float[np.ndarray, "4"]:
-    """Forces of a contour as the sensor samples it [N]: enlarged law, relief, of sheared foam, and by lambda."""
+def _effects(
+    record: PlateRecord, material: FoamMaterial, spacing_m: float
+) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "p"]]:
+    """Forces of a contour as the sensor samples it [N]: enlarged law, relief, of sheared foam, by lambda; and by parameters of the curve [m^2]."""
     samples = []
     for phase in np.arange(8) / 8:
         s = np.arange(record.s_m[0] + phase * spacing_m, record.s_m[-1], spacing_m)
@@ -182,4 +187,4 @@ def _effects(record: PlateRecord, material: FoamMaterial, spacing_m: float) -> F
     strain = np.maximum(record.delta_m, 0.0) / material.width_m
     basis = material.height_m * np.trapezoid(material.loading.basis(strain), record.s_m, axis=0)
     _, lateral_N = material.expansion_N(basis[None], strain.max(keepdims=True))
-    return np.array([*np.mean(samples, axis=0), -lateral_N[0]])
+    return np.array([*np.mean(samples, axis=0), -lateral_N[0]]), basis

@@ -8,10 +8,12 @@ of knots is chosen by cross-validation. Both residuals are reported.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from scipy.special import ndtr, stdtrit
 
 from ....core.errors import CalibrationError
 from .foam_material import FoamMaterial
@@ -46,6 +48,9 @@ class FoamCalibration:
     residual_cubic_Pa: float
     cubic_monotone: bool
     hysteresis_loss: float  #: dissipated fraction of the work of compression; 0 without unloading points
+    presses: int  #: number of presses from rest in the record
+    #: Standard deviation of the stress of a further press, relative to the curve; NaN for a single press, which does not show it.
+    press_sigma: float
     notes: tuple[str, ...] = ()
 
 
@@ -116,28 +121,20 @@ def calibrate_foam(
     >>> found.residual_spline_Pa < 50.0, round(found.material.loading.max_strain, 2)
     (True, 0.6)
     """
-    strain, stress = data.loading
+    record, (strain, stress) = data, data.loading
     refuse_bad_points(data.where, strain, stress)
     spline = fit_curve(strain, stress, kind="spline", where=data.where)
+    presses, press_sigma = _presses(data), float("nan")
+    if len(presses) > 1:
+        data, press_sigma = _levelled(data, presses, spline.curve)
+        strain, stress = data.loading
+        spline = fit_curve(strain, stress, kind="spline", where=data.where)
     refuse_unsuitable(data.where, strain, stress, spline.curve)
     notes: list[str] = []
-    cubic_residual, cubic_monotone = np.nan, False
-    try:
-        cubic = fit_curve(strain, stress, kind="cubic", where=data.where)
-        cubic_residual = cubic.residual_Pa
-        cubic_monotone = cubic.curve.minimum_slope()[1] > 0
-    except CalibrationError:
-        if curve == "cubic":
-            raise
-        cubic = spline
-    if curve == "cubic" and not cubic_monotone:
-        at, slope = cubic.curve.minimum_slope()
-        raise CalibrationError(
-            data.where,
-            f"the cubic falls at strain {at:.2f} (slope {slope:.0f} Pa), expected a rising curve",
-            remedy="use the spline curve, which is monotone",
-        )
-    chosen = spline if curve == "spline" else cubic
+    cubic = _cubic(data, required=curve == "cubic")
+    cubic_residual = cubic.residual_Pa if cubic is not None else float("nan")
+    cubic_monotone = cubic is not None and cubic.curve.minimum_slope()[1] > 0
+    chosen = spline if curve == "spline" or cubic is None else cubic
     limit = MAX_RESIDUAL * float(stress.max())
     if chosen.residual_Pa > limit:
         raise CalibrationError(
@@ -147,8 +144,12 @@ def calibrate_foam(
         )
     working, densification = plateau(chosen.curve)
     unloading, peak, loss = _unloading(data, chosen, notes)
+    loading = chosen.curve
+    if len(presses) > 1:
+        common = press_sigma * loading.parameters
+        loading = replace(loading, covariance=loading.covariance + np.outer(common, common))
     material = FoamMaterial(
-        loading=chosen.curve,
+        loading=loading,
         width_m=width_m,
         height_m=height_m,
         working_strain=working,
@@ -164,8 +165,64 @@ def calibrate_foam(
         tension=tension or Tension(),
     )
     return FoamCalibration(
-        material, data, spline.residual_Pa, float(cubic_residual), cubic_monotone, loss, tuple(notes)
-    )
+        material, record, spline.residual_Pa, cubic_residual, cubic_monotone, loss, len(presses), press_sigma,
+        tuple(notes),
+    )  # fmt: skip
+
+
+def _cubic(data: StrainStress, *, required: bool) -> StressCurveFit | None:
+    """The published cubic, for comparison; where it is ``required``, it has to exist and to rise."""
+    try:
+        cubic = fit_curve(*data.loading, kind="cubic", where=data.where)
+    except CalibrationError:
+        if required:
+            raise
+        return None
+    at, slope = cubic.curve.minimum_slope()
+    if required and slope <= 0:
+        raise CalibrationError(
+            data.where,
+            f"the cubic falls at strain {at:.2f} (slope {slope:.0f} Pa), expected a rising curve",
+            remedy="use the spline curve, which is monotone",
+        )
+    return cubic
+
+
+def _presses(data: StrainStress) -> list[Int[np.ndarray, "k"]]:
+    """Indices of the points of each press from rest; all points where the record is no sequence of whole presses."""
+    again = np.diff(data.strain) < -0.5 * np.ptp(data.strain)
+    again |= (np.diff(data.direction) > 0) & (data.strain[1:] <= REQUIRED_RANGE[0])
+    starts = np.flatnonzero(again & (data.direction[1:] > 0)) + 1
+    presses = np.split(np.arange(len(data.strain)), starts)
+    for press in presses:
+        up = data.strain[press[data.direction[press] > 0]]
+        if not (up.min(initial=1.0) <= REQUIRED_RANGE[0] and up.max(initial=0.0) >= REQUIRED_RANGE[1]):
+            return [np.arange(len(data.strain))]
+    return presses
+
+
+def _levelled(
+    data: StrainStress, presses: list[Int[np.ndarray, "k"]], curve: StressCurve
+) -> tuple[StrainStress, float]:
+    """The record with all presses at their mean stress, and the relative standard deviation of a further press.
+
+    Foam is stiffer the faster it is pressed, and differs from press to press. Each press has a gain relative to the common curve; what
+    the gains of R presses scatter beyond their own errors is that of the next press, relative to their mean: s^2 (1 + 1 / R). As
+    s itself is estimated from R - 1 differences, one standard deviation is the 68 % interval of Student's distribution.
+    """
+    gain, error2 = np.zeros((2, len(presses)))
+    for i, press in enumerate(presses):
+        up = press[data.direction[press] > 0]
+        model = curve.stress(data.strain[up])
+        gain[i] = model @ data.stress_Pa[up] / (model @ model)
+        rest = data.stress_Pa[up] - gain[i] * model
+        error2[i] = rest @ rest / ((len(up) - 1) * (model @ model))
+    scatter2 = max(float(gain.var(ddof=1) - error2.mean()), 0.0) * (1.0 + 1.0 / len(presses))
+    sigma = float(stdtrit(len(presses) - 1, ndtr(1.0))) * math.sqrt(scatter2) / float(gain.mean())
+    stress = data.stress_Pa.copy()
+    for press, own in zip(presses, gain, strict=True):
+        stress[press] *= float(gain.mean()) / own
+    return replace(data, stress_Pa=stress), sigma
 
 
 def fit_curve(

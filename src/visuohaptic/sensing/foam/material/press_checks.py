@@ -9,8 +9,8 @@ from ....core.errors import CalibrationError
 from ....core.measurement import SIGMA_PER_MAD
 from .stress_curve import StressCurve
 
-#: Minimum number of different strains on the loading branch.
-MIN_STRAINS = 10
+#: Minimum number of different strains on the loading branch: three for each of the four parameters of the smallest spline.
+MIN_STRAINS = 12
 #: The calibration has to begin at or below the first strain and to reach the second one.
 REQUIRED_RANGE = (0.1, 0.3)
 #: Largest gap between neighbouring strains.

@@ -29,10 +29,13 @@ Section = Literal["rectangle", "triangle", "trapezoid"]
 #: because the stress at a sharp edge is infinite.
 FRONT_RATIO: dict[Section, float] = {"rectangle": 1.0, "triangle": 0.02, "trapezoid": 0.5}
 
+#: Slabs in series: their midpoint rule is exact to 1e-4.
+_SLABS = 200
+#: Camera of Fig. 3.4: distance d [m], focal length f [px], and angle gamma between the line of sight and the deflection.
+_DISTANCE_M, _FOCAL_PX, _GAMMA_RAD = 0.3, 1800.0, np.radians(70.0)
 
-def section_height(
-    section: Section, y_relative: Float[np.ndarray, "n"], front_ratio: float | None = None
-) -> Float[np.ndarray, "n"]:
+
+def section_height(section: Section, y_relative: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
     """Height of a cross section relative to its back.
 
     Parameters
@@ -41,19 +44,14 @@ def section_height(
         Shape of the cross section.
     y_relative
         Position through the width, 0 at the back, 1 at the front.
-    front_ratio
-        Ratio of the height of the front to that of the back, more than 0 to 1; None: that of the shape.
     """
     if section not in FRONT_RATIO:
         raise InputError("section", f"found {section!r}, expected one of {', '.join(FRONT_RATIO)}")
-    front = FRONT_RATIO[section] if front_ratio is None else front_ratio
-    if not 0 < front <= 1:
-        raise InputError("front_ratio", f"found {front}, expected 0 < front_ratio <= 1")
-    return 1.0 - (1.0 - front) * y_relative
+    return 1.0 - (1.0 - FRONT_RATIO[section]) * y_relative
 
 
 def section_stress(
-    curve: StressCurve, section: Section, *, front_ratio: float | None = None, slabs: int = 200
+    curve: StressCurve, section: Section
 ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
     """Strain of the rod and its stress related to the full height [Pa].
 
@@ -68,21 +66,14 @@ def section_stress(
         Loading curve of the foam itself.
     section
         Shape of the cross section.
-    front_ratio
-        Ratio of the height of the front to that of the back; None: that of the shape.
-    slabs
-        Number of slabs in series.
     """
-    y = (np.arange(slabs) + 0.5) / slabs
-    height = section_height(section, y, front_ratio)
+    height = section_height(section, (np.arange(_SLABS) + 0.5) / _SLABS)
     # Inverse of the monotone curve by a dense table.
     strain = np.linspace(0.0, curve.max_strain, 4000)
     stress = curve.stress(strain)
     end_slope = float(curve.slope(np.array(curve.max_strain)))
     load = stress[-1] * np.linspace(0.0, 1.0, 400) ** 1.5
-    load = load * (
-        0.5 if section == "triangle" else float(section_height(section, np.array(1.0), front_ratio))
-    )
+    load = load * (0.5 if section == "triangle" else FRONT_RATIO[section])
     local = load[:, None] / height[None, :]
     inside = np.interp(local, stress, strain)
     # Foam densifies: the tangent underestimates its stiffness, and the strain is limited.
@@ -91,9 +82,7 @@ def section_stress(
     return np.minimum(inside + beyond, limit).mean(axis=1), load
 
 
-def section_material(
-    material: FoamMaterial, section: Section, *, front_ratio: float | None = None
-) -> FoamMaterial:
+def section_material(material: FoamMaterial, section: Section) -> FoamMaterial:
     """Material of a rod of the given section, cut from the same foam as the rectangle.
 
     The covariance is propagated by finite differences of the parameters. The rod
@@ -106,12 +95,10 @@ def section_material(
         Foam calibrated as a rectangle.
     section
         Shape of the cross section.
-    front_ratio
-        Ratio of the height of the front to that of the back; None: that of the shape.
     """
     if section == "rectangle":
         return replace(material, section=section)
-    strain, stress = section_stress(material.loading, section, front_ratio=front_ratio)
+    strain, stress = section_stress(material.loading, section)
     strain, keep = np.unique(strain, return_index=True)
     stress = stress[keep]
     fit = fit_curve(strain, stress, where=f"{section} section")
@@ -132,7 +119,7 @@ def section_material(
             factor = 10.0
         else:
             factor = 1.0
-        other = section_stress(moved, section, front_ratio=front_ratio)
+        other = section_stress(moved, section)
         columns.append(factor * (inverse @ (np.interp(strain, *other) - stress)))
     jacobian = np.array(columns).reshape(len(columns), design.shape[1])
     curve = replace(fit.curve, covariance=jacobian.T @ jacobian)
@@ -150,17 +137,10 @@ def section_material(
     )
 
 
-def sensitivity(
-    material: FoamMaterial,
-    strain: Float[np.ndarray, "*n"],
-    *,
-    distance_m: float = 0.3,
-    gamma_rad: float = np.radians(70.0),
-    focal_px: float = 1800.0,
-) -> Float[np.ndarray, "n"]:
-    """Change of pressure per pixel, Eq. (3.9): ``dm/d delta * d / (f sin gamma)`` [Pa/px].
+def sensitivity(material: FoamMaterial, strain: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "n"]:
+    """Change of pressure per pixel, Eq. (3.9): ``dm/d delta * d / (f sin gamma)`` [Pa/px], for the camera of Fig. 3.4.
 
-    The defaults are those of Fig. 3.4. The printed sin^-1 means 1 / sin.
+    The printed sin^-1 means 1 / sin.
 
     Parameters
     ----------
@@ -168,40 +148,6 @@ def sensitivity(
         Calibrated foam.
     strain
         Compressive strain.
-    distance_m
-        d, from the camera to the strip [m].
-    gamma_rad
-        Angle between the line of sight and the deflection, more than 0 to pi / 2 [rad].
-    focal_px
-        f, focal length [px].
     """
-    if not (distance_m > 0 and focal_px > 0 and 0 < gamma_rad <= np.pi / 2):
-        raise InputError(
-            "sensitivity",
-            f"found d {distance_m} m, f {focal_px} px, gamma {gamma_rad} rad; "
-            "expected d > 0, f > 0, 0 < gamma <= pi/2",
-        )
-    return material.slope(strain) / material.width_m * distance_m / (focal_px * np.sin(gamma_rad))
-
-
-def force_sigma(
-    sensitivity_Pa_px: float, points: int, spacing_m: float, height_m: float, sigma_px: float
-) -> float:
-    """Standard deviation of the force of N equal contact points, Eq. (3.10) [N].
-
-    The factor sqrt 2 is due to the two contours, front and reference.
-
-    Parameters
-    ----------
-    sensitivity_Pa_px
-        Change of pressure per pixel [Pa/px].
-    points
-        N, points in contact.
-    spacing_m
-        Distance between them [m].
-    height_m
-        Height of the strip across the contour [m].
-    sigma_px
-        Standard deviation of a contour point [px].
-    """
-    return float(np.sqrt(2.0 * points) * height_m * spacing_m * sensitivity_Pa_px * sigma_px)
+    pixel_m = _DISTANCE_M / (_FOCAL_PX * np.sin(_GAMMA_RAD))
+    return material.slope(strain) / material.width_m * pixel_m

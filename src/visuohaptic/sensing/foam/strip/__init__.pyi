@@ -12,7 +12,6 @@ from .optics import StripOptics as StripOptics
 from .stripe_view import StripeView as StripeView
 from .stripe_view import stripe_masks as stripe_masks
 from .stripe_view import train_stripe as train_stripe
-from .zero import DriftSettings as DriftSettings
 from .zero import ZeroReference as ZeroReference
 from .zero import ZeroWatch as ZeroWatch
 from .zero import check_width as check_width

@@ -15,6 +15,7 @@ from pydantic import Field, FiniteFloat
 from ....core import CalibrationError, InputError, decode_image, load_yaml_model, save_yaml
 from ...config_fields import Section
 from .encoding import UNKNOWN_ENCODING
+from .rest_widths import better_than_inferred, infer_unseen, without_wrong_edges
 
 #: Accepted relative difference between measured and declared width, due to ruler, pose and texture of the edge.
 WIDTH_TOLERANCE = 0.10
@@ -26,6 +27,11 @@ PARALLELS = 5
 #: Length of the image of the strip relative to its width, which includes floor beyond the front.
 REACH = 1.3
 _ZERO_AGAIN = "zero again: visuohaptic sense foam --zero"
+
+#: While the strip is untouched, its zero adapts with this time constant, after this time without contact [s].
+ADAPTATION_S, REST_S = 30.0, 1.0
+#: Largest accumulated drift with which the zero holds, as a fraction of the width.
+DRIFT_LIMIT = 0.03
 
 Numbers = Annotated[list[FiniteFloat], Field(min_length=8, max_length=2000)]
 
@@ -153,12 +159,12 @@ class ZeroReference:
                 )
         # The standard error of the median is sqrt(pi/2) times that of the mean.
         sigma = np.hypot(1.2533 * scatter / np.sqrt(np.maximum(seen, 1)), uncertainty_m)
-        known = _better_than_inferred(np.where(known, width, np.nan), sigma)
-        inferred, inferred_sigma = _infer_unseen(np.where(known, width, np.nan))
+        known = better_than_inferred(without_wrong_edges(np.where(known, width, np.nan)), sigma)
+        inferred, inferred_sigma = infer_unseen(np.where(known, width, np.nan))
         return cls(
             t_s,
             len(width_m),
-            _infer_unseen(np.where(known, np.nanmedian(reference_px, axis=0), np.nan))[0],
+            infer_unseen(np.where(known, np.nanmedian(reference_px, axis=0), np.nan))[0],
             inferred,
             np.where(known, sigma, inferred_sigma),
             np.broadcast_to(np.asarray(blur_ratio, dtype=np.float64), seen.shape),
@@ -252,56 +258,6 @@ def check_width(measured_m: float, declared_m: float, where: Path | str, *, stri
         )
 
 
-def _infer_unseen(width_m: Float[np.ndarray, "K"]) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
-    """Widths with missing values (NaN) inferred from the nearest observed points, and the standard deviation of these.
-
-    Linear interpolation between the neighbours, or the width of the only one. Predicting each observed point from points at
-    the same distances has an error with standard deviation s over n points; the error of a missing point then follows
-    Student's distribution, whose variance is n / (n - 2) s^2 and infinite up to n = 2.
-    """
-    count = len(width_m)
-    known = np.flatnonzero(np.isfinite(width_m))
-    padded = np.pad(width_m, count, constant_values=np.nan)
-    result, sigma = width_m.copy(), np.where(np.isfinite(width_m), 0.0, math.inf)
-    for k in np.setdiff1d(np.arange(count), known) if len(known) else ():
-        nearest = np.concatenate([known[known < k][-1:], known[known > k][:1]])
-        weight = np.ones(1) if len(nearest) == 1 else np.abs(nearest[::-1] - k) / np.ptp(nearest)
-        pairs = list(zip(weight, nearest, strict=True))
-        error = width_m - sum(w * padded[count + i - k : 2 * count + i - k] for w, i in pairs)
-        error = error[np.isfinite(error)]
-        result[k] = sum(w * width_m[i] for w, i in pairs)
-        sigma[k] = math.sqrt((error @ error) / (len(error) - 2)) if len(error) > 2 else math.inf
-    return result, sigma
-
-
-def _better_than_inferred(
-    width_m: Float[np.ndarray, "K"], sigma_m: Float[np.ndarray, "K"]
-) -> Bool[np.ndarray, "K"]:
-    """Observed points, without those whose width the neighbours tell with a smaller standard deviation, the worst first.
-
-    Parameters
-    ----------
-    width_m, sigma_m
-        Width, NaN where it was not observed, and its standard deviation [m].
-    """
-    left = width_m.copy()
-    for k in np.argsort(-sigma_m):
-        if np.isfinite(left[k]):
-            left[k] = np.nan
-            if not _infer_unseen(left)[1][k] < sigma_m[k]:
-                left[k] = width_m[k]
-    return np.isfinite(left)
-
-
-@dataclass(frozen=True, slots=True)
-class DriftSettings:
-    """How the zero reference follows slow changes."""
-
-    time_constant_s: float = 30.0  #: of the adaptation while the strip is untouched
-    rest_s: float = 1.0  #: minimum time without contact before the adaptation
-    limit: float = 0.03  #: largest valid accumulated drift, as a fraction of the width
-
-
 class ZeroWatch:
     """Adapts the zero reference while the sensor is at rest and reports excessive drift.
 
@@ -309,12 +265,9 @@ class ZeroWatch:
     ----------
     zero
         The original zero reference.
-    settings
-        Parameters of the adaptation; None: the defaults.
     """
 
-    def __init__(self, zero: ZeroReference, settings: DriftSettings | None = None) -> None:
-        self.settings = settings or DriftSettings()
+    def __init__(self, zero: ZeroReference) -> None:
         self.zero = zero
         self._first = zero
         self._rest_since: float | None = None
@@ -340,14 +293,14 @@ class ZeroWatch:
     @property
     def drifted(self) -> bool:
         """Whether the drift is so large that the zero reference has to be taken again."""
-        return abs(self.drift_m) > self.settings.limit * float(np.mean(self._first.width_m))
+        return abs(self.drift_m) > DRIFT_LIMIT * float(np.mean(self._first.width_m))
 
     def sigma_m(self, t_s: float, delta_m: Float[np.ndarray, "K"]) -> float:
         """Standard deviation common to all points in the next frame [m], due to the lag of the adaptation.
 
         A drift of the zero deflects all points equally and cannot be distinguished from a slow body as long as the strip: it
         is uniformly distributed from 0 to the part of the smallest deflection that has come slowly, of which the root mean
-        square is returned. A drift takes ``rest_s`` or more to reach its limit: what comes faster, or exceeds the limit, is due
+        square is returned. A drift takes ``REST_S`` or more to reach its limit: what comes faster, or exceeds the limit, is due
         to a body. Before the first frame, any part may be drift.
 
         Parameters
@@ -362,9 +315,9 @@ class ZeroWatch:
         means = means[np.isfinite(means)]
         if not len(means):
             return 0.1 * abs(self.drift_m)
-        least, limit = max(float(means.min()), 0.0), self.settings.limit * float(np.mean(self._first.width_m))
+        least, limit = max(float(means.min()), 0.0), DRIFT_LIMIT * float(np.mean(self._first.width_m))
         since_s, before, slow = self._slow
-        reach = limit / self.settings.rest_s * max(t_s - since_s, 0.0)
+        reach = limit / REST_S * max(t_s - since_s, 0.0)
         slow = min(max(slow + min(max(least - before, -reach), reach), 0.0), least)
         self._slow = t_s, least, slow
         return math.hypot(0.1 * self.drift_m, slow / math.sqrt(3.0) if least <= limit else 0.0)
@@ -392,8 +345,8 @@ class ZeroWatch:
             return
         if self._rest_since is None:
             self._rest_since = t_s
-        if t_s - self._rest_since < self.settings.rest_s:
+        if t_s - self._rest_since < REST_S:
             return
-        rate = min(1.0, elapsed / self.settings.time_constant_s)
+        rate = min(1.0, elapsed / ADAPTATION_S)
         change = np.where(usable, rate * (width_m - self.zero.width_m), 0.0)
         self.zero = replace(self.zero, t_s=t_s, width_m=self.zero.width_m + change)

@@ -286,13 +286,13 @@ def _shade(x: np.ndarray, y: np.ndarray, fits: np.ndarray, probability: np.ndarr
 
     flat = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     weight = (probability * fits[..., 8] / np.maximum(fits[..., 6], 1e-9)).ravel()
-    used = weight > 0
-    count = int(used.sum())
+    count = np.count_nonzero(weight)
     if count < 12:
         return flat
-    x, y = np.tile(x, len(y))[used], np.repeat(y, len(x))[used]
-    weight, gain = weight[used], fits[..., 7].ravel()[used]
-    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    gain, y = fits[..., 7].ravel(), y[:, None]
+    basis = np.ones((6, *probability.shape))
+    basis[1], basis[2], basis[3], basis[4], basis[5] = x, y, x * x, x * y, y * y
+    basis = basis.reshape(6, -1)
     weighted, found = basis * weight, np.zeros(6)
     if not solve_step(weighted @ basis.T, -(weighted @ gain), np.ones(6, np.bool_), 0.0, found):
         return flat

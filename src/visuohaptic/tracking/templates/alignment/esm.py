@@ -12,7 +12,7 @@ Research 26 (2007). Differences from the dissertation, and their reasons:
 - Residuals beyond three standard deviations are down-weighted.
 - Pixels whose expected value is so close to black or white that the noise is clipped
   are excluded at the end: they bias the scale by 20 ppm at a noise of 5 grey levels.
-- Intermediate passes use half of the rows (those with the largest gradients); the last passes use
+- Intermediate passes use half of the rows, or a hundred (those with the largest gradients); the last passes use
   every pixel and a cubic spline: a bilinear kernel attenuates high frequencies by an amount
   that depends on the sub-pixel position, which shifts the result by up to 0.02 px.
 - If the coarse alignment has a low correlation, the translation is searched for.
@@ -111,20 +111,21 @@ def align(
     start = work.homography
     even = _descend(work)
     fit = fit_blocks(work, 0, 12, 4) if even else None
-    if doubt(fit, settings):
+    reason = doubt(fit, settings)
+    if reason:
         even, again = False, recover(work, start)
         if fit is None or (again is not None and again.log_odds > fit.log_odds):
-            fit = again
+            fit, reason = again, doubt(again, settings)
     # Blur and curve have similar effects on the edges: a few steps of both, as long as they explain more.
     for _ in range(6 if blur is None else 0):
         if fit is None or fit.seen < settings.min_seen or not work.soften(fit.softer, fit.curve):
             break
         even, work.homography, again = False, fit.homography, fit_blocks(work, 0, 12, 4)
-        worse = doubt(again, settings) and not doubt(fit, settings)
-        if worse or again is None or again.variance >= fit.variance:
+        doubtful = doubt(again, settings)
+        if again is None or (doubtful and not reason) or again.variance >= fit.variance:
             break
-        fit = again
-    if fit is not None and not doubt(fit, settings):
+        fit, reason = again, doubtful
+    if fit is not None and not reason:
         here, fit = fit.homography, among_repeats(work, fit, start)
         fit = _in_even_light(work, fit, even and fit.homography is here)
     return _judged(work, fit, start)

@@ -350,7 +350,7 @@ class Work:
         """
         from ._esm_kernels import refine_level
 
-        places = np.stack([h, h])
+        places = np.array((h, h))
         shift = refine_level(
             image, level.image, level.gradient_x, level.gradient_y, level.x, level.y, rows, self._offset(k), places,
             self.light, how.fraction, level.unit, how.cubic, np.array([how.cut, self.margin]), how.damping,

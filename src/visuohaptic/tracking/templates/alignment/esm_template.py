@@ -26,6 +26,9 @@ _EXPONENT, _BLACK = 1 / 2.2, 0.035
 #: Correlation of a template with itself, shifted, from which another place can be taken for it: half of its blocks, each
 #: explained to a half.
 REPEATS = 0.25
+#: Rows of the intermediate passes, a limit of the work: even with weak texture (2 grey levels per px, a noise of 5), a hundred
+#: rows of a hundred pixels are exact to 0.025 px, less than what the last passes correct.
+_ROWS = 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +43,7 @@ class Level:
     rows: Int[np.ndarray, "R"]
     informative: Int[
         np.ndarray, "k"
-    ]  #: the half of the rows with the largest gradients, distributed over the height
+    ]  #: those with the largest gradients of two rows, or of as many as leave ``_ROWS``
     unit: float  #: columns per unit of x
     to_template: Float[np.ndarray, "3 3"]  #: centred coordinates to pixels of the whole template
     from_template: Float[np.ndarray, "3 3"]  #: inverse of ``to_template``
@@ -98,11 +101,8 @@ def _level(
         for part in (image, gradients[0] * unit, gradients[1] * unit)
     )
     energy = (gradient_x**2 + gradient_y**2).sum(axis=1)
-    chosen = [
-        start + int(k)
-        for start in range(0, len(shown), 4)
-        for k in np.sort(np.argsort(-energy[start : start + 4], kind="stable")[:2])
-    ]
+    group = max(2, round(len(shown) / _ROWS))
+    chosen = [k + int(np.argmax(energy[k : k + group])) for k in range(0, len(shown), group)]
     side = block_side(*shown.shape)
     # Beyond three standard deviations of the blur it is less than 0.15 %.
     border = min(side // 3, int(3.0 * np.sqrt(max(blur, LENS))))

@@ -1,0 +1,104 @@
+"""Comparison of arguments with the annotations of a function."""
+
+from __future__ import annotations
+
+import collections.abc
+import inspect
+import types
+import typing
+from collections.abc import Callable, Mapping
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+#: Elements of a sequence that are compared; an error is explained, not searched for.
+_ELEMENTS = 100
+#: Classes in whose place others are usual.
+_ALSO: dict[type, tuple[type, ...]] = {
+    float: (float, int, np.floating, np.integer),
+    int: (int, np.integer),
+    bool: (bool, np.bool_),
+    tuple: (collections.abc.Sequence, np.ndarray),
+    list: (collections.abc.Sequence,),
+    collections.abc.Sequence: (collections.abc.Sequence, np.ndarray),
+    Path: (Path, str),
+}
+
+
+def misfit(function: Callable[..., Any], given: Mapping[str, Any]) -> tuple[str, str] | None:
+    """The first argument that does not match its annotation, and what is expected; None if all match.
+
+    Parameters
+    ----------
+    function
+        Function with annotations; those that cannot be evaluated are matched by everything.
+    given
+        Arguments by name.
+    """
+    scope = getattr(inspect.unwrap(function), "__globals__", {})
+    for name, value in given.items():
+        parameter = inspect.signature(function).parameters[name]
+        if parameter.annotation is parameter.empty or parameter.kind is parameter.VAR_KEYWORD:
+            continue
+        apart = types.SimpleNamespace(__annotations__={name: parameter.annotation})
+        try:
+            hint = typing.get_type_hints(apart, scope)[name]
+        except (NameError, AttributeError, TypeError):  # of a name that is imported for type checkers alone
+            continue
+        values = value if parameter.kind is parameter.VAR_POSITIONAL else (value,)
+        if not all(_matches(one, hint) for one in values):
+            return name, _text(hint)
+    return None
+
+
+def _text(hint: Any) -> str:
+    """An annotation as a message shows it."""
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return " or ".join(_text(one) for one in typing.get_args(hint))
+    if isinstance(hint, type) and not typing.get_args(hint):
+        return "None" if hint is type(None) else hint.__name__
+    return str(hint).replace("collections.abc.", "").replace("typing.", "").replace("visuohaptic.", "")
+
+
+def _matches(value: Any, hint: Any) -> bool:
+    """Whether a value can be what an annotation says; also where this cannot be told."""
+    origin, parts = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        return any(_matches(value, one) for one in parts)
+    if origin is typing.Literal:
+        return any(value == one for one in parts if type(value) is type(one))
+    if origin is collections.abc.Callable:
+        return callable(value)
+    kind = origin or hint
+    if not isinstance(kind, type) or kind in (Any, object):
+        return True
+    if kind.__module__.startswith("jaxtyping"):
+        return _is_numeric(value)
+    if getattr(kind, "_is_protocol", False):
+        own = [name for name in {*vars(kind), *kind.__annotations__} if not name.startswith("_")]
+        return all(hasattr(value, name) for name in own)
+    if not isinstance(value, _ALSO.get(kind, kind)) or (isinstance(value, bool) and kind in (int, float)):
+        return False
+    if kind in (tuple, list, collections.abc.Sequence):
+        return not isinstance(value, str | bytes) and _elements_match(value, parts)
+    return True
+
+
+def _is_numeric(value: Any) -> bool:
+    try:
+        return np.asarray(value).dtype.kind in "biuf"
+    except ValueError:  # rows of unequal length
+        return False
+
+
+def _elements_match(values: Any, parts: tuple[Any, ...]) -> bool:
+    # Whether one of any length is empty, functions ask by its truth, which arrays do not have.
+    if isinstance(values, np.ndarray) and (not values.ndim or Ellipsis in parts):
+        return False
+    if not parts:
+        return True
+    if len(parts) == 1 or parts[1] is Ellipsis:
+        return all(_matches(one, parts[0]) for one in islice(values, _ELEMENTS))
+    return len(values) == len(parts) and all(map(_matches, values, parts))
