@@ -188,3 +188,13 @@ def test_beside_the_goal_it_drives_there_slowly_and_then_turns():
     assert told(follower, 2.0, 0.019, 0.981) == (0.0, 0.0)
     assert follower.done
     assert follower.rest_m == pytest.approx(np.array([[2.0, 0.0]]))
+
+
+def test_a_robot_that_brakes_gently_still_reaches_its_stop():
+    """With 1 cm/s^2, the last centimetre is driven at 2 cm/s, not ever slower; before a gentle corner at the least speed."""
+    gentle = FollowLimits(acceleration_m_s2=0.01)
+    goal = PathFollower(np.array([[0.0, 0.0], [2.0, 0.0]]), gentle)
+    assert told(goal, 1.9, 0.0)[0] == pytest.approx(math.sqrt(2 * 0.01 * 0.1))
+    assert told(goal, 1.99, 0.0)[0] == pytest.approx(0.02)
+    corner = PathFollower(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.2]]), gentle)
+    assert told(corner, 0.95, 0.0)[0] == pytest.approx(0.05)

@@ -14,9 +14,10 @@ from scipy.sparse.csgraph import dijkstra
 
 from tests.navigation.plan_scenes import STOOL
 from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.navigation.planning import make_plan
 from visuohaptic.navigation.planning.footprint import FootprintDrives
 from visuohaptic.navigation.planning.footprint.footprint_drives import MOVES
-from visuohaptic.navigation.planning.search import build_search_domain
+from visuohaptic.navigation.planning.search import SearchLimits, build_search_domain
 from visuohaptic.navigation.planning.search.drives import pull_string
 from visuohaptic.navigation.planning.search.push_heuristic import PushHeuristic
 from visuohaptic.navigation.planning.search.push_lengths import push_step
@@ -264,3 +265,16 @@ def test_no_drive_is_searched_after_the_deadline_and_none_leads_out_of_a_cage(do
     assert (len(path), cost) == (0, math.inf)
     narrow = replace(domain, bodies=())
     assert not len(FootprintDrives(narrow).drive(np.zeros((0, 2)), PLACES["left"], np.array([26.5, 30.0]))[0])
+
+
+def test_the_bound_of_a_plan_is_that_of_the_circle_inside(domain):
+    """Which drives the same way or a shorter one; turns and detours of the corners count against it."""
+    plan = make_plan(domain.problem, limits=SearchLimits(budget_s=20.0))
+    disc = make_plan(
+        replace(domain.problem, robot=RobotModel(ROBOT.radius_m)), limits=SearchLimits(budget_s=20.0)
+    )
+    assert plan.reachable
+    assert plan.cost_s > disc.cost_s
+    bound_s = plan.cost_s / (1.0 + plan.gap)
+    assert 0.85 * disc.cost_s < bound_s < 1.01 * disc.cost_s
+    assert plan.length_m >= 0.98 * disc.length_m

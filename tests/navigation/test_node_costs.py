@@ -88,6 +88,9 @@ def test_failure_from_the_counters_is_the_mean_of_a_beta_distribution():
 
 def test_uncertain_friction_near_the_limit_is_a_risk():
     sure = HapticTag(static_friction_N=Estimate(18.0, 0.0), explored=1)
+    assert failure_probability(HapticTag(static_friction_N=Estimate(20.5, 0.0)), 0.2, ROBOT) == pytest.approx(
+        1.0
+    )
     unsure = HapticTag(static_friction_N=Estimate(18.0, 2.0), explored=1)
     assert failure_probability(sure, 0.2, ROBOT) == pytest.approx(0.1)
     # P(F > 20) for N(18, 2) is 0.1587.

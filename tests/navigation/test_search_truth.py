@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -209,3 +210,24 @@ def test_the_search_finds_the_push_that_is_cheapest_of_all_tried(heuristic):
     assert not none.found
     assert none.exhausted
     assert "separate start and goal" in none.reason
+
+
+@pytest.mark.parametrize("goal_m", [(5.1, 0.9), (2.2, 3.5)])
+def test_an_allowed_gap_is_kept_and_saves_work(goal_m):
+    """Through the door, and in the first hall, where no push is needed."""
+    found = []
+    for gap in (0.0, 0.05, 0.4):
+        domain = build_search_domain(replace(problem(), goal_m=np.array(goal_m), areas=()))
+        result = search_pushes(domain, domain.start, SearchLimits(budget_s=60.0, gap=gap, expansions=400))
+        assert result.found
+        assert result.bound <= result.cost * (1 + 1e-9)
+        found.append(result)
+        if gap:
+            # Lengths are refined afterwards, for the risk of their ends.
+            assert result.cost <= (1.0 + gap) * result.bound * 1.01
+    exact, close, loose = found
+    assert loose.expanded <= close.expanded <= exact.expanded
+    assert exact.cost <= 1.01 * close.cost
+    assert close.cost <= 1.01 * loose.cost
+    assert max(one.bound for one in found) <= 1.001 * min(one.cost for one in found)
+    assert {len(one.steps) for one in found} == {int(goal_m[0] > 3.0)}

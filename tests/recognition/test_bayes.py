@@ -61,10 +61,10 @@ def model() -> HapticModel:
 
 def test_the_prior_is_believed_until_something_is_touched() -> None:
     data = synthetic(10)
-    found = update_belief(fit_model(data, prior={"soft": 3.0, "flat": 1.0}), ()).as_mapping()
+    found = update_belief(with_prior(fit_model(data), {"soft": 3.0, "flat": 1.0}), ()).as_mapping()
     assert found == pytest.approx({"flat": 0.225, "rim": 0.0, "soft": 0.675, UNKNOWN: 0.1})
     with pytest.raises(InputError, match="found 'mug', expected one of"):
-        fit_model(data, prior={"mug": 1.0})
+        with_prior(fit_model(data), {"mug": 1.0})
 
 
 def test_probabilities_are_bayes_rule_written_out(model: HapticModel) -> None:

@@ -21,7 +21,7 @@ from visuohaptic.simulation.rendering import (
     crossings,
     texture_tile,
 )
-from visuohaptic.simulation.rendering._coverage import coverage
+from visuohaptic.simulation.rendering._coverage import coverage, share_facets
 from visuohaptic.simulation.rendering._render_kernels import add_plane
 
 FLAT = Look()  # no texture, no shading: levels 170 foam, 60 body, 100 floor
@@ -301,6 +301,23 @@ def test_coverage_sums_to_the_polygon_area() -> None:
     assert coverage(np.array([[-9.0, -9], [-5, -9], [-5, -5]]), 10, 10) is None
 
 
+def test_facets_end_at_their_outline() -> None:
+    """Facets that reach beyond the outline of their solid, as while it moves during a readout, share it with the rest."""
+    square = np.array([[10.0, 10], [30, 10], [30, 30], [10, 30]])
+    whole = coverage(square, 60, 60, 0.8)
+    facets = [coverage(square * (0.5, 1.2) + shift, 60, 60) for shift in ([0.0, -8.0], [10.0, 5.0])]
+    assert whole is not None
+    found = [one for one in facets if one is not None]
+    left = share_facets(whole, found)
+    total = np.zeros((60, 60))
+    for part in (left, *found):
+        for r, (low, high) in enumerate(part.spans):
+            total[part.y0 + r, part.x0 + low : part.x0 + high] += part.fraction[r, low:high]
+    expected = np.zeros((60, 60))
+    expected[whole.window] = whole.fraction
+    np.testing.assert_allclose(total, expected, atol=1e-6)
+
+
 @pytest.mark.parametrize("warped", [False, True])
 def test_plane_kernel_equals_numpy(warped: bool) -> None:
     camera = Camera.simple(40, 30, 60.0, distortion=np.array([-0.2, 0.1, 0, 0, 0]))
@@ -330,7 +347,7 @@ def test_plane_kernel_equals_numpy(warped: bool) -> None:
         image,
         clear,
         weight,
-        np.tile(np.int32([0, 20]), (12, 1)),
+        np.tile(np.array([0, 20], np.int32), (12, 1)),
         7,
         5,
         x,

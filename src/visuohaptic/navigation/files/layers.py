@@ -135,11 +135,8 @@ def _coded(values: np.ndarray) -> tuple[np.ndarray, dict[str, Any]]:
     level[np.isposinf(values)] = _INF
     level[np.isneginf(values)] = _MINUS_INF
     fields = {"kind": kind, "coding": "linear16", "offset": lowest, "scale": scale}
-    return level.astype(np.uint16), fields | {
-        "no_value": _NAN,
-        "infinite": _INF,
-        "minus_infinite": _MINUS_INF,
-    }
+    codes = {"no_value": _NAN, "infinite": _INF, "minus_infinite": _MINUS_INF}
+    return level.astype(np.uint16), fields | codes
 
 
 def load_layer(path: Path | str) -> Layer:

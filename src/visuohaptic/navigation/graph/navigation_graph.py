@@ -29,9 +29,8 @@ class NavigationGraph:
     edge_length_m: Float[np.ndarray, "m"]  #: length of the path
     edge_clearance_m: Float[np.ndarray, "m"]  #: minimum distance from an obstacle on the path
     path_start: Int32[np.ndarray, "m+1"]  #: start index of an edge's cells in ``path_cells``
-    path_cells: Int32[
-        np.ndarray, "p 2"
-    ]  #: (row, column) of each edge's cells, from its first node to its second
+    #: (row, column) of each edge's cells, from its first node to its second
+    path_cells: Int32[np.ndarray, "p 2"]
     component: Int32[np.ndarray, "n"]  #: connected component of a node, numbered by the smallest node
     components: int  #: number of connected components
 

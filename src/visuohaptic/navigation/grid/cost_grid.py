@@ -104,9 +104,8 @@ class GridLayers:
     map: OccupancyMap  #: source of the layers
     limits: SpeedLimits  #: robot of the layers
     unknown_is_free: bool  #: whether unknown cells were treated as free
-    distance_m: Float32[
-        np.ndarray, "rows columns"
-    ]  #: from a cell's centre to the border of the nearest obstacle's cell, including unknown cells and the outside
+    #: from a cell's centre to the border of the nearest obstacle's cell, including unknown cells and the outside
+    distance_m: Float32[np.ndarray, "rows columns"]
     step: UInt16[np.ndarray, "rows columns"]  #: straight step onto a cell [units]; 0 if unreachable
     unit_s: float  #: seconds of one unit of ``step``
 

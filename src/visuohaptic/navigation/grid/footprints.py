@@ -23,9 +23,8 @@ class FootprintSettings:
     min_m: float = field(default=0.1, metadata=POSITIVE)  #: s_x and s_y of the dissertation
     max_m: float = 0.7
     join_m: float = field(default=0.06, metadata=NON_NEGATIVE)  #: maximum gap between cells of one object
-    free_fraction: float = field(
-        default=0.5, metadata=within(0, 1)
-    )  #: minimum free fraction of the ring around it: below this it is part of a wall
+    #: minimum free fraction of the ring around it: below this it is part of a wall
+    free_fraction: float = field(default=0.5, metadata=within(0, 1))
     ring_m: float = 0.15
 
     def __post_init__(self) -> None:

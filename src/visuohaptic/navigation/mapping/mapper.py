@@ -41,9 +41,8 @@ class MapperSettings:
     odometry_sigma_rad_per_m: float = 0.05
     odometry_floor: tuple[float, float] = (0.02, 0.02)  #: standard deviation per scan [m, rad]
     match: MatchSettings = field(default_factory=MatchSettings)
-    patience: int = (
-        15  #: after this number of consecutive scans that do not fit, the map is considered wrong here
-    )
+    #: after this number of consecutive scans that do not fit, the map is considered wrong here
+    patience: int = 15
     warm_up_scans: int = 2  #: number of scans that are added at the odometry pose
     add_every_m: float = 0.15  #: scans in between are matched and not added: each adds its error to the map
     add_every_rad: float = 0.03

@@ -38,9 +38,8 @@ class MatchSettings:
     turn_step_rad: float = field(default=0.015, metadata=POSITIVE)
     points: int = 180  #: number of points of the scan that are used in the search
     reach_cells: int = 3  #: maximum distance of an inlier from a hit
-    sigma_m: float = field(
-        default=0.02, metadata=POSITIVE
-    )  #: standard deviation of a point from its line: scanner, cells and walls that are not straight
+    #: standard deviation of a point from its line: scanner, cells and walls that are not straight
+    sigma_m: float = field(default=0.02, metadata=POSITIVE)
     iterations: int = 12
     min_points: int = 40  #: minimum number of points of a scan
     min_known: int = 25  #: minimum number of points on the known part of the map

@@ -25,7 +25,7 @@ from .sideward_push import SLIDE_M, SidewardPush, sideward_pushes
 #: Displacement that moves a body off any map [cells].
 AWAY = 1e7
 #: A path whose heading changes by less than this is stored as its end points [rad].
-STRAIGHT_M = 1e-6
+STRAIGHT_RAD = 1e-6
 
 
 def via_sideward(
@@ -109,7 +109,7 @@ def _task(scene: OffCentreScene, push: SidewardPush) -> Task:
         world = world_from_grid(domain.map, places_m / resolution_m + body.centre)
         return tuple((float(x), float(y)) for x, y in world)
 
-    straight = abs(push.path_m[-1, 2] - push.path_m[0, 2]) < STRAIGHT_M
+    straight = abs(push.path_m[-1, 2] - push.path_m[0, 2]) < STRAIGHT_RAD
     path = push.path_m[[0, -1], :2] if straight else push.path_m[:, :2]
     touched = trace.contact_m[np.isfinite(trace.contact_m[:, 0])][:1]
     dx, dy = turn @ trace.object_m[-1, :2]

@@ -99,11 +99,8 @@ def sideward_candidates(
 
     model, radius_m = scene.model, scene.radius_m
     # One millimetre away, so that a start is not in contact.
-    ring = (
-        (shapely.Polygon if len(model.outline_m) > 2 else shapely.MultiPoint)(model.outline_m)
-        .buffer(model.round_m + radius_m + 1e-3)
-        .exterior
-    )
+    shape = (shapely.Polygon if len(model.outline_m) > 2 else shapely.MultiPoint)(model.outline_m)
+    ring = shape.buffer(model.round_m + radius_m + 1e-3).exterior
     ahead = leave_m - enter_m
     length = float(np.hypot(*ahead))
     if not length > 0:

@@ -36,9 +36,8 @@ class RobotModel(SpeedLimits):
     v_push_m_s: float = field(default=0.05, metadata=POSITIVE)  #: at low pushing effort
     push_force_max_N: float = field(default=20.0, metadata=POSITIVE)  #: maximum force of the platform
     setup_time_s: float = field(default=4.0, metadata=NON_NEGATIVE)  #: positioning time per push
-    push_margin_m: float = field(
-        default=0.0, metadata=NON_NEGATIVE
-    )  #: margin between a pushed object and obstacles
+    #: margin between a pushed object and obstacles
+    push_margin_m: float = field(default=0.0, metadata=NON_NEGATIVE)
     #: corners x, y in the robot's frame, x forwards [m]; empty: a disc. In a file write ``footprint`` instead of ``radius_m``,
     #: which is then the radius of the inscribed circle
     footprint_m: tuple[tuple[float, float], ...] = ()

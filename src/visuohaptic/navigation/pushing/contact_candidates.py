@@ -144,10 +144,10 @@ def _tilts(
 
 
 def _touches_both_sides(body: Any, robot: np.ndarray, radius: float, direction: np.ndarray) -> bool:
-    """Whether the disc touches the outline on both sides of the push's line."""
+    """Whether the disc touches the outline on both sides of the push's line, which goes through the origin."""
     from shapely import Point, get_parts
 
     touching = get_parts(body.intersection(Point(*robot).buffer(radius * 1.02)))
-    offsets = [np.array(part.centroid.coords[0]) - robot for part in touching]
-    sides = [float(direction[0] * y - direction[1] * x) for x, y in offsets]
+    middles = [part.centroid for part in touching]
+    sides = [float(direction[0] * at.y - direction[1] * at.x) for at in middles]
     return min(sides, default=0.0) < 0 < max(sides, default=0.0)

@@ -84,7 +84,7 @@ def read_curves(path: Path | str, noise: TouchNoise | None = None) -> tuple[Touc
     return _touches(path, samples, noise)
 
 
-def read_squeezed(path: Path | str, noise: TouchNoise | None = None) -> tuple[SqueezedObject, ...]:
+def read_squeezed(path: Path | str) -> tuple[SqueezedObject, ...]:
     """Measured curves of objects with known classes.
 
     The CSV has the columns of :func:`read_curves`, ``label``, the class, and optionally ``object``, the name of the object
@@ -92,7 +92,7 @@ def read_squeezed(path: Path | str, noise: TouchNoise | None = None) -> tuple[Sq
 
     Parameters
     ----------
-    path, noise
+    path
         As of :func:`read_curves`.
 
     Raises
@@ -105,7 +105,7 @@ def read_squeezed(path: Path | str, noise: TouchNoise | None = None) -> tuple[Sq
     for sample in _samples(path, ("label",)):
         objects.setdefault((sample.label, sample.name), []).append(sample)
     return tuple(
-        SqueezedObject(label, f"{label}/{name}" if name else label, _touches(path, samples, noise))
+        SqueezedObject(label, f"{label}/{name}" if name else label, _touches(path, samples, None))
         for (label, name), samples in objects.items()
     )
 

@@ -78,7 +78,6 @@ def learn_from_curves(
     groups: Mapping[str, Sequence[str]] | None = None,
     *,
     settings: ModelSettings | None = None,
-    protocol: TouchProtocol | None = None,
 ) -> HapticModel:
     """Model of squeezed classes; simulated classes that were not squeezed are included unchanged.
 
@@ -88,7 +87,7 @@ def learn_from_curves(
         Objects; a single curve of one object is enough to start.
     simulated
         Trained class -> its statistics, see :func:`.class_statistics`; the prior of a squeezed class of the same name.
-    groups, settings, protocol
+    groups, settings
         As for :func:`.fit_model`.
 
     Raises
@@ -96,9 +95,7 @@ def learn_from_curves(
     InputError
         Fewer than two classes, or an object without a reading.
     """
-    learn = partial(
-        _learned_gaussians, simulated=simulated, groups=groups or {}, settings=settings, protocol=protocol
-    )
+    learn = partial(_learned_gaussians, simulated=simulated, groups=groups or {}, settings=settings)
     model = learn(squeezed)
     return model if simulated else with_exemplars(model, squeezed, learn)
 
@@ -108,10 +105,9 @@ def _learned_gaussians(
     simulated: Mapping[str, ClassStatistics] | None,
     groups: Mapping[str, Sequence[str]],
     settings: ModelSettings | None,
-    protocol: TouchProtocol | None,
 ) -> HapticModel:
     settings = replace(settings or ModelSettings(), simulate_unknown=False)  # these need not be containers
-    protocol = protocol or TouchProtocol()
+    protocol = TouchProtocol()
     learned = dict(simulated or {})
     labels = dict.fromkeys(one.label for one in squeezed)
     if len({*learned, *labels}) < 2:

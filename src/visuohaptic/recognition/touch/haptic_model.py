@@ -117,7 +117,6 @@ def fit_model(
     data: FeatureSet,
     groups: Mapping[str, Sequence[str]] | None = None,
     *,
-    prior: Mapping[str, float] | None = None,
     settings: ModelSettings | None = None,
     protocol: TouchProtocol | None = None,
 ) -> HapticModel:
@@ -129,15 +128,12 @@ def fit_model(
         Objects with the names of their classes.
     groups
         Answer -> classes that it combines; a class in no group is an answer of its own.
-    prior
-        Visual prior by answer; uniform by default. Answers that are not named are excluded.
     settings, protocol
         Assumed standard deviations, and the protocol of a touch.
     """
     settings, protocol = settings or ModelSettings(), protocol or TouchProtocol()
     learned = class_statistics(data, settings, protocol)
-    found = assemble(learned, groups or {}, settings, protocol)
-    return with_prior(found, prior)
+    return assemble(learned, groups or {}, settings, protocol)
 
 
 def class_statistics(

@@ -138,15 +138,13 @@ class VisualPrior:
             entry.sightings += 1
         self._images = self._views = None  # built again when they are asked for
 
-    def add_object(self, obj: VisuoHapticObject, *, points: int = 3000) -> None:
+    def add_object(self, obj: VisuoHapticObject) -> None:
         """Store the appearance of an object of the database.
 
         Parameters
         ----------
         obj
             Object with a mesh, an image of a face, or the place where it was seen.
-        points
-            Number of points sampled on its mesh.
         """
         images, cloud = [], None
         if obj.appearance is not None and obj.appearance.template_png:
@@ -162,7 +160,7 @@ class VisualPrior:
             from ...reconstruction.mesh import SurfaceMesh
 
             mesh = SurfaceMesh(shape.vertices_m, shape.faces)
-            cloud = mesh.sampled(points, np.random.default_rng(0))[0]
+            cloud = mesh.sampled(3000, np.random.default_rng(0))[0]
         self.add(obj.id, images=images, cloud=cloud, context=obj.seen.context if obj.seen else ())
 
     def candidates(

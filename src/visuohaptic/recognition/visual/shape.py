@@ -30,6 +30,8 @@ MIN_POINTS = 20
 _STARTS = 4
 #: Maximum number of points of a stored surface.
 STORED_POINTS = 1200
+#: Directions from which a stored surface is seen, of a Fibonacci lattice.
+VIEWS = 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,20 +80,18 @@ def describe_cloud(points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "d
     ).astype(np.float32)
 
 
-def shape_views(points_m: Float[np.ndarray, "n 3"], *, views: int = 32) -> ShapeViews:
+def shape_views(points_m: Float[np.ndarray, "n 3"]) -> ShapeViews:
     """Descriptors of a whole surface as seen from directions spread over the sphere.
 
     Parameters
     ----------
     points_m
         Points evenly over the surface, ideally 1000 or more; a cloud of one side is possible as well.
-    views
-        Number of directions, of a Fibonacci lattice.
     """
     cloud = thinned(_checked(points_m), STORED_POINTS)
     described = [describe_cloud(cloud)]
     seen = [np.zeros(3)]  # no direction: the cloud as a whole
-    for direction in sphere_directions(views):
+    for direction in sphere_directions(VIEWS):
         side = cloud[visible_from(cloud, direction)]
         if len(side) >= MIN_POINTS:
             described.append(describe_cloud(side))

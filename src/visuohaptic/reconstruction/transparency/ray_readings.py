@@ -196,14 +196,18 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
     read_rays(*own, *camera, *numbers, quorum, predicted_m, votes, empty, reading)
     focal_px = view.frame.camera.focal_px
     margin_px = np.float32(noise.device.edge_px(focal_px) + noise.pixels(focal_px))
-    shadow, outside = _unlit(predicted_m, noise.device, focal_px)
-    distance = _from_failures(predicted_m, shadow, noise, focal_px) / margin_px
+    distance_px, shadow = _from_failures(predicted_m, noise, focal_px)
+    distance = distance_px / margin_px
     # A class of distance or votes begins above its limit, of the others at it.
     far, seen = [distance > limit for limit in _DISTANCES], [votes > limit for limit in _VOTES]
     share = empty / np.maximum(votes + empty, 1)
     dark, deep = [share >= limit for limit in _EMPTY], [predicted_m >= np.float32(z) for z in _DEPTHS_M]
     context = np.asarray(np.sum(far, axis=0, dtype=np.uint16))
-    context[shadow | outside] = len(far) + 1
+    if (baseline_m := noise.device.baseline_m) != 0:
+        # The second eye does not see the surface: another is before it, or less than half of a matching window is in its image.
+        half_px, known = 0.5 * noise.device.window_px(focal_px), predicted_m > 0
+        there = np.arange(shape[1]) - focal_px * baseline_m / np.where(known, predicted_m, 1)
+        context[shadow | known & ((there < half_px) | (there > shape[1] - 1 - half_px))] = len(far) + 1
     for reached in (seen, dark, deep):
         context = context * (len(reached) + 1) + np.sum(reached, axis=0, dtype=np.uint16)
     limit_m = np.where(reading > 0, predicted_m - 3 * noise.sigma_m(predicted_m), np.float32(0))
@@ -211,33 +215,17 @@ def ray_image(view: ViewDepth, others: Sequence[ViewDepth], noise: TrackedNoise)
     return RayImage(reading, code, predicted_m, limit_m, distance > 1)
 
 
-def _unlit(
-    predicted_m: Float32[np.ndarray, "h w"], device: DepthNoise, focal_px: float
-) -> tuple[Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
-    """Masks of the pixels whose surface the second eye does not see: something is before it; less than half a matching window is in its image."""
-    from ._ray_kernels import projector_shadow
-
-    shadow = np.zeros(predicted_m.shape, np.uint8)
-    if device.baseline_m == 0:
-        return shadow > 0, shadow > 0
-    reach, half_px, known = focal_px * device.baseline_m, 0.5 * device.window_px(focal_px), predicted_m > 0
-    projector_shadow(predicted_m, reach, 0.5, shadow)
-    there = np.arange(predicted_m.shape[1]) - reach / np.where(known, predicted_m, 1)
-    return shadow > 0, known & ((there < half_px) | (there > predicted_m.shape[1] - 1 - half_px))
-
-
 def _from_failures(
-    predicted_m: Float32[np.ndarray, "h w"],
-    shadow: Bool[np.ndarray, "h w"],
-    noise: TrackedNoise,
-    focal_px: float,
-) -> Float32[np.ndarray, "h w"]:
-    """Distance of every pixel from the nearest camera failure [px]: depth step, unknown depth, grazing surface, shadow.
+    predicted_m: Float32[np.ndarray, "h w"], noise: TrackedNoise, focal_px: float
+) -> tuple[Float32[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
+    """Distance of every pixel from the nearest camera failure [px]: depth step, unknown depth, grazing surface, shadow; and which are shadow.
 
     At a step a camera mixes depths: stereo extends the foreground by half of its matching window. Next to unknown depth
     an edge may be hidden, as a cable on a table is surrounded by pixels without depth.
     """
     import cv2
+
+    from ._ray_kernels import projector_shadow
 
     window = np.ones((3, 3), np.uint8)
     # Smooth the noise of single readings; a median preserves edges.
@@ -249,8 +237,11 @@ def _from_failures(
     # Unknown spots narrower than three pixels hide no edge.
     unknown = cv2.morphologyEx((predicted_m == 0).astype(np.uint8), cv2.MORPH_OPEN, window) > 0
     failing = unknown | (known & (step_m > np.maximum(2 * _WIDTH * noise.sigma_m(smooth_m), steep_m)))
-    failing |= shadow
-    return cv2.distanceTransform((~failing).astype(np.uint8), cv2.DIST_L2, 3)
+    shadow = np.zeros(predicted_m.shape, np.uint8)
+    if noise.device.baseline_m != 0:
+        projector_shadow(predicted_m, focal_px * noise.device.baseline_m, 0.5, shadow)
+    failing |= shadow > 0
+    return cv2.distanceTransform((~failing).astype(np.uint8), cv2.DIST_L2, 3), shadow > 0
 
 
 def reading_tables(codes: Sequence[UInt16[np.ndarray, "*n"]]) -> Float32[np.ndarray, "kinds n"]:

@@ -35,8 +35,6 @@ _SHADOW_PART = 0.11
 BESIDE = 4
 #: Length of each of the two parts of the plateau between which the light is compared [px].
 _PLATEAU_PX = 4.0
-#: Prior probability of an edge in a shadow that begins beside it: one strip in a hundred has the edge of a shadow.
-SHADOWED = 0.01
 #: Number of edges at rest for estimating their scatter, to a fifth.
 SCATTER_POINTS = 24
 #: An excess blur of more than this many standard deviations is attributed to a gap, such a change of light to a shadow: the

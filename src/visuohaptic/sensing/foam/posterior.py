@@ -44,7 +44,7 @@ from ...tracking.contours.contour import PIXEL_PX
 from ._chain_kernels import BLUR, FOAM, NOTHING, OPTICS, SHADOW, edge_crossing, filter_runs, join, place_odds
 from ._posterior_kernels import EDGE, shadow_odds
 from ._texture_kernels import MAX_ODDS, SAME_GREY, foam_bands, level_odds, texture_odds
-from .edges import SHADOWED, MeasuredEdges, local_statistics, mean_between
+from .edges import MeasuredEdges, local_statistics, mean_between
 from .strip.optics import ObservedStrip
 from .strip.zero import ZeroReference
 
@@ -61,7 +61,7 @@ PERSISTENCE_S = 0.3
 #: Log-probability of entering F, S, O and N from another state at the next point: one strip in a hundred has an
 #: occluder or the edge of a shadow, one point in a hundred has no edge, and each of them is some twenty points long.
 #: Where the edge of a shadow is known, another one is as likely as not.
-_ENTER = np.log([[0.05, SHADOWED, 0.01, 0.01], [0.05, 0.5, 0.01, 0.01]])
+_ENTER = np.log([[0.05, 0.01, 0.01, 0.01], [0.05, 0.5, 0.01, 0.01]])
 #: Prior probability of the onset of a contact per frame, at most.
 _ONSET = 0.01
 #: Probability that the surface beyond the front of a contact changes from one frame to the next.

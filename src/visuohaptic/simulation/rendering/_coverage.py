@@ -177,19 +177,21 @@ def add_filtered_coverage(
 
 @kernel
 def _add_facet(total: np.ndarray, facet: np.ndarray, spans: np.ndarray, x0: int, y0: int) -> None:
-    """Add the coverage of a facet to that of all.
+    """Add the coverage of a facet to that of all, and end its spans at the window of all.
 
     Parameters
     ----------
     total
         Coverage of all facets (H, W) float32, changed.
     facet, spans
-        Coverage of one (h, w) float32, and the columns of each row that are not zero (h, 2).
+        Coverage of one (h, w) float32, and the columns of each row that are not zero (h, 2), changed.
     x0, y0
-        Its first pixel in ``total``, which contains all of it.
+        Its first pixel in ``total``.
     """
-    for r in range(len(facet)):
-        low, high = spans[r, 0], max(spans[r, 0], spans[r, 1])
+    for r in range(max(0, -y0), min(len(facet), len(total) - y0)):
+        spans[r, 0] = max(spans[r, 0], -x0)
+        spans[r, 1] = max(spans[r, 0], min(spans[r, 1], total.shape[1] - x0))
+        low, high = spans[r, 0], spans[r, 1]
         part, line = facet[r, low:high], total[y0 + r, x0 + low : x0 + high]
         for c in range(len(part)):
             line[c] += part[c]
@@ -229,6 +231,9 @@ def _scale_facet(factor: np.ndarray, facet: np.ndarray, spans: np.ndarray, x0: i
         As in :func:`_add_facet`; the facet is changed.
     """
     for r in range(len(facet)):
+        if not 0 <= y0 + r < len(factor):
+            spans[r, 1] = spans[r, 0]
+            continue
         low, high = spans[r, 0], max(spans[r, 0], spans[r, 1])
         part, line = facet[r, low:high], factor[y0 + r, x0 + low : x0 + high]
         for c in range(len(part)):
@@ -255,7 +260,7 @@ class Coverage:
         fraction
             Fraction of each pixel (h, w).
         """
-        return cls(x0, y0, fraction, np.tile(np.int32([0, fraction.shape[1]]), (len(fraction), 1)))
+        return cls(x0, y0, fraction, np.tile(np.array([0, fraction.shape[1]], np.int32), (len(fraction), 1)))
 
     @property
     def window(self) -> tuple[slice, slice]:
@@ -295,7 +300,7 @@ def coverage(
     if y1 <= y0 or low[0] >= columns or high[0] <= 0:
         return None
     fraction = np.zeros((y1 - y0, high[0] - low[0]), np.float32)
-    spans = np.tile(np.int32([0, fraction.shape[1]]), (len(fraction), 1))
+    spans = np.tile(np.array([0, fraction.shape[1]], np.int32), (len(fraction), 1))
     polygon = np.ascontiguousarray(polygon_px, dtype=np.float64)
     # Downward edges (y grows) count positive: they are the left border of a polygon of negative orientation.
     if polygon_area(polygon) > 0:

@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from ...core import Camera, Pose
-from ._canvas import Canvas, Coverage, Hole, Parts, Plane
+from ._canvas import Canvas, Hole, Parts, Plane
+from ._coverage import Coverage
 from ._solids import (
     at_height,
     closed,

@@ -213,9 +213,8 @@ class FootprintDrives:
         angles = np.arctan2(MOVES[:, 1], MOVES[:, 0]).astype(np.float64)
         runs, starts = self._swept(first, step, angles)
         place = np.array([*first, step])
-        near = np.flatnonzero(np.hypot(*((nodes * fine - goal) / step).reshape(-1, 2).T) < 1.5).astype(
-            np.int32
-        )
+        away = np.hypot(*((nodes * fine - goal) / step).reshape(-1, 2).T)
+        near = np.flatnonzero(away < 1.5).astype(np.int32)
         none = np.zeros(0, np.int32)
         reach = domain.robot.reach_m * fine / domain.map.resolution_m
         target = np.array([*goal, headings[1], 2.0 * reach])
@@ -231,9 +230,8 @@ class FootprintDrives:
             k for k, angle in enumerate(angles)
             if kernels.poses_clear(counts, self.outline, start[None], angle if math.isnan(begin) else begin, angle)
         ]  # fmt: skip
-        node = int(np.rint((start[1] - first[1]) / step)) * columns + int(
-            np.rint((start[0] - first[0]) / step)
-        )
+        column, row = np.rint((start - first) / step).astype(int).tolist()
+        node = row * columns + column
         seeds = np.array([node * len(MOVES) + k for k in possible], np.int64)
         costs = np.array([turn[k] * reach / step * UNITS for k in possible]).astype(np.int32)
         states = kernels.lattice_path(

@@ -104,11 +104,9 @@ class Body:
                 replace(push, contact=push.contact + self.friction, robot=push.robot + self.friction)
                 for push in found
             )
-        return (
-            found
-            if self.robot is None
-            else tuple(push for push in found if self._fits_behind(push, self.robot))
-        )
+        if self.robot is not None:
+            found = tuple(push for push in found if self._fits_behind(push, self.robot))
+        return found
 
     def _fits_behind(self, push: PushContact, robot: Path) -> bool:
         """Whether a robot with a footprint does not overlap the body where it touches it."""
@@ -116,11 +114,8 @@ class Body:
 
         (x, y) = push.direction
         placed = robot @ np.array([[x, y], [-y, x]]) + push.robot
-        return (
-            not shapely.Polygon(placed)
-            .buffer(-2.0 * self.inset)
-            .intersects(shapely.Polygon(self.outline - self.centre))
-        )
+        inner = shapely.Polygon(placed).buffer(-2.0 * self.inset)
+        return not inner.intersects(shapely.Polygon(self.outline - self.centre))
 
 
 @lru_cache(maxsize=4096)

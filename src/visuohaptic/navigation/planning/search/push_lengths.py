@@ -275,10 +275,8 @@ def replanning_units(heuristic: PushHeuristic, steps: tuple[PushStep, ...], star
         errors = end_errors(domain, step.body, step.contact, step.length, PRICED)
         outlines = body.placed(body.outline, errors, domain.map.resolution_m) + step.shifts_after[step.body]
         closed = 0.0
-        low, high = (
-            outlines.min(axis=(0, 1)) - domain.radius - 1.0,
-            outlines.max(axis=(0, 1)) + domain.radius + 1.0,
-        )
+        grow = domain.radius + 1.0
+        low, high = outlines.min(axis=(0, 1)) - grow, outlines.max(axis=(0, 1)) + grow
         polygons = shapely.polygons(outlines)
         for k in range(index + 1, again + 1):
             beside = np.flatnonzero(((drives[k] > low) & (drives[k] < high)).all(axis=1))
