@@ -8,7 +8,7 @@ from scipy.ndimage import map_coordinates
 from scipy.special import betaln, expit
 
 from visuohaptic.tracking.templates.alignment._block_kernels import block_step, block_sums, template_sums
-from visuohaptic.tracking.templates.alignment._sample_kernels import sample_rows
+from visuohaptic.tracking.templates.alignment._sample_kernels import row_positions, sample_rows
 from visuohaptic.tracking.templates.alignment._scatter_kernels import block_covariance, seen_blurs
 
 SIDE, DOWN, ACROSS, BORDER = 8, 3, 4, 2
@@ -252,3 +252,45 @@ def test_a_blur_of_the_image_is_that_of_the_template_where_each_block_is() -> No
             seen[j, i, :, 3:], np.column_stack([softened[j, i, :, 3], known]), rtol=1e-12
         )
     assert mean @ moments == pytest.approx(np.mean(blurs), rel=1e-6)
+
+
+@pytest.mark.parametrize("size", [(4, 4), (40, 30), (32769, 40000)])
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        [[1e3, 0, 1e6], [0, 1e3, 1e6], [0, 0, 1]],
+        [[1, 0, 0], [0, 1, 0], [1, 0, -5]],  # a column of the template is at the horizon
+        [[1, 0, -5], [0, 1, -3], [1, 0, -5]],  # there, a position that is 0 / 0
+        [[1, 0, np.nan], [0, np.nan, 0], [0, 0, 1]],
+        [[np.inf, 0, 0], [0, 1, 0], [0, 0, 1]],
+    ],
+)
+def test_neighbours_of_every_position_are_in_the_image(size: tuple[int, int], rows: list) -> None:
+    """The 16 of a cubic spline are read without a check: other memory would be read, or the process would end.
+
+    ``float32`` has no number between 32767 and 32767.004: a bound of positions alone lets the neighbours leave a wide image.
+    """
+    width, height = size
+    nothing, index = np.zeros(20, np.float32), np.zeros(20, np.int32)
+    fx, fy, inside = np.zeros((3, 20), np.float32)
+    row_positions(np.array(rows, float), 3, 20, width, height, nothing, nothing, index, fx, fy, inside)
+    v, u = np.divmod(index, width)
+    assert u.min() >= 1
+    assert v.min() >= 1
+    assert u.max() + 2 < width
+    assert v.max() + 2 < height
+
+
+def test_the_last_pixels_of_an_image_are_sampled() -> None:
+    """Positions whose 16 neighbours end at the last row and column, against another spline."""
+    rng = np.random.default_rng(8)
+    image = rng.uniform(0, 255, (11, 13)).astype(np.float32)
+    value, inside = np.full((2, 8, 8), np.nan, np.float32)
+    h = np.array([[0.1, 0.0, 10.29], [0.0, 0.1, 8.29], [0.0, 0.0, 1.0]])
+    sample_rows(image, h, np.zeros((2, 1, 1), np.float32), np.arange(8), True, value, inside)
+    places = 0.1 * np.arange(8) + 0.29
+    v, u = np.meshgrid(8 + places, 10 + places, indexing="ij")
+    expected = map_coordinates(image.astype(float), [v, u], order=3, mode="mirror", prefilter=False)
+    assert inside.all()
+    np.testing.assert_allclose(value, expected, atol=2e-3)

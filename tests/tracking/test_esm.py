@@ -265,6 +265,8 @@ def test_loss_is_said_with_its_reason(astronaut) -> None:
     assert far.reason == "outside the image"
     assert "not a homography" in align(template, noise, np.full((3, 3), np.nan)).reason
     assert "mirrors the template" in align(template, noise, np.diag([-1.0, 1, 1])).reason
+    bent = np.full((2, *astronaut.template.shape), np.nan, np.float32)
+    assert "not a number" in align(template, noise, start, offset=bent).reason
     flat = align(template, np.full(SIZE, 128, np.uint8), start)
     assert not flat.valid
     with pytest.raises(InputError, match="no contrast"):

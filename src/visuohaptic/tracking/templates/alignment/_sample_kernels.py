@@ -23,6 +23,8 @@ from ..._solve_kernels import FAST
 def row_positions(h, y, columns, width, height, offset_x, offset_y, index, fx, fy, inside):
     """Image positions of one template row: cell index, fractions, and 1 inside / 0 outside.
 
+    The 4 x 4 pixels around every cell are pixels of the image, whatever the positions are.
+
     Parameters
     ----------
     h
@@ -32,7 +34,7 @@ def row_positions(h, y, columns, width, height, offset_x, offset_y, index, fx, f
     columns
         Number of columns.
     width, height
-        Size of the image [px].
+        Size of the image, at least 4 [px].
     offset_x, offset_y
         Added to the positions [px], (C,).
     index, fx, fy, inside
@@ -42,18 +44,21 @@ def row_positions(h, y, columns, width, height, offset_x, offset_y, index, fx, f
     a = np.float32(h[0, 1] * y + h[0, 2])
     b = np.float32(h[1, 1] * y + h[1, 2])
     c = np.float32(h[2, 1] * y + h[2, 2])
-    one = np.float32(1.0)
+    one, least = np.float32(1.0), np.float32(1e-9)
     # One pixel of margin on the low side and two on the high side, for the cubic kernel.
     x_max, y_max = np.float32(width - 2.001), np.float32(height - 2.001)
     for i in range(columns):
         x = np.float32(i)
-        q = one / (h6 * x + c)
+        depth = h6 * x + c
+        q = one / max(depth, least)
         px = (h0 * x + a) * q + offset_x[i]
         py = (h3 * x + b) * q + offset_y[i]
         qx = min(max(px, one), x_max)
         qy = min(max(py, one), y_max)
-        inside[i] = one if (qx == px) & (qy == py) & (q > np.float32(0.0)) else np.float32(0.0)
-        ix, iy = np.int32(qx), np.int32(qy)
+        inside[i] = one if (qx == px) & (qy == py) & (depth >= least) else np.float32(0.0)
+        # Whole numbers hold what rounding and positions that are no number would pass.
+        ix = min(max(np.int32(qx), np.int32(1)), np.int32(width - 3))
+        iy = min(max(np.int32(qy), np.int32(1)), np.int32(height - 3))
         fx[i] = qx - np.float32(ix)
         fy[i] = qy - np.float32(iy)
         index[i] = iy * np.int32(width) + ix

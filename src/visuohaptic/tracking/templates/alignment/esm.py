@@ -101,6 +101,8 @@ def align(
     homography = np.asarray(homography, dtype=np.float64)
     if homography.shape != (3, 3) or not np.isfinite(homography).all() or abs(homography[2, 2]) < 1e-12:
         return _lost(homography, "the prediction is not a homography")
+    if offset is not None and not np.isfinite(offset).all():
+        return _lost(homography, "an offset is not a number")
     homography = homography / homography[2, 2]
     if not is_proper(homography, template.corners):
         return _lost(homography, "the prediction mirrors the template")
