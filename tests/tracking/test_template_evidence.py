@@ -119,3 +119,9 @@ def test_images_that_are_tilted_by_more_than_45_degrees_are_found(drawn) -> None
         off = np.inf if detection is None else views.mapped(detection.homography, square) - seen.corners
         found.append(float(np.abs(off).max()) < 12.0)
     assert sum(found) >= 11
+
+
+def test_a_place_that_the_better_blur_does_not_confirm_is_not_valid() -> None:
+    """Two columns of texture: a lattice fits itself, shifted along it, until the image is taken as blurred as it is."""
+    row = templates_evidence.measure(views.view(347))
+    assert not row["valid"] or row["worst_px"] <= templates_evidence.WRONG_PX

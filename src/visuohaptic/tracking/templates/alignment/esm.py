@@ -123,10 +123,10 @@ def align(
         if fit is None or fit.seen < settings.min_seen or not work.soften(fit.softer, fit.curve):
             break
         even, work.homography, again = False, fit.homography, fit_blocks(work, 0, 12, 4)
-        doubtful = doubt(again, settings)
-        if again is None or (doubtful and not reason) or again.variance >= fit.variance:
+        if again is None or again.variance >= fit.variance:
             break
-        fit, reason = again, doubtful
+        # A place that the better blur does not confirm is not valid: it may be a wrong one.
+        fit, reason = again, doubt(again, settings)
     if fit is not None and not reason:
         here, fit = fit.homography, among_repeats(work, fit, start)
         fit = _in_even_light(work, fit, even and fit.homography is here)
