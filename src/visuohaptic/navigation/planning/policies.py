@@ -109,7 +109,8 @@ def _better(known: Plan, other: Plan, *, stated: bool) -> Plan:
     Unless their costs are all ``stated``, the one that is nearer to its bound.
     """
     if not (known.reachable and other.reachable):
-        return other if other.reachable or (other.proved and not known.reachable) else known
+        told = other.proved or known.narrow > other.narrow  # a passage that finer cells decided is no reason
+        return other if other.reachable or (told and not known.reachable) else known
     if not stated:
         return min((known, other), key=lambda plan: plan.gap)
     best = min((known, other), key=lambda plan: plan.cost_s if plan.expected_s is None else plan.expected_s)
