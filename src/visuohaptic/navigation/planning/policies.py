@@ -109,8 +109,7 @@ def _better(known: Plan, other: Plan, *, stated: bool) -> Plan:
     Unless their costs are all ``stated``, the one that is nearer to its bound.
     """
     if not (known.reachable and other.reachable):
-        told = other.proved or known.narrow > other.narrow  # a passage that finer cells decided is no reason
-        return other if other.reachable or (told and not known.reachable) else known
+        return other if other.reachable or (other.proved and not known.reachable) else known
     if not stated:
         return min((known, other), key=lambda plan: plan.gap)
     best = min((known, other), key=lambda plan: plan.cost_s if plan.expected_s is None else plan.expected_s)
@@ -247,10 +246,11 @@ def _planned(
     if found.reachable or found.narrow or not tilted:
         return found
     # Oblique pushes rely on friction: they are used only if no other push clears a path. Their proof covers both.
-    left, among = _until(deadline, limits), replace(domain, patient=True)
-    oblique = plan_in_domain(among, left, active=active, oblique=True, weights=weights)
-    if oblique.reachable or oblique.proved:
-        return oblique
+    if not deadline.passed:
+        left, among = _until(deadline, limits), replace(domain, patient=True)
+        oblique = plan_in_domain(among, left, active=active, oblique=True, weights=weights)
+        if oblique.reachable or oblique.proved:
+            return oblique
     return replace(
         found, proved=False, reason=found.reason + "; not proved for oblique pushes" * found.proved
     )
