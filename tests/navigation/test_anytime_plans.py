@@ -210,6 +210,19 @@ def test_straight_pushes_leave_time_for_oblique_ones(data, monkeypatch):
     assert make_plan(problem, limits=SearchLimits(budget_s=3000.0)).reachable
 
 
+def test_no_plan_is_proved_with_no_budget_where_an_oblique_push_helps(monkeypatch):
+    """A box in a door with a post behind it, past which straight pushes do not lead: that is known long before a plan is."""
+    walls = [(1.5, 0.0, 1.6, 0.85), (1.5, 1.55, 1.6, 2.6), (2.0, 1.35, 2.1, 1.45)]
+    blocking = MovableObject("box", box(1.55, 1.2, 0.44), STOOL)
+    problem = drawn((4.5, 2.6), walls, [blocking], (0.6, 1.2), (3.9, 1.2))
+    counted_clock(monkeypatch, problem)
+    plans = [make_plan(problem, limits=SearchLimits(budget_s=2.0**k)) for k in range(3, 9)]
+    assert not any(plan.proved for plan in plans)
+    assert any("not proved for oblique pushes" in plan.reason for plan in plans)
+    assert plans[-1].reachable
+    assert faults(problem, plans[-1]) == []
+
+
 def test_a_budget_is_kept_in_every_phase_on_a_large_map(monkeypatch):
     problem = problem_of(described(campus(0, rooms=6, objects=40), 0.05))
     spent = counted_clock(monkeypatch, problem)
