@@ -304,7 +304,7 @@ def test_the_declared_error_of_an_outline_is_its_own(tmp_path: Path, monkeypatch
     monkeypatch.setattr(probe_chapters, "_visible", lambda mission: completion)
     monkeypatch.setattr(probe_chapters, "_probe", lambda *given: touched)
     result = complete_the_bottle(mission)
-    assert "expected error 2.0 mm, where 1.5 mm" in result.reason
+    assert "expected error 2.0 mm (4.20 mm where it was not seen, 1.50 mm were requested)" in result.reason
     assert mission.known.outline_sigma_m == pytest.approx(0.002)
 
 

@@ -30,6 +30,7 @@ from visuohaptic.reconstruction.completion import (
     wall_seen,
 )
 from visuohaptic.reconstruction.completion.touch import starts
+from visuohaptic.reconstruction.surfaces import RbfSurface
 from visuohaptic.simulation.tabletop import Bottle, random_bottle
 
 SIGMA_M = 0.0003
@@ -671,3 +672,11 @@ def test_the_declared_deviation_of_a_round_hidden_wall_is_that_of_its_radius() -
     completion.add(Touch(contact, plan.start_m, plan.end_m, SIGMA_M))
     round_m = contact[2] * np.array([0.0, 0.0, 1.0]) + np.hypot(*contact[:2]) * np.eye(3)[[0, 1]]
     assert (completion.radial.deviation_m(round_m) < 3 * SIGMA_M).all()
+
+
+def test_contacts_that_tell_nothing_new_of_the_rims_do_not_factor_the_band_again(monkeypatch):
+    factored, factor = [], RbfSurface._factor
+    monkeypatch.setattr(RbfSurface, "_factor", lambda fit: (factored.append(fit), factor(fit)))
+    _, rms = explore(random_bottle(np.random.default_rng(4), "round"), np.random.default_rng(4), 6)
+    assert len(factored) == 2  # the scale of the process, and the band
+    assert rms[-1] < 0.25 * rms[0]

@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from visuohaptic.core import InputError
 from visuohaptic.reconstruction import SurfaceMesh, body_completion, pipeline
-from visuohaptic.reconstruction.completion import discrete_symmetry, outline
+from visuohaptic.reconstruction.completion import discrete_symmetry, hole
 from visuohaptic.reconstruction.completion.symmetry import _probability
 from visuohaptic.reconstruction.completion.touch_registration import register_touches
 from visuohaptic.reconstruction.fusion import _fusion_view
@@ -19,7 +19,7 @@ from visuohaptic.reconstruction.transparency import outline_fit, ray_readings
 
 def test_a_rim_is_anywhere_within_its_cell() -> None:
     place = np.random.default_rng(1).random(50_000)
-    assert pytest.approx(place.std(), rel=0.02) == outline._RIM
+    assert pytest.approx(place.std(), rel=0.02) == hole._RIM
 
 
 def test_the_odds_of_a_symmetry_are_those_of_twelve_objects_of_fifteen() -> None:

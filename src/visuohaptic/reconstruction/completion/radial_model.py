@@ -40,7 +40,7 @@ from .uncertainty import matern
 #: Grids of correlation lengths (in sizes of the region) and of deviations of p, for both orders.
 _LENGTHS, _DEVIATIONS = (0.15, 0.3, 0.6), (0.01, 0.02, 0.05, 0.1, 0.2)
 #: Minimum likelihood of a process relative to the likeliest, and maximum number of processes that are averaged.
-_MIN_LIKELIHOOD_RATIO, _MAX_PROFILES = 0.03, 6
+MIN_LIKELIHOOD_RATIO, _MAX_PROFILES = 0.03, 6
 #: Errors at rims, in those of a surface that is anywhere within its last cell: none, these, and those of the half band of a fusion.
 _RIMS = (0.0, 1.0, 2.0)
 #: Standard deviation of the unknown mean of log rho, and of a bin of the visible band.
@@ -250,7 +250,7 @@ def fit_radial_mixture(
     models = [fit_radial_model(prior, wall, contacts, size_m) for wall in walls]
     best = max(model.likelihood for model in models)
     ratio = np.exp([model.likelihood - best for model in models])
-    kept = np.flatnonzero(ratio > _MIN_LIKELIHOOD_RATIO)
+    kept = np.flatnonzero(ratio > MIN_LIKELIHOOD_RATIO)
     rims = tuple(_RIMS[k] for k in kept)
     return RadialMixture(tuple(models[k] for k in kept), tuple(ratio[kept] / ratio[kept].sum()), rims)
 
@@ -301,7 +301,7 @@ def fit_radial_model(
             found.extend(_given(shape, picked, whitened, order, length))
     found.sort(key=lambda one: -one[0])
     best = found[0][0]
-    kept = [one for one in found[:_MAX_PROFILES] if one[0] >= best + np.log(_MIN_LIKELIHOOD_RATIO)]
+    kept = [one for one in found[:_MAX_PROFILES] if one[0] >= best + np.log(MIN_LIKELIHOOD_RATIO)]
     total = sum(np.exp(one[0] - best) for one in kept)
     profiles = []
     for above, make in kept:

@@ -12,6 +12,7 @@ from ...core.geometry import sphere_directions
 from ..surfaces.rbf import RbfSurface
 from .hole import SupportBand
 from .hole_region import HoleRegion
+from .radial_model import RadialMixture
 from .touch import Touch
 
 #: Maximum number of refinement rounds that add centres at violated constraints, and of centres per round.
@@ -76,6 +77,25 @@ def with_off_surface(
         values.append((sign * reach)[kept])
         own.append(np.flatnonzero(kept))
     return np.concatenate(centers), np.concatenate(values), np.concatenate(own)
+
+
+def band_sigma_m(
+    band: SupportBand, radial: RadialMixture | None, visual_sigma_m: float
+) -> Float[np.ndarray, "n"]:
+    """Standard deviation of the points of a band [m]: their mean precision in the models of rims.
+
+    Parameters
+    ----------
+    band
+        Known points around the region.
+    radial
+        Models of the wall; without them the rims are exact.
+    visual_sigma_m
+        Standard deviation of the visible surface [m].
+    """
+    rims, fractions = (radial.rims, radial.fractions) if radial else ((0.0,), (1.0,))
+    square_m2 = visual_sigma_m**2 + np.outer(rims, band.rim_sigma_m) ** 2
+    return np.asarray((fractions @ (1 / square_m2)) ** -0.5)
 
 
 _Smoothing = Callable[[Float[np.ndarray, "n"], float], Float[np.ndarray, "n"]]

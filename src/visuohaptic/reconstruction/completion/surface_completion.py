@@ -25,9 +25,10 @@ from .hole_region import HoleRegion
 from .hole_surface import HoleSpace
 from .open_shell import OpenShell
 from .outline import VisibleWall, wall_seen
-from .radial_model import RadialMixture, fit_radial_mixture
+from .radial_model import MIN_LIKELIHOOD_RATIO, RadialMixture, fit_radial_mixture
 from .rbf_centres import (
     Centres,
+    band_sigma_m,
     constrain_axis,
     constrain_core,
     constrain_free,
@@ -125,16 +126,14 @@ class Completion:
         self._reset()
 
     def _bound(self) -> None:
-        """Fit the band, with the mean precision of the models of its rims; keep the surface in the hull of all known points, above the floor."""
+        """Fit the band; keep the surface in the hull of all known points, above the floor."""
         near = self.visual.vertices_m[self.region.within(self.visual.vertices_m, self.region.size_m), 2]
         floor_m = max(self.settings.floor_m, min(near.min(), self.region.hull_m[:, 2].min()))
         self._outer = self.region.with_surface(self._supports(), self.band.gap_m, floor_m)
         centers, values, own = self._centers
-        rims = (self.radial.rims, self.radial.fractions) if self.radial else ((0.0,), (1.0,))
-        square_m2 = self.visual_sigma_m**2 + np.outer(rims[0], self.band.rim_sigma_m) ** 2
-        sigma_m = (rims[1] @ (1 / square_m2)) ** -0.5
-        of_band = RbfSurface(centers, values, self._rho(sigma_m[own], self._extent_m))
-        within = constrain_to_hull(of_band, self._outer, self.band, 0.5 * self._d_m, self._rho)
+        self._band_sigma_m = band_sigma_m(self.band, self.radial, self.visual_sigma_m)
+        fit = RbfSurface(centers, values, self._rho(self._band_sigma_m[own], self._extent_m))
+        within = constrain_to_hull(fit, self._outer, self.band, 0.5 * self._d_m, self._rho)
         walls_m = np.vstack([self.band.walls_m, self._met_m])
         self._visible = constrain_core(within, self.region.clipped(self.axis_m, walls_m), self._rho)
         self._symmetry = DiscreteSymmetry(self.band, self.region, self._outer)
@@ -174,7 +173,9 @@ class Completion:
             self._squares.append(square_m2 / (expected_m**2 + touch.sigma_m**2))
             self._radial = None
             refit = self._join(contact, touch.sigma_m)
-            if self.radial or not self._outer.within(contact[None], touch.sigma_m)[0]:
+            told_m = band_sigma_m(self.band, self.radial, self.visual_sigma_m)
+            same = np.allclose(told_m, self._band_sigma_m, rtol=0.5 * MIN_LIKELIHOOD_RATIO, atol=0.0)
+            if not (same and self._outer.within(contact[None], touch.sigma_m)[0]):
                 self._bound()  # the contact tells more about the rims, or shows that the region was too small
                 refit = True
             if not refit:
@@ -214,10 +215,9 @@ class Completion:
         spread = spread / np.sqrt(np.maximum(held, np.finfo(float).tiny))
         # Measured points nearby replace the prediction.
         gaps = np.linalg.norm(points[:, None] - self._supports(), axis=2).min(axis=1)
-        near = gaps < 0.04 * self.region.size_m
-        for point, sigma, known_better in zip(points, spread, near, strict=True):
-            if sigma < _USELESS * radius and not known_better:
-                into.put(point, 0.0, float(sigma))
+        used = (gaps >= 0.04 * self.region.size_m) & (spread < _USELESS * radius)
+        for k in np.flatnonzero(used):
+            into.put(points[k], 0.0, float(spread[k]))
 
     def _refit(self, fresh: Centres | None) -> None:
         """Add the new centres, or refit all if ``None``; then add centres in free space that the surface covers."""
