@@ -8,7 +8,7 @@ from scipy import constants
 
 from visuohaptic.simulation.floor import floor_model
 from visuohaptic.simulation.foam import strip_law
-from visuohaptic.simulation.rendering import _canvas, textures
+from visuohaptic.simulation.rendering import _coverage, textures
 from visuohaptic.simulation.tabletop import crown_cap, deformable, gripper_setup
 
 
@@ -19,7 +19,7 @@ def test_feet_and_foam_give_way_by_millimetres() -> None:
 
 
 def test_blur_is_drawn_from_a_hundredth_of_the_variance_of_a_pixel() -> None:
-    assert pytest.approx(100.0, rel=0.2) == (1 / 12) / _canvas.SHARP_PX**2
+    assert pytest.approx(100.0, rel=0.2) == (1 / 12) / _coverage.SHARP_PX**2
 
 
 def test_foam_at_rest_is_compressed_by_less_than_can_be_seen() -> None:

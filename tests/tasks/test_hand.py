@@ -129,6 +129,16 @@ def test_a_grasp_ends_at_its_force(stiffness_N_per_m: float, force_N: float) -> 
         assert low < kitchen.force_N - force_N < high
 
 
+@pytest.mark.parametrize("open_m", [0.08, 0.11])
+def test_a_gentle_grasp_of_a_rigid_wall_keeps_its_force(open_m: float) -> None:
+    """One reading of .19 N where .39 N were true made a step of 69 um, by .18 N: 1.16 of the planned .5 N, and 1.17 of another start."""
+    for seed in range(6):
+        begin_m = 0.12 + 0.25e-3 * seed
+        kitchen, hand = table(container((40000.0,) * 3), seed, frame_rate_Hz=20.0, open_m=begin_m)
+        assert grasp_and_lift(hand, LiftPlan(Place(0.1), 0.5, open_m=open_m)).ending.success
+        assert kitchen.force_N < 1.1 * 0.5
+
+
 def test_a_gentle_grasp_holds_its_force_in_truth() -> None:
     """Noise is a sixth of .5 N: the first reading that reaches it was chosen, and .31 to .50 N were true; .41 N hold the object.
 
@@ -295,7 +305,7 @@ def test_what_is_held_comes_along_before_the_fingers_feel_it() -> None:
     ("world", "plan", "outcome"),
     [
         ({"fall_at_s": 0.0}, {}, GraspOutcome.NOTHING_THERE),
-        ({"fall_at_s": 6.0}, {"lift_m": 0.2}, GraspOutcome.LOST),
+        ({"fall_at_s": 6.5}, {"lift_m": 0.2}, GraspOutcome.LOST),
         ({"slip_at_s": 0.0}, {"lift_m": 0.2}, GraspOutcome.LOST),
         ({"sensor_failure_at_s": 3.0}, {}, GraspOutcome.SENSOR_FAILED),
         ({}, {"deformation_m": 0.001}, GraspOutcome.TOO_SOFT),

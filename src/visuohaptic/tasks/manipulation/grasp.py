@@ -230,23 +230,24 @@ class GraspAndLiftTask(HandTask[GraspState]):
         the force. Afterwards, one half of the way to the force by its rise so far, since walls and foam stiffen, and at
         least the rise of half the excess. The rise since the last frame without contact would be too small, as the contact
         began somewhere between: after the first frame with a contact it is that of the foam before a rigid wall. By the
-        noise of the readings before the contact, the rise is larger with a probability of one in a hundred.
+        noise of the readings before the contact, force and rise are larger with a probability of one in a hundred. The rise
+        is that of the newest frames which exceeds this noise, or since the first contact.
         """
         p, felt_N = self.plan, seen.force_N
-        weaker = [
-            one for one in self._closing if one[0] > seen.opening_m and one[1] <= felt_N - EXCESS * p.force_N
-        ]
         foam_m = seen.surface_m - 0.5 * seen.opening_m
         if math.isfinite(foam_m):
             self._closing.append((seen.opening_m, felt_N))
         elif not self._closing:
             self._idle_N.append(felt_N)
         noise_N = NOISE * float(np.std(self._idle_N)) if self._idle_N else 0.0
-        start_m = seen.opening_m
-        rise_N = 0.5 * max(p.force_N - felt_N, EXCESS * p.force_N)
-        if weaker:
-            opening_m, force_N = weaker[-1]
-            N_per_m = (felt_N - force_N + math.sqrt(2.0) * noise_N) / (opening_m - seen.opening_m)
+        start_m, spread_N = seen.opening_m, math.sqrt(2.0) * noise_N
+        rise_N = 0.5 * max(p.force_N - felt_N - noise_N, EXCESS * p.force_N)
+        least_N = max(EXCESS * p.force_N, spread_N)
+        wider = [one for one in self._closing if one[0] > start_m]
+        if wider:
+            weaker = (one for one in reversed(wider) if one[1] <= felt_N - least_N)
+            opening_m, force_N = next(weaker, wider[0])
+            N_per_m = (max(felt_N - force_N, EXCESS * p.force_N) + spread_N) / (opening_m - start_m)
         elif foam_m > 0.0 and felt_N > EXCESS * p.force_N:
             N_per_m = (felt_N + noise_N) / (2.0 * foam_m)
         else:
