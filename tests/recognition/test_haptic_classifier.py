@@ -129,7 +129,8 @@ def test_what_cannot_be_trained_or_asked(tmp_path: Path) -> None:
         HapticClassifier().fit([TRAINING, curved])
 
 
-def test_tuning_takes_the_fewest_touches_among_the_best_trees(classifier: HapticClassifier) -> None:
+@pytest.mark.usefixtures("fewer_explorations")
+def test_tuning_takes_the_fewest_touches_among_the_best_trees() -> None:
     tuned = HapticClassifier().tune(TRAINING)
     tree = tuned.fitted().required_tree()
     assert tree.scheme == tuned.scheme
