@@ -90,6 +90,7 @@ def test_what_is_saved_answers_the_same(classifier: HapticClassifier, tmp_path: 
         assert other.probabilities[name] == pytest.approx(probability, rel=1e-3, abs=1e-6)
 
 
+@pytest.mark.usefixtures("fewer_explorations")
 def test_sets_files_and_builds_are_joined(tmp_path: Path) -> None:
     """Each set has its own class where labels are given; names are kept apart."""
     parts = [
