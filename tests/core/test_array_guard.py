@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from jaxtyping import Bool, Float, Int, UInt8
 
+from visuohaptic import HapticTag, MovableObject, OccupancyMap, PlanningProblem, RobotModel, make_plan
 from visuohaptic.core import Camera, FrameSource, InputError, polygon_area, so3_exp, vertex_normals
 from visuohaptic.core import geometry as module
 from visuohaptic.core.front_door.array_guard import guard_class, guarded
@@ -222,3 +223,39 @@ def test_creation_is_guarded_and_names_the_class():
         Load(1.0, [1.0, 2.0])
     with pytest.raises(TypeError, match="missing 1 required"):
         Load(1.0)
+
+
+@pytest.mark.parametrize(
+    ("robot", "tag", "said"),
+    [
+        ({"radius_m": 0.17}, None, r"problem.robot: found \{'radius_m': 0.17\}, expected RobotModel"),
+        (RobotModel([0.17]), None, r"problem.robot.radius_m: found \[0.17\], expected float"),
+        (
+            RobotModel(0.17),
+            HapticTag(static_friction_N=8.1),
+            r"problem.objects\[0\].tag.static_friction_N: found 8.1, expected Estimate or None",
+        ),
+    ],
+)
+def test_a_foreign_error_names_the_field_inside_an_argument(robot, tag, said):
+    walls = np.zeros((40, 60), dtype=bool)
+    walls[:, 30], walls[16:24, 28:34] = True, True
+    walls[10:30, 30] = False
+    box = MovableObject("box", np.array([[1.4, 0.8], [1.7, 0.8], [1.7, 1.2], [1.4, 1.2]]), tag)
+    problem = PlanningProblem(
+        OccupancyMap(walls, 0.05), robot, np.array([0.5, 1.0]), np.array([2.4, 1.0]), (box,)
+    )
+    with pytest.raises(InputError, match=rf"^make_plan: {said}$"):
+        make_plan(problem)
+
+
+def test_records_that_are_as_annotated_leave_the_error_of_the_function():
+    robot = RobotModel(1)  # an integer is a number
+    problem = PlanningProblem(OccupancyMap(np.zeros((9, 9), bool), 1.0), robot, np.ones(2), np.ones(2))
+
+    @guarded
+    def fail(problem: PlanningProblem, others: Sequence[object] = ()) -> None:
+        raise AttributeError("a mistake of ours")
+
+    with pytest.raises(AttributeError, match="a mistake of ours"):
+        fail(problem, [problem, robot, None, 3])

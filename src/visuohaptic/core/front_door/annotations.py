@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import collections.abc
+import dataclasses
 import inspect
+import sys
 import types
 import typing
 from collections.abc import Callable, Mapping
@@ -15,6 +17,8 @@ import numpy as np
 
 #: Elements of a sequence that are compared; an error is explained, not searched for.
 _ELEMENTS = 100
+#: Records inside each other, as the friction of the tag of an object of a problem, with the tuples between them.
+_DEPTH = 5
 #: Classes in whose place others are usual.
 _ALSO: dict[type, tuple[type, ...]] = {
     float: (float, int, np.floating, np.integer),
@@ -42,15 +46,52 @@ def misfit(function: Callable[..., Any], given: Mapping[str, Any]) -> tuple[str,
         parameter = inspect.signature(function).parameters[name]
         if parameter.annotation is parameter.empty or parameter.kind is parameter.VAR_KEYWORD:
             continue
-        apart = types.SimpleNamespace(__annotations__={name: parameter.annotation})
-        try:
-            hint = typing.get_type_hints(apart, scope)[name]
-        except (NameError, AttributeError, TypeError):  # of a name that is imported for type checkers alone
-            continue
+        hint = _hint(parameter.annotation, scope)
         values = value if parameter.kind is parameter.VAR_POSITIONAL else (value,)
         if not all(_matches(one, hint) for one in values):
             return name, _text(hint)
     return None
+
+
+def inner_misfit(value: Any, place: str, depth: int = _DEPTH) -> tuple[str, Any, str] | None:
+    """The first field inside the records of an argument that does not match its annotation; None if all match.
+
+    Parameters
+    ----------
+    value
+        Argument: a record of the library, a sequence of records, or anything else, which is passed over.
+    place
+        Its name.
+    depth
+        Number of records inside each other that are compared.
+
+    Returns
+    -------
+    Place of the field, what it is, and what is expected.
+    """
+    parts: list[tuple[str, Any]] = []
+    if isinstance(value, tuple | list):
+        parts = [(f"{place}[{index}]", one) for index, one in enumerate(value[:_ELEMENTS])]
+    elif dataclasses.is_dataclass(value) and type(value).__module__.startswith("visuohaptic."):
+        for kind in reversed(type(value).__mro__):  # an annotation is evaluated where it was written
+            scope = vars(sys.modules.get(kind.__module__, types))
+            own = vars(kind).get("__annotations__", {})
+            for name in (one.name for one in dataclasses.fields(value) if one.name in own):
+                field, hint = getattr(value, name, None), _hint(own[name], scope)
+                if not _matches(field, hint):
+                    return f"{place}.{name}", field, _text(hint)
+                parts.append((f"{place}.{name}", field))
+    inside = (inner_misfit(one, where, depth - 1) for where, one in parts if depth)
+    return next((found for found in inside if found), None)
+
+
+def _hint(annotation: Any, scope: dict[str, Any]) -> Any:
+    """What an annotation says; ``Any`` for a name that is imported for type checkers alone."""
+    apart = types.SimpleNamespace(__annotations__={"it": annotation})
+    try:
+        return typing.get_type_hints(apart, scope)["it"]
+    except (NameError, AttributeError, TypeError):
+        return Any
 
 
 def _text(hint: Any) -> str:
