@@ -131,6 +131,7 @@ def test_one_curve_is_enough_to_begin_with() -> None:
     assert 0 < far.probabilities["sponge"] < found.probabilities["sponge"]
 
 
+@pytest.mark.usefixtures("fewer_explorations")
 def test_simulated_classes_are_moved_by_what_was_squeezed() -> None:
     """All objects are half as stiff as they were simulated: one curve of one of them tells."""
     simulated, rng = synthetic(12, seed=0), np.random.default_rng(1)

@@ -90,6 +90,7 @@ def test_what_is_saved_answers_the_same(classifier: HapticClassifier, tmp_path: 
         assert other.probabilities[name] == pytest.approx(probability, rel=1e-3, abs=1e-6)
 
 
+@pytest.mark.usefixtures("fewer_explorations")
 def test_sets_files_and_builds_are_joined(tmp_path: Path) -> None:
     """Each set has its own class where labels are given; names are kept apart."""
     parts = [
@@ -129,7 +130,8 @@ def test_what_cannot_be_trained_or_asked(tmp_path: Path) -> None:
         HapticClassifier().fit([TRAINING, curved])
 
 
-def test_tuning_takes_the_fewest_touches_among_the_best_trees(classifier: HapticClassifier) -> None:
+@pytest.mark.usefixtures("fewer_explorations")
+def test_tuning_takes_the_fewest_touches_among_the_best_trees() -> None:
     tuned = HapticClassifier().tune(TRAINING)
     tree = tuned.fitted().required_tree()
     assert tree.scheme == tuned.scheme

@@ -70,13 +70,14 @@ def inner_misfit(value: Any, place: str, depth: int = _DEPTH) -> tuple[str, Any,
     Place of the field, what it is, and what is expected.
     """
     parts: list[tuple[str, Any]] = []
+    record: type = type(value)
     if isinstance(value, tuple | list):
         parts = [(f"{place}[{index}]", one) for index, one in enumerate(value[:_ELEMENTS])]
-    elif dataclasses.is_dataclass(value) and type(value).__module__.startswith("visuohaptic."):
-        for kind in reversed(type(value).__mro__):  # an annotation is evaluated where it was written
+    elif dataclasses.is_dataclass(record) and record.__module__.startswith("visuohaptic."):
+        for kind in reversed(record.__mro__):  # an annotation is evaluated where it was written
             scope = vars(sys.modules.get(kind.__module__, types))
             own = vars(kind).get("__annotations__", {})
-            for name in (one.name for one in dataclasses.fields(value) if one.name in own):
+            for name in (one.name for one in dataclasses.fields(record) if one.name in own):
                 field, hint = getattr(value, name, None), _hint(own[name], scope)
                 if not _matches(field, hint):
                     return f"{place}.{name}", field, _text(hint)
