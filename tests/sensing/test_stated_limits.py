@@ -16,10 +16,6 @@ from visuohaptic.sensing.push import at_rest, breakaway
 from visuohaptic.sensing.scene import obstacle_parallax
 
 
-def test_little_of_a_blurred_edge_is_beyond_its_end() -> None:
-    assert norm.sf(edges._EDGE_BLURS) == pytest.approx(0.014, abs=0.002)
-
-
 def test_an_edge_at_rest_seems_to_be_a_gap_once_in_forty_times() -> None:
     assert norm.sf(edges._CHANCE_SIGMAS) == pytest.approx(1 / 40, rel=0.12)
 

@@ -23,7 +23,7 @@ from visuohaptic.sensing.foam._texture_kernels import (
     level_odds,
 )
 from visuohaptic.sensing.foam._texture_kernels import texture_odds as foam_texture_odds
-from visuohaptic.sensing.foam.posterior import DECAY_PER_WIDTH, EdgePosterior
+from visuohaptic.sensing.foam.posterior import DECAY_PER_WIDTH, EdgePosterior, body_odds
 from visuohaptic.sensing.foam.strip._rectify_kernels import rectify
 
 ENTER = np.log([0.05, 0.01, 0.01, 0.01])
@@ -435,7 +435,11 @@ def end_of_strip(*, usable: bool, pressed: bool) -> float:
         stripe=every.astype(bool), lens_px=1.0, front=SimpleNamespace(blur_px=every, level=every, contrast=every),
     )  # fmt: skip
     edges: Any = SimpleNamespace(
-        delta_m=delta, sigma_m=1e-5 * every, systematic_m=0.0 * every, encoding_m=0.0 * every
+        delta_m=delta,
+        sigma_m=1e-5 * every,
+        systematic_m=0.0 * every,
+        encoding_m=0.0 * every,
+        floor=0.0 * every,
     )
     posterior = EdgePosterior(0.003 * np.arange(count), 0.02, 1.0)
     posterior.start(0.0)
@@ -457,3 +461,24 @@ def test_only_beside_a_contact_may_the_last_line_meet_no_edge() -> None:
     # Pixels that are e^20 times less likely for foam leave it 2e-9 of the odds at most, no edge at all e^-60.
     assert end_of_strip(usable=False, pressed=False) < 1e-9
     assert end_of_strip(usable=True, pressed=True) < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("floor", "least", "most"),
+    [
+        (
+            [1, 1, 1, 1, 1, 1, 1],
+            math.log(0.04),
+            math.log(0.06),
+        ),  # floor along the whole run: a body is missing
+        ([1, 1, 1, 0, 1, 1, 1], 0.0, 0.0),  # flanks beside a body show the floor
+        ([1, 0, 1, 1, 1, 1, 1], 0.0, 0.0),  # the body lies where no edge is seen, beside the run
+        ([0, 1, 1, 1, 1, 1, 0], math.log(0.04), math.log(0.06)),  # a body elsewhere deflects nothing here
+    ],
+)
+def test_foam_is_deflected_by_a_body_somewhere_along_a_run(floor, least, most) -> None:
+    deflected = np.array([False, False, True, True, True, False, False])
+    found = body_odds(np.array(floor, dtype=float), deflected)
+    assert np.all(found[~deflected] == 0.0)
+    assert np.all(found[deflected] >= least - 1e-9)
+    assert np.all(found[deflected] <= most + 1e-9)

@@ -29,8 +29,8 @@ def _refused(said: str, strain: np.ndarray, stress: np.ndarray) -> bool:
     return False
 
 
-@pytest.mark.parametrize(("count", "few"), [(9, True), (10, False)])
-def test_ten_strains_are_a_curve(count: int, few: bool) -> None:
+@pytest.mark.parametrize(("count", "few"), [(11, True), (12, False)])
+def test_three_strains_for_each_parameter_of_the_smallest_spline_are_a_curve(count: int, few: bool) -> None:
     assert _refused("different strains", *_record(count, high=0.45)) == few
 
 

@@ -57,6 +57,7 @@ class MeasuredEdges:
     encoding_m: Float[np.ndarray, "K"]  #: error due to the camera's encoding, shared by all points
     light_m: Float[np.ndarray, "K"]  #: standard deviation due to uneven light, shared by neighbours
     unclean_m: Float[np.ndarray, "K"]  #: part of the systematic error that neighbours share
+    floor: Float[np.ndarray, "K"]  #: probability that the floor as at rest lies beyond the edge, and no body
 
 
 def measure_edges(
@@ -80,7 +81,8 @@ def measure_edges(
     scale = width_m / rest
     raw = scale * (rest - strip.width_m + part * strip.encoded_m)
     excess = blur_excess_px2(strip, zero, np.abs(raw - last_m) / strip.pixel_m)
-    body = 1.0 - floor_probability(strip, zero, excess)
+    floor = floor_probability(strip, zero, excess)
+    body = 1.0 - floor
     gap, gap_sigma = gap_shift_px(strip, zero, excess)
     # The edge before a gap is that between foam and floor, as at rest.
     to_floor = np.where(gap == 0.0, 0.0, encoded - strip.encoded_m)
@@ -101,7 +103,7 @@ def measure_edges(
     systematic = np.hypot(kink, np.hypot(scale * zero.width_sigma_m, np.sqrt(body * (1.0 - body)) * ahead))
     # Neighbours share the error of widths that were inferred at rest, and not that of kinks: over 640 pairs its correlation is -0.1.
     unclean = np.where(zero.inferred & zero.known, systematic, 0.0)
-    return MeasuredEdges(raw, sigma, noise, systematic, encoding, light_m, unclean)
+    return MeasuredEdges(raw, sigma, noise, systematic, encoding, light_m, unclean, floor)
 
 
 def blur_excess_px2(

@@ -13,6 +13,7 @@ now and x0 at rest, the likelihoods of a frame, each relative to that of O, are
     steepness p(x_k, x_k+1 | F, F) : free foam decays over DECAY_PER_WIDTH w or more (a free end has no slope)
     crossing  p(x_k, x_k+1 | F, O) : an occluder crosses the edge of the foam at any angle;  p(... | F, F) : a single edge
     surface   p(grey beyond x | F, pressed before) : that of the body that pressed there, or another one;  p(... | O) : any
+    body      p(floor beyond x along a whole run | F, pressed) : by chance; a body presses somewhere along it
     edge      p(no edge | F) = 0
 
 The shadow's edge is where it fits best: two merged edges, or that of the shadow apart from a front that is still seen. Where
@@ -64,7 +65,7 @@ PERSISTENCE_S = 0.3
 _ENTER = np.log([[0.05, 0.01, 0.01, 0.01], [0.05, 0.5, 0.01, 0.01]])
 #: Prior probability of the onset of a contact per frame, at most.
 _ONSET = 0.01
-#: Probability that the surface beyond the front of a contact changes from one frame to the next.
+#: Probability that the surface beyond the front of a contact is not that of the body that pressed there before, and none of a body.
 _OTHER_SURFACE = 0.05
 #: Standard deviation of the front under the edge of a shadow [px], due to the pixel resolution.
 REST_PX = 0.5
@@ -162,7 +163,7 @@ class EdgePosterior:
         corner[[0, -1]] = deflected[[1, -2]] & ~strip.usable[[0, -1]]
         unary[corner, FOAM] = np.maximum(unary[corner, FOAM], math.log(0.5))
         # An occluder or shadow that is there already remains where it was, as foam does; a new one is there by chance.
-        common = np.where(seen, near + same, 0.0)
+        common = np.where(seen, near + same, 0.0) + body_odds(edges.floor, deflected)
         stay, last = self._before(strip)
         change = 0.25 * (1.0 - stay)
         log_prior = np.log(stay * last * np.exp(np.maximum(common, 0.0))[:, None] + change)
@@ -249,6 +250,26 @@ class EdgePosterior:
         local = local_statistics(np.where(known & np.isfinite(each), each, np.nan))[0]
         same = max(float(np.median(local[known])), 0.0) if known.any() else 0.0
         return unary, against, np.where(known, np.where(local > 0.0, same, local), 0.0), bare
+
+
+def body_odds(floor: Float[np.ndarray, "K"], deflected: Bool[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
+    """Log-likelihood of what lies beyond the edges, if they are the front of the foam, relative to that of any other edge.
+
+    Foam is deflected by a body, which lies beyond the front somewhere along a run of deflected points, or beside it.
+
+    Parameters
+    ----------
+    floor
+        Probability that the floor as at rest lies beyond each edge, 0 where it is not seen.
+    deflected
+        Points that are deflected, if they are foam.
+    """
+    result = np.zeros(len(floor))
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], deflected.astype(np.int8), [0]])))
+    for first, stop in zip(ends[::2], ends[1::2], strict=True):
+        bare = float(floor[max(first - 1, 0) : stop + 1].min())
+        result[first:stop] = math.log(1.0 - (1.0 - _OTHER_SURFACE) * bare)
+    return result
 
 
 def _beyond(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
