@@ -73,7 +73,7 @@ def inner_misfit(value: Any, place: str, depth: int = _DEPTH) -> tuple[str, Any,
     if isinstance(value, tuple | list):
         parts = [(f"{place}[{index}]", one) for index, one in enumerate(value[:_ELEMENTS])]
     elif dataclasses.is_dataclass(value) and type(value).__module__.startswith("visuohaptic."):
-        for kind in reversed(type(value).__mro__):  # an annotation is evaluated where it was written
+        for kind in reversed(inspect.getmro(type(value))):  # an annotation is evaluated where it was written
             scope = vars(sys.modules.get(kind.__module__, types))
             own = vars(kind).get("__annotations__", {})
             for name in (one.name for one in dataclasses.fields(value) if one.name in own):
