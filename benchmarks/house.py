@@ -14,10 +14,8 @@ from __future__ import annotations
 import argparse
 import ast
 import gc
-import io
 import json
 import re
-import tokenize
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -85,11 +83,12 @@ def code_lines(module: Module) -> int:
                 and isinstance(first.value.value, str)
             ):
                 quoted |= set(range(first.lineno, (first.end_lineno or first.lineno) + 1))
-    silent = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT)
-    lines: set[int] = set()
-    for token in tokenize.generate_tokens(io.StringIO(module.text).readline):
-        if token.type not in silent and token.type != tokenize.ENDMARKER:
-            lines |= set(range(token.start[0], token.end[0] + 1))
+    written = ((number, line.strip()) for number, line in enumerate(module.text.split("\n"), 1))
+    lines = {number for number, line in written if line and not line.startswith("#")}
+    # A text over several lines may hold empty ones, and some that look like comments.
+    for node in module.nodes:
+        if isinstance(node, ast.Constant | ast.JoinedStr) and node.end_lineno != node.lineno:
+            lines |= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
     return len(lines - quoted)
 
 

@@ -250,12 +250,25 @@ def test_a_start_in_collision_is_left_straight_or_said_to_be_stuck():
 
 
 def test_a_proof_ends_with_its_memory():
-    """Boxes with no way out of a row of narrow rooms: proved with room for all states, given up with room for two."""
-    problem = corridor(STOOL, STOOL, spacing_m=0.8)
+    """Boxes with no way out of a row of narrow rooms: proved with room for all states, given up with room for two.
+
+    With room for eight, for straight pushes only: oblique ones move the boxes to more places.
+    """
+    problem = corridor(STOOL, STOOL, spacing_m=0.6)
     plans = [
-        make_plan(problem, limits=SearchLimits(memory_bytes=size, expansions=20)) for size in (10**8, 2000)
+        make_plan(problem, limits=SearchLimits(memory_bytes=size, expansions=20))
+        for size in (10**8, 8000, 2000)
     ]
-    assert [(plan.reachable, plan.proved) for plan in plans] == [(False, True), (False, False)]
+    assert [(plan.reachable, plan.proved) for plan in plans] == [
+        (False, True),
+        (False, False),
+        (False, False),
+    ]
+    moved = "pushes moves box 0 and box 1 out of the way"
+    assert [plan.reason for plan in plans[:2]] == [
+        f"no sequence of straight or oblique {moved}",
+        f"no sequence of straight {moved}; not proved for oblique pushes",
+    ]
 
 
 def test_the_search_says_when_it_gave_up():

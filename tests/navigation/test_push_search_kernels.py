@@ -9,6 +9,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from shapely import Point, Polygon
 
+from visuohaptic.navigation.grid.cost_grid import cell_distance
 from visuohaptic.navigation.planning.object_cells import clear_cells, fill_cells
 from visuohaptic.navigation.planning.search._push_search_kernels import descend, free_push_length
 from visuohaptic.navigation.planning.search._travel_kernels import (
@@ -185,6 +186,52 @@ def test_an_object_that_leans_on_a_wall_slides_along_it():
         )
         == 10
     )
+    # The wall ends, and another one begins beyond a gap: there the object would run into its edge.
+    occupied[12:, 15:20] = False
+    near = cell_distance(occupied)
+    slid = free_push_length(
+        occupied, near, samples, none, outline, none, start, 6.0, 5.0, 1.0, 0.0, RADIUS, 30.0
+    )
+    assert slid == 8.0  # from 11.5, its face, to 20
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_push_meets_no_wall_but_the_one_that_it_leans_on(seed):
+    """Against every point of the object and of its margin in every step, without steps that are left out."""
+    rng = np.random.default_rng(seed)
+    lengths = []
+    for _ in range(40):
+        occupied = rng.random((30, 40)) < 0.01
+        occupied[int(rng.integers(12, 18)), : int(rng.integers(40))] = True
+        turn = rng.uniform(-0.2, 0.2)
+        centre, ahead = (rng.uniform(5, 9), rng.uniform(10, 19)), np.array([np.cos(turn), np.sin(turn)])
+        outline, other = box(*centre, 4.0, angle_rad=turn), box(rng.uniform(14, 30), rng.uniform(5, 22), 2.0)
+        samples, around = (
+            shapely.get_coordinates(
+                shapely.segmentize(Polygon(box(*centre, side, angle_rad=turn)).exterior, 0.45)
+            )
+            for side in (3.9, 4.6)
+        )
+        limit, starts = 20.0, np.array([0, 4], np.int32)
+        found = free_push_length(
+            occupied, cell_distance(occupied), samples, around, outline, other, starts, 1e3, 1e3, *ahead, -np.inf, limit
+        )  # fmt: skip
+        walls, body = np.pad(occupied, 60, constant_values=True), Polygon(other)
+        # From when on a point counts: an object is in no other one at any time.
+        free = [np.zeros(len(samples), bool), np.zeros(len(around), bool)]
+        expected = limit
+        for t in np.arange(0.0, limit + 0.1, 0.5):
+            placed = [points + t * ahead for points in (samples, around)]
+            inside = [walls[tuple(np.floor(at.T[::-1]).astype(int) + 60)] for at in placed]
+            met = shapely.contains_xy(body, *placed[1].T)
+            collides = (free[0] & inside[0]).any() or (free[1] & (inside[1] | met)).any()
+            if t and (collides or Polygon(placed[0]).intersects(body)):
+                expected = t - 0.5
+                break
+            free = [free[0] | ~inside[0], free[1] | ~(inside[1] | met)]
+        assert found == expected
+        lengths.append(found)
+    assert len(set(lengths)) > 10
 
 
 def test_a_path_is_pulled_taut_where_that_is_cheaper_only():

@@ -27,10 +27,10 @@ def judged(table: Table, regions) -> tuple[int, int]:
     return int(found), sum(int(not hull.any() or glass[hull].mean() < 0.2) for hull in hulls)
 
 
-@pytest.mark.parametrize(("views", "shuffled"), [(8, True), (24, False)])
-def test_half_dropped_glass_is_found_with_few_views_in_any_order_with_wrong_poses(views, shuffled):
+@pytest.mark.parametrize(("views", "shuffled", "scenes"), [(8, True, 3), (24, False, 1)])
+def test_half_dropped_glass_is_found_with_few_views_in_any_order_with_wrong_poses(views, shuffled, scenes):
     found = false = 0
-    for seed in range(3):
+    for seed in range(scenes):
         rng = np.random.default_rng([1, seed, views])
         table = random_table(rng)
         frames = cast(table, ring(views, turn_rad=rng.uniform(0, 6)), rng, pose_sigma=(0.002, 0.005))
@@ -40,8 +40,8 @@ def test_half_dropped_glass_is_found_with_few_views_in_any_order_with_wrong_pose
         here = judged(table, result.regions)
         found, false = found + here[0], false + here[1]
         assert result.search.found == bool(result.regions)
-    # Six glasses.
-    assert found >= 5
+    # Two glasses in each; one may be missed with few views only.
+    assert found >= 2 * scenes - (views < 24)
     assert false == 0
 
 

@@ -118,7 +118,7 @@ def _better(known: Plan, other: Plan, *, stated: bool) -> Plan:
 
 
 def _cheapest(domain: SearchDomain, limits: SearchLimits, done: frozenset[str] = frozenset()) -> Plan:
-    """The cheapest plan; objects that are ``done`` are not pushed sideward again. A proof covers straight pushes only."""
+    """The cheapest plan; objects that are ``done`` are not pushed sideward again."""
     deadline = Deadline.after(limits.budget_s)
     unknown = any(body.allowed.unknown for body in domain.bodies)
     turned = {obj.id for obj in domain.problem.objects if obj.push is PushMode.OFF_CENTRE} - done
@@ -157,7 +157,7 @@ def _cheapest(domain: SearchDomain, limits: SearchLimits, done: frozenset[str] =
 
 
 def _with_proof(domain: SearchDomain, plan: Plan, limits: SearchLimits) -> Plan:
-    """A plan, or none: proofs cover straight pushes, so that one holds only without the objects that are pushed otherwise."""
+    """A plan, or none: proofs cover straight and oblique pushes, so that one holds only without the objects pushed otherwise."""
     straight = tuple(body for body in domain.bodies if body.obj.push is PushMode.DIRECT)
     if not plan.proved or len(straight) == len(domain.bodies):
         return plan
@@ -242,16 +242,18 @@ def _planned(
     deadline = Deadline.after(limits.budget_s)
     active = _pushed(domain, unknown=unknown)
     found = plan_in_domain(domain, limits, active=active, weights=weights)
-    if found.reachable or not active or deadline.passed or found.narrow:
+    tilted = any(push.oblique for k in active for push in domain.bodies[k].with_oblique)
+    if found.reachable or found.narrow or not tilted:
         return found
-    # Oblique pushes rely on friction: they are used only if no other push clears a path.
-    left = _until(deadline, limits)
-    among = replace(domain, patient=True)
-    oblique = plan_in_domain(among, left, active=active, oblique=True, weights=weights)
-    if oblique.reachable or (oblique.proved and not found.proved):
-        return oblique
-    note = "oblique pushes do not help either" + ("" if oblique.proved else ", within the search budget")
-    return replace(found, notes=(*found.notes, note))
+    # Oblique pushes rely on friction: they are used only if no other push clears a path. Their proof covers both.
+    if not deadline.passed:
+        left, among = _until(deadline, limits), replace(domain, patient=True)
+        oblique = plan_in_domain(among, left, active=active, oblique=True, weights=weights)
+        if oblique.reachable or oblique.proved:
+            return oblique
+    return replace(
+        found, proved=False, reason=found.reason + "; not proved for oblique pushes" * found.proved
+    )
 
 
 def _expected(domain: SearchDomain, risky_plan: Plan, first: int, limits: SearchLimits) -> float:

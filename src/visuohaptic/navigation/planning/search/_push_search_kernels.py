@@ -110,50 +110,53 @@ def _meets(points, dx, dy, others, first, last):
 
 
 @kernel
+def _in_wall(occupied, x, y):
+    """Whether a point lies in an occupied cell or outside the map."""
+    r, c = int(math.floor(y)), int(math.floor(x))
+    return r < 0 or c < 0 or r >= len(occupied) or c >= occupied.shape[1] or occupied[r, c]
+
+
+@kernel
 def free_push_length(
     occupied, clearance, outline, around, polygon, others, other_start, robot_x, robot_y, dir_x, dir_y, radius, limit,
 ):  # fmt: skip
     """Collision-free distance of an object and the robot behind it [cells], in steps of half a cell.
 
     ``outline`` holds points along the object's edge, slightly inside it; ``others`` the concatenated polygons of the
-    other objects. A point that lies in an occupied cell at the start (the object leans on a wall) is ignored, so that
-    the object may slide along the wall. ``around`` holds points outside the edge; those that start in an obstacle are
-    ignored too, because a margin that does not exist cannot be kept. ``clearance`` is that of static obstacles,
-    ``radius`` the clearance that the robot requires at samples half a cell apart.
+    other objects. A point that lies in an occupied cell at the start (the object leans on a wall) is ignored until it
+    leaves the wall, so that the object may slide along the wall, but into no other. ``around`` holds points outside the
+    edge; those that start in an obstacle are ignored as long, because a margin that does not exist cannot be kept.
+    ``clearance`` is that of static obstacles, ``radius`` the clearance that the robot requires at samples half a cell apart.
     """
-    rows, columns = occupied.shape
     n, m = len(outline), len(around)
+    points = np.concatenate((outline, around))
     # Step at which each point must be checked next: until then every occupied cell is too far away.
-    due = np.zeros(n + m)
+    due, leans = np.zeros(n + m), np.ones(n + m, np.bool_)
     count = len(other_start) - 1
-    for i in range(n + m):
-        px, py = (outline[i, 0], outline[i, 1]) if i < n else (around[i - n, 0], around[i - n, 1])
-        r, c = int(math.floor(py)), int(math.floor(px))
-        begins = r < 0 or c < 0 or r >= rows or c >= columns or occupied[r, c]
-        for o in range(count):
-            if i >= n and not begins:
-                begins = inside_polygon(px, py, others[other_start[o] : other_start[o + 1]])
-        if begins:
-            due[i] = np.inf
     x0, x1, y0, y1 = extent(polygon)
     left, right, low, high = extent(around)
     x0, x1, y0, y1 = min(x0, left), max(x1, right), min(y0, low), max(y1, high)
     moved = np.zeros_like(polygon)
-    for step in range(1, int(math.ceil(2.0 * limit - 1e-6)) + 1):
+    for step in range(int(math.ceil(2.0 * limit - 1e-6)) + 1):
         before, t = 0.5 * (step - 1), min(0.5 * step, limit)
         x, y = robot_x + t * dir_x, robot_y + t * dir_y
-        if clearance_at(clearance, x, y) < radius:
+        if step and clearance_at(clearance, x, y) < radius:
             return before
         dx, dy = t * dir_x, t * dir_y
         for i in range(n + m):
             if due[i] > t:
                 continue
-            px, py = (outline[i, 0], outline[i, 1]) if i < n else (around[i - n, 0], around[i - n, 1])
-            r, c = int(math.floor(py + dy)), int(math.floor(px + dx))
-            if r < 0 or c < 0 or r >= rows or c >= columns or occupied[r, c]:
+            px, py = points[i, 0] + dx, points[i, 1] + dy
+            hit = _in_wall(occupied, px, py)
+            if leans[i]:
+                for o in range(count if i >= n and not hit else 0):
+                    hit = hit or inside_polygon(px, py, others[other_start[o] : other_start[o + 1]])
+                leans[i] = hit
+            elif hit:
                 return before
-            due[i] = t + clearance[r, c] - 2.2
-        for o in range(count):
+            if not hit:
+                due[i] = t + clearance[int(math.floor(py)), int(math.floor(px))] - 2.2
+        for o in range(count if step else 0):
             first, last = other_start[o], other_start[o + 1]
             if polygon_distance(x, y, others[first:last]) < radius:
                 return before
@@ -162,9 +165,8 @@ def free_push_length(
                 continue
             if _meets(outline, dx, dy, others, first, last):
                 return before
-            for i in range(m):
-                free = due[n + i] < np.inf
-                if free and inside_polygon(around[i, 0] + dx, around[i, 1] + dy, others[first:last]):
+            for i in range(n, n + m):
+                if not leans[i] and inside_polygon(points[i, 0] + dx, points[i, 1] + dy, others[first:last]):
                     return before
             for i in range(len(polygon)):
                 moved[i, 0], moved[i, 1] = polygon[i, 0] + dx, polygon[i, 1] + dy

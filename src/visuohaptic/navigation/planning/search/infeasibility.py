@@ -54,13 +54,14 @@ class Infeasibility:
         cells
             Lattice nodes that the robot can occupy at the start.
         """
+        kind = "straight or oblique" if self.heuristic.oblique else "straight"
         for count in range(1, MAX_TOGETHER + 1):
             for chosen in combinations(self.heuristic.active, count):
                 if self.deadline.passed:
                     return ""
                 if self._blocked(chosen, first, cells):
                     names = " and ".join(self.domain.bodies[i].obj.id for i in chosen)
-                    return f"no sequence of straight pushes moves {names} out of the way"
+                    return f"no sequence of {kind} pushes moves {names} out of the way"
         return ""
 
     def _blocked(self, chosen: tuple[int, ...], first: SearchState, cells: Nodes) -> bool:
