@@ -96,6 +96,13 @@ def thing(**changes):
         (thing(haptic_tag={"drift": "inf"}), "objects[0].haptic_tag.drift: found value inf"),
         (thing(pose_sigma=[0.01, 3]), "objects[0].pose_sigma[1]: found 3.0, expected 0 to 1.8138"),
         (thing(pose_sigma=[-0.01, 0.1]), "objects[0].pose_sigma: found (-0.01, 0.1), expected at least 0"),
+        (thing(open_s=3), "objects[0].open_s: found one of type object, which has none"),
+        (thing(type="glass", cost_s=3), "objects[0].cost_s: found one of type glass, which has none"),
+        (thing(type="elevator", cost_s=3), "objects[0].cost_s: found one of type elevator, which has none"),
+        (
+            thing(type="avoid", cost_s=3, haptic_tag={"static_friction_N": 3}),
+            "objects[0].haptic_tag: found one of type avoid, which has none",
+        ),
         (thing(haptic_tag={"static_friction_N": -1}), "objects[0].haptic_tag.static_friction_N: found -1"),
         (thing(haptic_tag={"drift": {"sigma": 1}}), "objects[0].haptic_tag.drift.value: is missing"),
         (

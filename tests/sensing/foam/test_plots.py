@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -61,6 +62,17 @@ def test_from_press_log_to_file_and_picture(tmp_path, press, material, reference
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert FoamMaterial.load(out).unloading is not None
     assert any("working range: strain 0." in line for line in lines)
+
+
+def test_hysteresis_without_unloading_points_is_not_called_zero(tmp_path, press):
+    loading = [line for line in Path(press).read_text().splitlines() if not line.endswith("unloading")]
+    table = tmp_path / "loading.csv"
+    table.write_text("\n".join(loading))
+    result, lines = run(table, "--out", tmp_path / "foam.yaml")
+    assert result["points_unloading"] == 0
+    assert any(line.startswith("hysteresis: not measured") for line in lines)
+    _, lines = run(press, "--out", tmp_path / "foam.yaml")
+    assert any("of the work of loading is lost" in line for line in lines)
 
 
 @pytest.mark.parametrize("section", ["trapezoid", "triangle"])

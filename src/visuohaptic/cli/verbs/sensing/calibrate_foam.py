@@ -111,7 +111,9 @@ def _lines(result: dict[str, Any]) -> list[str]:
         + ("" if result["cubic_monotone"] else " (not monotone)")
         + f"; used: {result['curve']}",
         f"working range: strain {low:.2f} to {high:.2f}, saturated beyond {result['densification_strain']:.2f}",
-        f"hysteresis: {100 * result['hysteresis_loss']:.0f} % of the work of loading is lost",
+        f"hysteresis: {100 * result['hysteresis_loss']:.0f} % of the work of loading is lost"
+        if result["points_unloading"]
+        else "hysteresis: not measured; without unloading points, forces of foam that is released are invalid",
         f"tension ratio {result['tension_ratio']:.2f} +- {result['tension_sigma']:.2f}, lateral expansion "
         f"{result['lateral_expansion']:.2f} +- {result['lateral_expansion_sigma']:.2f} ({kind})",
         *result["notes"],
