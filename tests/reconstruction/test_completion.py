@@ -274,6 +274,12 @@ def test_a_surface_that_leaves_profile_and_cross_section_is_told_where_it_does()
     assert off_m[dent_m > 0.002].min() > 2 * np.median(off_m[dent_m < 1e-5])
 
 
+def test_a_surface_without_triangles_is_refused():
+    region = HoleRegion.of_points(np.random.default_rng(0).normal(size=(50, 3)))
+    with pytest.raises(InputError, match="away from the surface"):
+        support_band(SurfaceMesh(np.zeros((0, 3)), np.zeros((0, 3), int)), region)
+
+
 def test_a_mirrored_contact_is_on_the_other_side_where_the_cross_section_changes():
     rng = np.random.default_rng(2)
     turn = 0.4

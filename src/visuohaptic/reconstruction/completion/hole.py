@@ -158,7 +158,7 @@ def support_band(mesh: SurfaceMesh, region: HoleRegion, *, max_points: int = 320
     """
     width = _WIDTH * region.size_m
     welded = mesh.welded()
-    nearest = float(region.distance_m(welded.vertices_m).min())
+    nearest = float(region.distance_m(welded.vertices_m).min(initial=np.inf))
     if nearest > region.size_m:
         raise InputError(
             "support_band",

@@ -242,10 +242,10 @@ class GraspAndLiftTask(HandTask[GraspState]):
         noise_N = NOISE * float(np.std(self._idle_N)) if self._idle_N else 0.0
         start_m, spread_N = seen.opening_m, math.sqrt(2.0) * noise_N
         rise_N = 0.5 * max(p.force_N - felt_N - noise_N, EXCESS * p.force_N)
-        least_N = max(EXCESS * p.force_N, spread_N)
+        min_rise_N = max(EXCESS * p.force_N, spread_N)
         wider = [one for one in self._closing if one[0] > start_m]
         if wider:
-            weaker = (one for one in reversed(wider) if one[1] <= felt_N - least_N)
+            weaker = (one for one in reversed(wider) if one[1] <= felt_N - min_rise_N)
             opening_m, force_N = next(weaker, wider[0])
             N_per_m = (max(felt_N - force_N, EXCESS * p.force_N) + spread_N) / (opening_m - start_m)
         elif foam_m > 0.0 and felt_N > EXCESS * p.force_N:
