@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import sys
 from contextlib import nullcontext
 from pathlib import Path
@@ -95,7 +96,9 @@ def test_the_plot_shows_the_curve_and_one_sigma_of_the_wall(
 ) -> None:
     found, drawn = squeeze(cup, force_N=2.0, points=3), []
     monkeypatch.setattr(
-        sys.modules[squeeze.__module__], "save_figure", lambda path, figure: drawn.append(figure)
+        sys.modules[inspect.unwrap(squeeze).__module__],
+        "save_figure",
+        lambda path, figure: drawn.append(figure),
     )
     plot_squeeze("never written", found, "cup")
     (axes,) = drawn[0].axes

@@ -9,6 +9,7 @@ import sys
 import types
 import typing
 from collections.abc import Callable, Mapping
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -77,8 +78,9 @@ def inner_misfit(value: Any, place: str, depth: int = _DEPTH) -> tuple[str, Any,
         for kind in reversed(record.__mro__):  # an annotation is evaluated where it was written
             scope = vars(sys.modules.get(kind.__module__, types))
             own = vars(kind).get("__annotations__", {})
-            for name in (one.name for one in dataclasses.fields(record) if one.name in own):
-                field, hint = getattr(value, name, None), _hint(own[name], scope)
+            fields = (one.name for one in dataclasses.fields(record) if one.init and one.name in own)
+            for name in filter(partial(hasattr, value), fields):
+                field, hint = getattr(value, name), _hint(own[name], scope)
                 if not _matches(field, hint):
                     return f"{place}.{name}", field, _text(hint)
                 parts.append((f"{place}.{name}", field))
