@@ -33,7 +33,7 @@ from ...points.homography import apply_homography
 from .block_fit import BlockFit, doubt, fit_blocks, recover
 from .esm_pyramid import MARGIN_PX, EsmSettings, GaussNewton, Work
 from .esm_template import CURVES, EsmTemplate
-from .repeats import among_repeats, peaks
+from .repeats import among_repeats, apart, peaks
 from .warp import is_proper, motion_jacobian
 
 
@@ -125,8 +125,11 @@ def align(
         even, work.homography, again = False, fit.homography, fit_blocks(work, 0, 12, 4)
         if again is None or again.variance >= fit.variance:
             break
-        # A place that the better blur does not confirm is not valid: it may be a wrong one.
-        fit, reason = again, doubt(again, settings)
+        # The blur that explains more has to confirm the place, if only by a doubtful fit that is there as well.
+        doubtful = doubt(again, settings)
+        if doubtful and not reason and apart(work, again.homography, fit.homography) <= settings.right_px:
+            break
+        fit, reason = again, doubtful
     if fit is not None and not reason:
         here, fit = fit.homography, among_repeats(work, fit, start)
         fit = _in_even_light(work, fit, even and fit.homography is here)

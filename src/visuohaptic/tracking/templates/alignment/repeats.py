@@ -125,7 +125,7 @@ def _near_start(work: Work, fit: BlockFit, start: Float[np.ndarray, "3 3"]) -> B
     ((shift, score),) = peaks(work, _search_level(work), start, 1, local=True)
     other = _accepted(work, start @ shift) if score >= REPEATS else None
     work.homography = fit.homography
-    if other is None or _apart(work, other.homography, fit.homography) <= work.settings.right_px:
+    if other is None or apart(work, other.homography, fit.homography) <= work.settings.right_px:
         return fit
     here = _explained(work, np.eye(3))
     there = _explained(work, np.linalg.solve(fit.homography, other.homography))
@@ -137,7 +137,7 @@ def _rivals(work: Work, fit: BlockFit) -> tuple[list[np.ndarray], Float[np.ndarr
     """Shifts of the fit to other places [template px], and its log-odds against each, as long as they count."""
     found, odds, here = [], [], None
     for shift, score in peaks(work, _search_level(work), fit.homography, _PLACES + 1, local=True):
-        if score < REPEATS or _apart(work, fit.homography @ shift, fit.homography) <= work.settings.right_px:
+        if score < REPEATS or apart(work, fit.homography @ shift, fit.homography) <= work.settings.right_px:
             continue
         here = _explained(work, np.eye(3)) if here is None else here
         there = _explained(work, shift)
@@ -163,8 +163,16 @@ def _against(fit: BlockFit, odds: Float[np.ndarray, "n"]) -> BlockFit:
     return replace(fit, log_odds=-float(np.logaddexp.reduce([-fit.log_odds, *(-odds)])))
 
 
-def _apart(work: Work, a: Float[np.ndarray, "3 3"], b: Float[np.ndarray, "3 3"]) -> float:
-    """Largest distance of a corner between two places [px of the image]."""
+def apart(work: Work, a: Float[np.ndarray, "3 3"], b: Float[np.ndarray, "3 3"]) -> float:
+    """Largest distance of a corner between two places [px of the image].
+
+    Parameters
+    ----------
+    work
+        State of the alignment, with the template and the level of the image.
+    a, b
+        Homographies of the two.
+    """
     first, second = (apply_homography(h, work.template.corners) for h in (a, b))
     return float(np.linalg.norm(first - second, axis=1).max()) * 2.0**work.image_base
 
