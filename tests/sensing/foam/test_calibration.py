@@ -190,6 +190,12 @@ def test_a_short_release_is_no_press_and_hides_none(reference_law):
     assert found.press_sigma == pytest.approx(1.32 * 0.03 * np.sqrt(4 / 3), rel=0.05)
 
 
+def test_a_press_without_stress_is_refused():
+    stress = np.concatenate([law(GOOD), 0 * GOOD])
+    with pytest.raises(CalibrationError, match="does not rise in press 2 of 2"):
+        calibrate_foam(data_of(np.tile(GOOD, 2), stress), **SIZE)
+
+
 GOOD = np.linspace(0, 0.6, 61)
 
 

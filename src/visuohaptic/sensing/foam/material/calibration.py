@@ -217,6 +217,12 @@ def _levelled(
         gain[i] = model @ data.stress_Pa[up] / (model @ model)
         rest = data.stress_Pa[up] - gain[i] * model
         error2[i] = rest @ rest / ((len(up) - 1) * (model @ model))
+    if gain.min() <= 0.0:
+        raise CalibrationError(
+            data.where,
+            f"the stress does not rise in press {int(gain.argmin()) + 1} of {len(presses)}",
+            remedy="remove that press, or repeat it",
+        )
     scatter2 = max(float(gain.var(ddof=1) - error2.mean()), 0.0) * (1.0 + 1.0 / len(presses))
     sigma = float(stdtrit(len(presses) - 1, ndtr(1.0))) * math.sqrt(scatter2) / float(gain.mean())
     stress = data.stress_Pa.copy()
