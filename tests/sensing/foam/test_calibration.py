@@ -190,6 +190,12 @@ def test_a_short_release_is_no_press_and_hides_none(reference_law):
     assert found.press_sigma == pytest.approx(1.32 * 0.03 * np.sqrt(4 / 3), rel=0.05)
 
 
+def test_gains_over_different_parts_of_the_curve_are_not_compared():
+    strain = np.concatenate([GOOD, GOOD[15:], GOOD])
+    gain = np.repeat([1.0, 1.05, 0.95], [61, 46, 61])
+    assert calibrate_foam(data_of(strain, gain * law(strain)), **SIZE).presses == 1
+
+
 def test_a_press_without_stress_is_refused():
     stress = np.concatenate([law(GOOD), 0 * GOOD])
     with pytest.raises(CalibrationError, match="does not rise in press 2 of 2"):

@@ -189,14 +189,19 @@ def _cubic(data: StrainStress, *, required: bool) -> StressCurveFit | None:
 
 
 def _presses(data: StrainStress) -> list[Int[np.ndarray, "k"]]:
-    """Indices of the points of each press from rest; what is no whole press belongs to the next one, at the end to the last."""
+    """Indices of the points of each press from rest; one that is aborted belongs to the next one, at the end to the last.
+
+    All points where a press begins at a larger strain: gains over different parts of the curve do not compare.
+    """
     again = np.diff(data.strain) < -0.5 * np.ptp(data.strain)
     again |= (np.diff(data.direction) > 0) & (data.strain[1:] <= REQUIRED_RANGE[0])
     ends, starts = np.flatnonzero(again & (data.direction[1:] > 0)) + 1, [0]
     for end in (*ends.tolist(), len(data.strain)):
         part = slice(starts[-1], end)
         up = data.strain[part][data.direction[part] > 0]
-        if up.min(initial=1.0) <= REQUIRED_RANGE[0] and up.max(initial=0.0) >= REQUIRED_RANGE[1]:
+        if up.max(initial=0.0) >= REQUIRED_RANGE[1]:
+            if up.min() > REQUIRED_RANGE[0]:
+                return [np.arange(len(data.strain))]
             starts.append(end)
     return np.split(np.arange(len(data.strain)), starts[1:-1])
 
