@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from visuohaptic.sensing.foam.material import (
     plateau,
     read_strain_stress,
 )
+from visuohaptic.sensing.foam.material.records import direction_from_order
 
 SIZE = {"width_m": 0.02, "height_m": 0.01}
 
@@ -106,8 +109,6 @@ def test_unloading_is_split_and_fitted(reference_law):
     law = reference_law.stress
     back = law(down) * (0.5 + 0.5 * (down / 0.6) ** 3)
     # Without directions: the order of the strains tells them.
-    from visuohaptic.sensing.foam.material.records import direction_from_order
-
     strain = np.concatenate([up, down, up, down])
     stress = np.concatenate([law(up), back, law(up), back])
     direction = direction_from_order(strain)
@@ -163,6 +164,42 @@ def test_presses_of_different_speed_are_no_outliers_and_share_their_unloading(re
     assert found.hysteresis_loss == pytest.approx(0.2, abs=0.01)
     up = np.linspace(0.05, 0.45, 9)
     np.testing.assert_allclose(found.material.unloading.stress(up), 0.8 * reference_law.stress(up), rtol=0.02)
+
+
+def released(law, presses, noise_Pa=20.0):
+    """One record of presses that turn at the given strains, each with its own gain."""
+    strain, stress = [np.zeros(1)], [np.zeros(1)]
+    for gain, turns in presses:
+        for begin, end in pairwise([0.0, *turns]):
+            part = np.linspace(begin, end, 1 + round(abs(end - begin) / 0.01))[1:]
+            strain.append(part)
+            stress.append(gain * (1.0 if end > begin else 0.8) * law(part))
+    path = np.concatenate(strain)
+    noise = noise_Pa * np.random.default_rng(7).standard_normal(len(path))
+    return StrainStress(path, np.concatenate(stress) + noise, direction_from_order(path))
+
+
+def test_a_short_release_is_no_press_and_hides_none(reference_law):
+    once = [0.06, 0.02, 0.35, 0.2, 0.5, 0.0]
+    alone = calibrate_foam(released(reference_law.stress, [(1.0, once)]), **SIZE)
+    assert alone.presses == 1
+    ended = [(0.97, [0.2, 0.0]), (0.97, once), (1.0, once), (1.03, once), (1.03, [0.2, 0.0])]
+    found = calibrate_foam(released(reference_law.stress, ended), **SIZE)
+    assert found.presses == 3
+    # Three gains with a standard deviation of 3 %, by Student's distribution 1.32 times more.
+    assert found.press_sigma == pytest.approx(1.32 * 0.03 * np.sqrt(4 / 3), rel=0.05)
+
+
+def test_gains_over_different_parts_of_the_curve_are_not_compared():
+    strain = np.concatenate([GOOD, GOOD[15:], GOOD])
+    gain = np.repeat([1.0, 1.05, 0.95], [61, 46, 61])
+    assert calibrate_foam(data_of(strain, gain * law(strain)), **SIZE).presses == 1
+
+
+def test_a_press_without_stress_is_refused():
+    stress = np.concatenate([law(GOOD), 0 * GOOD])
+    with pytest.raises(CalibrationError, match="does not rise in press 2 of 2"):
+        calibrate_foam(data_of(np.tile(GOOD, 2), stress), **SIZE)
 
 
 GOOD = np.linspace(0, 0.6, 61)

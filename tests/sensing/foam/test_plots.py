@@ -71,6 +71,11 @@ def test_hysteresis_without_unloading_points_is_not_called_zero(tmp_path, press)
     result, lines = run(table, "--out", tmp_path / "foam.yaml")
     assert result["points_unloading"] == 0
     assert any(line.startswith("hysteresis: not measured") for line in lines)
+    # Without their directions, appended presses seem to be unloaded by the step between them.
+    table.write_text("\n".join(line.rpartition(",")[0] for line in loading))
+    result, lines = run(table, "--out", tmp_path / "foam.yaml")
+    assert (result["presses"], result["points_unloading"]) == (3, 2)
+    assert any(line.startswith("hysteresis: not measured") for line in lines)
     _, lines = run(press, "--out", tmp_path / "foam.yaml")
     assert any("of the work of loading is lost" in line for line in lines)
 

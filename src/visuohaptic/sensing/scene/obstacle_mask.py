@@ -17,8 +17,8 @@ Huber's robust test (Ann. Math. Statist. 36, 1965), since a fraction of the fram
 below 0 (Page's test): the alarm rate is at most the number of cells times that of comparisons times
 ``exp(-threshold)`` (Lorden 1971). The threshold follows from ``alarms_per_minute``.
 
-A face is wider than a cell, and on a textureless face only the outlines contain information: the sums of one, two, four and more
-adjacent cells are tested in parallel, and share the alarm rate.
+A face is wider than a cell, and on a textureless face only the outlines contain information: the sums over adjacent cells of the
+narrowest faces, and of faces of twice, four times the width and more, are tested in parallel, and share the alarm rate.
 """
 
 from __future__ import annotations

@@ -92,12 +92,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "lateral_expansion": material.tension.lateral,
         "lateral_expansion_sigma": material.tension.lateral_sigma,
     }
-    for line in _lines(result):
+    for line in _lines(result, unloading=found.material.unloading is not None):
         args.report(line)
     return result
 
 
-def _lines(result: dict[str, Any]) -> list[str]:
+def _lines(result: dict[str, Any], *, unloading: bool) -> list[str]:
     low, high = result["working_strain"]
     cubic = result["residual_cubic_Pa"]
     kind = "calibrated" if result["tension_calibrated"] else "default: calibrate it with --plate"
@@ -112,8 +112,8 @@ def _lines(result: dict[str, Any]) -> list[str]:
         + f"; used: {result['curve']}",
         f"working range: strain {low:.2f} to {high:.2f}, saturated beyond {result['densification_strain']:.2f}",
         f"hysteresis: {100 * result['hysteresis_loss']:.0f} % of the work of loading is lost"
-        if result["points_unloading"]
-        else "hysteresis: not measured; without unloading points, forces of foam that is released are invalid",
+        if unloading
+        else "hysteresis: not measured; without an unloading curve, forces of foam that is released are invalid",
         f"tension ratio {result['tension_ratio']:.2f} +- {result['tension_sigma']:.2f}, lateral expansion "
         f"{result['lateral_expansion']:.2f} +- {result['lateral_expansion_sigma']:.2f} ({kind})",
         *result["notes"],

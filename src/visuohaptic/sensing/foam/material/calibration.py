@@ -189,16 +189,21 @@ def _cubic(data: StrainStress, *, required: bool) -> StressCurveFit | None:
 
 
 def _presses(data: StrainStress) -> list[Int[np.ndarray, "k"]]:
-    """Indices of the points of each press from rest; all points where the record is no sequence of whole presses."""
+    """Indices of the points of each press from rest; one that is aborted belongs to the next one, at the end to the last.
+
+    All points where a press begins at a larger strain: gains over different parts of the curve do not compare.
+    """
     again = np.diff(data.strain) < -0.5 * np.ptp(data.strain)
     again |= (np.diff(data.direction) > 0) & (data.strain[1:] <= REQUIRED_RANGE[0])
-    starts = np.flatnonzero(again & (data.direction[1:] > 0)) + 1
-    presses = np.split(np.arange(len(data.strain)), starts)
-    for press in presses:
-        up = data.strain[press[data.direction[press] > 0]]
-        if not (up.min(initial=1.0) <= REQUIRED_RANGE[0] and up.max(initial=0.0) >= REQUIRED_RANGE[1]):
-            return [np.arange(len(data.strain))]
-    return presses
+    ends, starts = np.flatnonzero(again & (data.direction[1:] > 0)) + 1, [0]
+    for end in (*ends.tolist(), len(data.strain)):
+        part = slice(starts[-1], end)
+        up = data.strain[part][data.direction[part] > 0]
+        if up.max(initial=0.0) >= REQUIRED_RANGE[1]:
+            if up.min() > REQUIRED_RANGE[0]:
+                return [np.arange(len(data.strain))]
+            starts.append(end)
+    return np.split(np.arange(len(data.strain)), starts[1:-1])
 
 
 def _levelled(
@@ -217,6 +222,12 @@ def _levelled(
         gain[i] = model @ data.stress_Pa[up] / (model @ model)
         rest = data.stress_Pa[up] - gain[i] * model
         error2[i] = rest @ rest / ((len(up) - 1) * (model @ model))
+    if gain.min() <= 0.0:
+        raise CalibrationError(
+            data.where,
+            f"the stress does not rise in press {int(gain.argmin()) + 1} of {len(presses)}",
+            remedy="remove that press, or repeat it",
+        )
     scatter2 = max(float(gain.var(ddof=1) - error2.mean()), 0.0) * (1.0 + 1.0 / len(presses))
     sigma = float(stdtrit(len(presses) - 1, ndtr(1.0))) * math.sqrt(scatter2) / float(gain.mean())
     stress = data.stress_Pa.copy()
