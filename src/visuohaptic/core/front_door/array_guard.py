@@ -21,7 +21,7 @@ import numpy as np
 
 from ..errors import InputError, VisuohapticError, brief
 from ..ranges import MAX_NUMBER
-from .annotations import inner_misfit, misfit
+from .annotations import inner_mismatch, mismatch
 
 _ARRAY = re.compile(
     r"(Float|Float32|Int|Int8|UInt8|Bool)\[np\.ndarray, ['\"]([^'\"]*)['\"]\]((?: \| (?:float|int|None|Sequence\[[\w\[\], ]*\]))*)"
@@ -245,13 +245,13 @@ def _refusal(
             spec.checked(given[name], {})
         except InputError as refusal:
             return refusal
-    if wrong := misfit(function, {name: value for name, value in given.items() if name not in arrays}):
+    if wrong := mismatch(function, {name: value for name, value in given.items() if name not in arrays}):
         name, expected = wrong
         return InputError(where, f"found {brief(given[name])}, expected {expected}", field=name)
     if isinstance(error, VisuohapticError):
         return None
     for name, value in given.items():
-        if inside := inner_misfit(value, name):
+        if inside := inner_mismatch(value, name):
             place, found, expected = inside
             return InputError(where, f"found {brief(found)}, expected {expected}", field=place)
     return next((why for name, spec in arrays.items() if (why := spec.unsuitable(given[name], error))), None)
