@@ -13,7 +13,16 @@ import numpy as np
 import pytest
 from jaxtyping import Bool, Float, Int, UInt8
 
-from visuohaptic import HapticTag, MovableObject, OccupancyMap, PlanningProblem, RobotModel, make_plan
+from visuohaptic import (
+    FoamSensor,
+    HapticClassifier,
+    HapticTag,
+    MovableObject,
+    OccupancyMap,
+    PlanningProblem,
+    RobotModel,
+    make_plan,
+)
 from visuohaptic.core import Camera, FrameSource, InputError, polygon_area, so3_exp, vertex_normals
 from visuohaptic.core import geometry as module
 from visuohaptic.core.front_door.array_guard import guard_class, guarded
@@ -214,6 +223,10 @@ def test_creation_is_guarded_and_names_the_class():
         def __post_init__(self) -> None:
             self.total = self.mass_kg * 2 + self.where_m.sum()
 
+        @classmethod
+        def parse(cls, text: str) -> Load:
+            return cls(float(text.strip("kg ")), np.ones(3))
+
     guard_class(Load)
     guard_class(Load)  # once only
     assert Load(1.0, np.ones(3)).total == pytest.approx(5.0)
@@ -223,6 +236,21 @@ def test_creation_is_guarded_and_names_the_class():
         Load(1.0, [1.0, 2.0])
     with pytest.raises(TypeError, match="missing 1 required"):
         Load(1.0)
+    assert Load.parse("2 kg").mass_kg == 2.0
+    with pytest.raises(InputError, match=r"^Load.parse: text: found None, expected str"):
+        Load.parse(None)
+    with pytest.raises(ValueError, match="could not convert") as error:
+        Load.parse("two")
+    assert not isinstance(error.value, InputError)
+
+
+@pytest.mark.parametrize("made", [FoamSensor, HapticClassifier, OccupancyMap])
+def test_class_methods_of_public_classes_are_guarded(made):
+    for path in (None, [1, 2]):
+        with pytest.raises(
+            InputError, match=rf"^{made.__name__}\.load: path: found .*, expected Path or str"
+        ):
+            made.load(path)
 
 
 @pytest.mark.parametrize(

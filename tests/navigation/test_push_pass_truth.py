@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import math
 
 import numpy as np
@@ -52,8 +53,6 @@ def test_entries_come_by_cost_and_then_in_their_order():
     queue = _Queue(10.0)
     for number, cost in enumerate((3.0, 1.0, 10.0, 3.0, 12.0, 9.99)):
         queue.push(cost, number)
-    import heapq
-
     assert [heapq.heappop(queue.entries)[2] for _ in range(4)] == [1, 0, 3, 5]
     assert queue.entries == []
 

@@ -178,9 +178,8 @@ def run_sensor(
         There is no zero reference, or no frame.
     """
     live = live or is_live(str(args.source or ""))
-    first = _first_frame(
-        args, reader, frames, live
-    )  # before any file is opened: none is replaced by an empty one
+    # Before any file is opened: none is replaced by an empty one.
+    first = _first_frame(args, reader, frames, live)
     tables = [path for name in ("csv", "parquet") if (path := getattr(args, name, None))]
     plot: Path | None = getattr(args, "plot", None)
     run = SensorRun(out=[str(path) for path in (args.out, *tables, plot) if path])

@@ -58,7 +58,8 @@ def open_database(location: Path | str, *, create: bool = True) -> ObjectDatabas
     location
         Folder, or URL such as ``postgresql://host/name``.
     create
-        Whether to create it if it does not exist.
+        Whether to create a folder's database if it does not exist. Without it, a misspelt path is refused; with it, an
+        empty database is created there, even if it is only read.
 
     Raises
     ------

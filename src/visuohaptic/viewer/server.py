@@ -31,6 +31,8 @@ class Page(Closing):
     ------
     MissingExtraError
         viser is not installed.
+    InputError
+        The port is out of range.
     DeviceError
         No port from the given one upwards could be opened.
     """

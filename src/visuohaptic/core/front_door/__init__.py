@@ -32,7 +32,7 @@ def attach(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], 
 def public(package: str, name: str, found: Any) -> Any:
     """The object that a package exports under a name: functions are wrapped with a check of their arguments.
 
-    So is the creation of classes, where they are.
+    So are the creation and the class methods of classes, in place.
 
     Parameters
     ----------

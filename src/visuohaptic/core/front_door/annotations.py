@@ -32,7 +32,7 @@ _ALSO: dict[type, tuple[type, ...]] = {
 }
 
 
-def misfit(function: Callable[..., Any], given: Mapping[str, Any]) -> tuple[str, str] | None:
+def mismatch(function: Callable[..., Any], given: Mapping[str, Any]) -> tuple[str, str] | None:
     """The first argument that does not match its annotation, and what is expected; None if all match.
 
     Parameters
@@ -54,7 +54,7 @@ def misfit(function: Callable[..., Any], given: Mapping[str, Any]) -> tuple[str,
     return None
 
 
-def inner_misfit(value: Any, place: str, depth: int = _DEPTH) -> tuple[str, Any, str] | None:
+def inner_mismatch(value: Any, place: str, depth: int = _DEPTH) -> tuple[str, Any, str] | None:
     """The first field inside the records of an argument that does not match its annotation; None if all match.
 
     Parameters
@@ -84,7 +84,7 @@ def inner_misfit(value: Any, place: str, depth: int = _DEPTH) -> tuple[str, Any,
                 if not _matches(field, hint):
                     return f"{place}.{name}", field, _text(hint)
                 parts.append((f"{place}.{name}", field))
-    inside = (inner_misfit(one, where, depth - 1) for where, one in parts if depth)
+    inside = (inner_mismatch(one, where, depth - 1) for where, one in parts if depth)
     return next((found for found in inside if found), None)
 
 
@@ -138,7 +138,7 @@ def _is_numeric(value: Any) -> bool:
 
 
 def _elements_match(values: Any, parts: tuple[Any, ...]) -> bool:
-    # Whether one of any length is empty, functions ask by its truth, which arrays do not have.
+    # Functions test sequences of any length for emptiness by their truth value, which arrays do not have.
     if isinstance(values, np.ndarray) and (not values.ndim or Ellipsis in parts):
         return False
     if not parts:

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..errors import InputError, VisuohapticError, brief
 from ..ranges import MAX_NUMBER
-from .annotations import inner_misfit, misfit
+from .annotations import inner_mismatch, mismatch
 
 _ARRAY = re.compile(
     r"(Float|Float32|Int|Int8|UInt8|Bool)\[np\.ndarray, ['\"]([^'\"]*)['\"]\]((?: \| (?:float|int|None|Sequence\[[\w\[\], ]*\]))*)"
@@ -184,7 +184,7 @@ def guarded(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def guard_class(made: type) -> None:
-    """Let the arguments of a class be checked where its creation fails.
+    """Let the arguments of a class be checked where its creation or one of its public class methods fails.
 
     Parameters
     ----------
@@ -199,18 +199,26 @@ def guard_class(made: type) -> None:
     ):
         return
 
-    @functools.wraps(create)
-    def checked(*args: Any, **kwargs: Any) -> None:
+    made.__init__ = _explained(create, made.__name__)  # type: ignore[misc]
+    for name, method in list(vars(made).items()):
+        if isinstance(method, classmethod) and not name.startswith("_"):
+            setattr(made, name, classmethod(_explained(method.__func__, f"{made.__name__}.{name}")))
+
+
+def _explained(function: Callable[..., Any], where: str) -> Callable[..., Any]:
+    """Wrap a function with a check of its arguments where it fails."""
+
+    @functools.wraps(function)
+    def checked(*args: Any, **kwargs: Any) -> Any:
         try:
-            create(*args, **kwargs)
+            return function(*args, **kwargs)
         except Exception as error:
-            specs = _specs(create, made.__name__)
-            if refusal := _refusal(create, made.__name__, specs, args, kwargs, error):
+            if refusal := _refusal(function, where, _specs(function, where), args, kwargs, error):
                 raise refusal from error
             raise
 
     vars(checked)["arguments_checked"] = True
-    made.__init__ = checked  # type: ignore[misc]
+    return checked
 
 
 def _refusal(
@@ -237,13 +245,13 @@ def _refusal(
             spec.checked(given[name], {})
         except InputError as refusal:
             return refusal
-    if wrong := misfit(function, {name: value for name, value in given.items() if name not in arrays}):
+    if wrong := mismatch(function, {name: value for name, value in given.items() if name not in arrays}):
         name, expected = wrong
         return InputError(where, f"found {brief(given[name])}, expected {expected}", field=name)
     if isinstance(error, VisuohapticError):
         return None
     for name, value in given.items():
-        if inside := inner_misfit(value, name):
+        if inside := inner_mismatch(value, name):
             place, found, expected = inside
             return InputError(where, f"found {brief(found)}, expected {expected}", field=place)
     return next((why for name, spec in arrays.items() if (why := spec.unsuitable(given[name], error))), None)

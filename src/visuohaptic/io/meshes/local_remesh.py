@@ -345,6 +345,11 @@ def collapse_edges(
     -------
     tuple
         Vertices, triangles, and the largest of those distances.
+
+    Raises
+    ------
+    InputError
+        The length is not positive.
     """
     check_numbers("collapse_edges", POSITIVE, length=length)
     quadric, border = _quadrics(vertices, faces)

@@ -242,8 +242,8 @@ def _planned(
     deadline = Deadline.after(limits.budget_s)
     active = _pushed(domain, unknown=unknown)
     found = plan_in_domain(domain, limits, active=active, weights=weights)
-    tilted = any(push.oblique for k in active for push in domain.bodies[k].with_oblique)
-    if found.reachable or found.narrow or not tilted:
+    tilted = (push.oblique for k in active for push in domain.bodies[k].with_oblique)
+    if found.reachable or found.narrow or not any(tilted):
         return found
     # Oblique pushes rely on friction: they are used only if no other push clears a path. Their proof covers both.
     if not deadline.passed:

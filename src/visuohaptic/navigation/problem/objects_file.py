@@ -23,9 +23,10 @@ MAX_OBJECTS = 10_000
 #: Types of an entry besides the kinds of passages. Glass that was never pushed is avoided.
 GLASS, PASSAGES, AREAS = "glass", tuple(PassageKind), ("avoid", "prefer")
 Kind = Literal["object", "glass", "door_push", "door_sliding", "elevator", "avoid", "prefer"]
-#: Fields that have no meaning for an entry of these types: with another type in mind, a plan would be another one.
+#: Fields without meaning for entries of these types, which were probably meant as another type.
 _FOREIGN: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("object", GLASS), ("open_s", "cost_s")),
+    **dict.fromkeys(PASSAGES, ("cost_s",)),
     **dict.fromkeys(AREAS, ("open_s", "haptic_tag")),
 }
 #: Margin around glass, because depth cameras measure it with an error of several centimetres [m].
@@ -287,13 +288,10 @@ def _entries(data: Any, where: str) -> tuple[_Entry, ...]:
         name, field = str(entry.id), f"objects[{index}].id"
         if not name.strip():
             raise InputError(where, f"found {name!r}, expected a name", field=field)
-        for foreign in _FOREIGN.get(entry.type, ("cost_s",)):  # of a passage
+        for foreign in _FOREIGN[entry.type]:
             if getattr(entry, foreign) is not None:
-                raise InputError(
-                    where,
-                    f"found one of type {entry.type}, which has none",
-                    field=f"objects[{index}].{foreign}",
-                )
+                place = f"objects[{index}].{foreign}"
+                raise InputError(where, f"has no meaning for the type {entry.type}", field=place)
         if name in names:
             known = f"objects[{names.index(name)}]"
             raise InputError(where, f"found {name!r}, which {known} has already", field=field)

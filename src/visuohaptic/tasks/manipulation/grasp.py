@@ -111,9 +111,8 @@ class GraspAndLiftTask(HandTask[GraspState]):
         self._weak = self._frames = 0
         self._closing: list[tuple[float, float]] = []  #: opening [m] and force [N]
         self._idle_N: list[float] = []  #: force before a contact [N]
-        self._stopped_N: list[float] | None = (
-            None  #: readings since one reached the force and the fingers stopped [N]
-        )
+        #: readings since one reached the force and the fingers stopped [N]
+        self._stopped_N: list[float] | None = None
         self._unloaded_N: list[float] = []  #: load on the table [N]
         self._loaded_N: list[float] = []
 
