@@ -18,6 +18,7 @@ from visuohaptic.simulation.rendering import (
     SceneRenderer,
     Solid,
     Surface,
+    _canvas,
     crossings,
     texture_tile,
 )
@@ -128,6 +129,21 @@ def test_images_of_a_scene_at_rest_are_those_drawn_one_by_one() -> None:
         images = list(renderer.repeated(scene, 2, rng=one))
         assert np.array_equal(images, [renderer.render(scene, rng=other) for _ in images])
         assert not np.array_equal(*images)
+
+
+def test_all_layers_have_the_memory_layout_that_is_compiled_in_advance(monkeypatch) -> None:
+    """Another one would be compiled at the first frame, for seconds."""
+    contiguous: list[bool] = []
+
+    def record(*arguments: object) -> None:
+        contiguous.extend(part.flags.c_contiguous for part in arguments if isinstance(part, np.ndarray))
+
+    monkeypatch.setattr(_canvas, "add_plane", record)
+    body = SceneObject(np.array([[0.018, -0.02], [0.1, -0.02], [0.1, 0.02], [0.018, 0.02]]))
+    renderer = SceneRenderer(*camera_and_pose(width=320, height=180), Look.photo(stripe=True))
+    renderer.render(FoamScene(0.0, *strip(), (body,)), rng=np.random.default_rng(0))
+    assert contiguous
+    assert all(contiguous)
 
 
 def test_stripe_has_its_own_exact_edge() -> None:

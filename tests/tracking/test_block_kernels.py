@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 from scipy.special import betaln, expit
+from tests.patience import PATIENCE_S
 
 from visuohaptic.tracking.templates.alignment._block_kernels import block_step, block_sums, template_sums
 from visuohaptic.tracking.templates.alignment._sample_kernels import row_positions, sample_rows
@@ -294,3 +299,27 @@ def test_the_last_pixels_of_an_image_are_sampled() -> None:
     expected = map_coordinates(image.astype(float), [v, u], order=3, mode="mirror", prefilter=False)
     assert inside.all()
     np.testing.assert_allclose(value, expected, atol=2e-3)
+
+
+def small_spline() -> np.ndarray:
+    """Cubic samples of a small image, and whether they are inside of it, (2, 5, 6)."""
+    image = (np.arange(11 * 13, dtype=np.float32) % 7).reshape(11, 13)
+    h, found = (
+        np.array([[1.2, 0.1, 1.3], [-0.1, 0.9, 2.4], [0.01, 0.0, 1.0]]),
+        np.zeros((2, 5, 6), np.float32),
+    )
+    sample_rows(image, h, np.zeros((2, 1, 1), np.float32), np.arange(5), True, *found)
+    return found
+
+
+def test_a_cubic_spline_is_sampled_without_the_compiler() -> None:
+    """``NUMBA_DISABLE_JIT``, for a debugger: one instruction reads four neighbours in machine code only."""
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
+    script = f"import {__name__} as here; print(*here.small_spline().ravel())"
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=PATIENCE_S
+    )
+    assert done.returncode == 0, done.stderr
+    compiled = small_spline()
+    assert compiled[1].sum() > 20
+    np.testing.assert_allclose(np.array(done.stdout.split(), float), compiled.ravel(), atol=1e-5)

@@ -19,12 +19,12 @@ from jaxtyping import Bool, Float
 from ...core import BaseState, above, check_numbers
 from ...core.errors import InputError, needs
 from ...core.geometry import polygon_centroid, rotation_2d
-from ...io.maps.occupancy_map import OccupancyMap
+from ...io.maps.occupancy_map import OCCUPIED, OccupancyMap
 from ..mobile.platform import CommandedBase, towards
 from .floor_model import FloorObject, FloorRobot, floor_mjcf
 
-#: Least occupancy of a wall [%].
-WALL = 50
+#: Minimum occupancy of a wall [%], as for planners.
+WALL = OCCUPIED // 2
 #: Physics is computed while the rim is nearer than this to anything (m).
 NEAR_M = 0.03
 #: The drive stalls when the reaction is too large for this time (s).

@@ -95,6 +95,7 @@ class FoamStrip:
         self._undeformed = np.zeros((k, 3 * n + n * j + 1))
         self._undeformed[:, 3 * n : -1] = 1.0
         self._memory = self._undeformed.copy()
+        #: Displacement of the front, and length along the strip, of the columns that touched in the last step [m].
         self._pressed = np.zeros(0), np.zeros(0)
 
     def inner_m(self, height_m: float) -> Float[np.ndarray, "k 2"]:

@@ -141,4 +141,5 @@ def shade_floor(
     factor = cv2.resize(
         1 - look.shadow / 255 * soft, (small.shape[1] * _REDUCTION, small.shape[0] * _REDUCTION)
     )
-    return factor[:rows, :columns]
+    # In one piece, like other layers: the kernels are compiled for each memory layout.
+    return np.ascontiguousarray(factor[:rows, :columns])

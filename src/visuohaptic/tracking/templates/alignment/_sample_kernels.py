@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import types
+from numba import config, types
 from numba.extending import intrinsic
 
 from ....core.kernels import kernel
@@ -92,7 +92,7 @@ def row_bilinear(image, width, columns, index, fx, fy, value):
 
 
 @intrinsic
-def _weighted(context: Any, coefficients: Any, first: Any, width: Any, across: Any, down: Any) -> Any:
+def _vector_sum(context: Any, coefficients: Any, first: Any, width: Any, across: Any, down: Any) -> Any:
     """Sum of 4 x 4 neighbours times their weights, a row of four by one instruction: numba's compiler vectorises loops alone.
 
     Parameters
@@ -129,6 +129,16 @@ def _weighted(context: Any, coefficients: Any, first: Any, width: Any, across: A
         return builder.fadd(left, right, flags=("fast",))
 
     return types.float32(coefficients, types.uint64, types.uint64, across, down), generate
+
+
+def _plain_sum(coefficients, first, width, across, down):
+    """The sum of :func:`_vector_sum` in Python."""
+    places = [int(first) + k * int(width) for k in range(4)]
+    return sum(down[k] * np.dot(across, coefficients[place : place + 4]) for k, place in enumerate(places))
+
+
+#: Without its compiler (``NUMBA_DISABLE_JIT``), numba's instructions cannot be called.
+_weighted: Any = _plain_sum if config.DISABLE_JIT else _vector_sum
 
 
 @kernel(**FAST)

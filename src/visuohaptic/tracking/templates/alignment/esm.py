@@ -12,8 +12,8 @@ Research 26 (2007). Differences from the dissertation, and their reasons:
 - Residuals beyond three standard deviations are down-weighted.
 - Pixels whose expected value is so close to black or white that the noise is clipped
   are excluded at the end: they bias the scale by 20 ppm at a noise of 5 grey levels.
-- Intermediate passes use half of the rows, or a hundred (those with the largest gradients); the last passes use
-  every pixel and a cubic spline: a bilinear kernel attenuates high frequencies by an amount
+- Intermediate passes use half of the rows, but about a hundred at most (those with the largest gradients); the last
+  passes use every pixel and a cubic spline: a bilinear kernel attenuates high frequencies by an amount
   that depends on the sub-pixel position, which shifts the result by up to 0.02 px.
 - If the coarse alignment has a low correlation, the translation is searched for.
 

@@ -43,7 +43,7 @@ class Level:
     rows: Int[np.ndarray, "R"]
     informative: Int[
         np.ndarray, "k"
-    ]  #: those with the largest gradients of two rows, or of as many as leave ``_ROWS``
+    ]  #: of each group of rows, the one with the largest gradients: half of them, or about ``_ROWS`` if these are fewer
     unit: float  #: columns per unit of x
     to_template: Float[np.ndarray, "3 3"]  #: centred coordinates to pixels of the whole template
     from_template: Float[np.ndarray, "3 3"]  #: inverse of ``to_template``
