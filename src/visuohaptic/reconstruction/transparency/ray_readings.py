@@ -1,9 +1,9 @@
 """Readings of rays: what a camera measures on each ray relative to what other views see there, and in which context.
 
 The readings are *the same* surface, a *farther* or a *nearer* one, and *none* (a drop-out). Their rates where nothing is
-transparent depend on the *context* of a ray: whether the expected surface is in the image of the second eye, its distance
-from where the camera fails (an edge of the expected surface, unknown depth, grazing incidence, the shadow of the projector;
-Alt 2016, 5.1), how many views see it, how many have no reading at it (a dark surface drops out in all views, glass in front of
+transparent depend on the *context* of a ray: whether the second eye sees the expected surface, its distance from where
+the camera fails (an edge of the expected surface, unknown depth, grazing incidence, the shadow of the projector; Alt 2016,
+5.1), how many views see it, how many have no reading at it (a dark surface drops out in all views, glass in front of
 it in some), and its depth. The context follows from the other views; the rates in each context are estimated from the sequence
 itself (:mod:`.evidence`), and for a part at the surface behind it (:func:`surface_ratios`).
 """
@@ -26,7 +26,7 @@ SAME, FAR, NEAR, DROPPED = 1, 2, 3, 4
 #: Upper limits of the context classes: distance from camera failures (in edge margins), number of views that see the
 #: surface, fraction of views without a reading there, depth of the surface [m].
 _DISTANCES, _VOTES, _EMPTY, _DEPTHS_M = (0.0, 1.0, 2.0, 4.0), (2, 3), (0.1, 0.3, 0.5), (0.4, 0.8, 1.6, 3.2)
-#: Number of contexts; the distance has one more class, for surfaces outside the image of the second eye.
+#: Number of contexts; the distance has one more class, for surfaces that the second eye does not see.
 CONTEXTS = (len(_DISTANCES) + 2) * (len(_VOTES) + 1) * (len(_EMPTY) + 1) * (len(_DEPTHS_M) + 1)
 #: Probabilities of the readings same, farther, nearer, none through glass: thin and clear, strong, faint, filled. Real
 #: D435s drop 29-77 % of the pixels of glass.
