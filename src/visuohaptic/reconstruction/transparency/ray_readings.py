@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Float32, UInt8, UInt16
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion._fusion_view import GRAZING_SLOPE
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
-from .view_geometry import back_motions, ideal_depth, intrinsics, motions
+from .view_geometry import back_motions, ideal_depth, intrinsics, motions, world_points
 
 #: Values of :attr:`RayImage.reading`; 0 is unknown.
 SAME, FAR, NEAR, DROPPED = 1, 2, 3, 4
@@ -314,9 +314,7 @@ def surface_ratios(
 
     def patches(k: int, rays: Bool[np.ndarray, "h w"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         chosen = rays & (images[k].reading > 0)
-        (v, u), z = np.nonzero(chosen), images[k].predicted_m[chosen]
-        fx, fy, cx, cy = intrinsics(frames[k].camera)
-        points_m = frames[k].T_world_camera.apply(np.column_stack([(u - cx) / fx * z, (v - cy) / fy * z, z]))
+        points_m = world_points(frames[k], images[k].predicted_m, chosen)
         cells = np.floor(points_m / patch_m).astype(np.int64) & 0xFFFFF
         return chosen, (cells[:, 0] << 40) | (cells[:, 1] << 20) | cells[:, 2], images[k].code[chosen]
 
