@@ -200,6 +200,12 @@ def test_a_curve_that_starts_before_contact_is_refused() -> None:
     with pytest.raises(InputError, match="the force is zero up to"):
         fit_curve(d, late)
     assert fit_curve(d, late, from_contact=True).i_N_per_m < 1000
+    # Two spikes hide each other, and a soft wall before them looks like none.
+    spikes = 300.0 * d + 15.0 * np.isin(np.arange(25), (4, 6))
+    with pytest.raises(
+        InputError, match=r"zero up to .* within its noise, .* from contact on, without spikes"
+    ):
+        fit_curve(d, spikes)
 
 
 @pytest.mark.parametrize("stiffness", [20e3, 1e5])

@@ -212,9 +212,9 @@ def check_curve(
     if free_m > 0:
         raise InputError(
             "curve",
-            f"the force is zero up to {1e3 * free_m:.2g} mm",
+            f"the force is zero up to {1e3 * free_m:.2g} mm within its noise, and beyond it higher than that of a wall in contact",
             field="deformation_m",
-            remedy="give the deformation from contact on",
+            remedy="give the deformation from contact on, without spikes",
         )
 
 

@@ -2,7 +2,7 @@
 
 The readings of force and deformation are smooth in time while the fingers close. Each sample is compared with a parabola through its
 neighbours: it is a spike if a test with the stated false-alarm rate rejects it, and does not reject the neighbours without it. Where
-these are no parabola either, as beside a jump, nothing is left out.
+these are no parabola either, as beside a jump or another spike, nothing is left out.
 """
 
 from __future__ import annotations

@@ -170,9 +170,8 @@ class RadialMixture:
 
     models: tuple[RadialModel, ...]
     fractions: tuple[float, ...]  #: posterior probability of each
-    rims: tuple[
-        float, ...
-    ]  #: errors at rims of each, in those of a surface that is anywhere within its last cell
+    #: error at rims of each, relative to that of a surface that is anywhere within its last cell
+    rims: tuple[float, ...]
 
     def deviation_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Root mean square radial error of estimated points [m]; an upper bound of the distance from the wall.

@@ -173,10 +173,10 @@ class Completion:
             self._squares.append(square_m2 / (expected_m**2 + touch.sigma_m**2))
             self._radial = None
             refit = self._join(contact, touch.sigma_m)
-            told_m = band_sigma_m(self.band, self.radial, self.visual_sigma_m)
-            same = np.allclose(told_m, self._band_sigma_m, rtol=0.5 * MIN_LIKELIHOOD_RATIO, atol=0.0)
+            sigma_m = band_sigma_m(self.band, self.radial, self.visual_sigma_m)
+            same = np.allclose(sigma_m, self._band_sigma_m, rtol=0.5 * MIN_LIKELIHOOD_RATIO, atol=0.0)
             if not (same and self._outer.within(contact[None], touch.sigma_m)[0]):
-                self._bound()  # the contact tells more about the rims, or shows that the region was too small
+                self._bound()  # the contact changes the errors at rims, or shows that the region was too small
                 refit = True
             if not refit:
                 fresh.put(contact, 0.0, touch.sigma_m)

@@ -1,9 +1,9 @@
 """Readings of rays: what a camera measures on each ray relative to what other views see there, and in which context.
 
 The readings are *the same* surface, a *farther* or a *nearer* one, and *none* (a drop-out). Their rates where nothing is
-transparent depend on the *context* of a ray: whether the expected surface is in the image of the second eye, its distance
-from where the camera fails (an edge of the expected surface, unknown depth, grazing incidence, the shadow of the projector;
-Alt 2016, 5.1), how many views see it, how many have no reading at it (a dark surface drops out in all views, glass in front of
+transparent depend on the *context* of a ray: whether the second eye sees the expected surface, its distance from where
+the camera fails (an edge of the expected surface, unknown depth, grazing incidence, the shadow of the projector; Alt 2016,
+5.1), how many views see it, how many have no reading at it (a dark surface drops out in all views, glass in front of
 it in some), and its depth. The context follows from the other views; the rates in each context are estimated from the sequence
 itself (:mod:`.evidence`), and for a part at the surface behind it (:func:`surface_ratios`).
 """
@@ -19,14 +19,14 @@ from jaxtyping import Bool, Float, Float32, UInt8, UInt16
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion._fusion_view import GRAZING_SLOPE
 from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
-from .view_geometry import back_motions, ideal_depth, intrinsics, motions
+from .view_geometry import back_motions, ideal_depth, intrinsics, motions, world_points
 
 #: Values of :attr:`RayImage.reading`; 0 is unknown.
 SAME, FAR, NEAR, DROPPED = 1, 2, 3, 4
 #: Upper limits of the context classes: distance from camera failures (in edge margins), number of views that see the
 #: surface, fraction of views without a reading there, depth of the surface [m].
 _DISTANCES, _VOTES, _EMPTY, _DEPTHS_M = (0.0, 1.0, 2.0, 4.0), (2, 3), (0.1, 0.3, 0.5), (0.4, 0.8, 1.6, 3.2)
-#: Number of contexts; the distance has one more class, for surfaces outside the image of the second eye.
+#: Number of contexts; the distance has one more class, for surfaces that the second eye does not see.
 CONTEXTS = (len(_DISTANCES) + 2) * (len(_VOTES) + 1) * (len(_EMPTY) + 1) * (len(_DEPTHS_M) + 1)
 #: Probabilities of the readings same, farther, nearer, none through glass: thin and clear, strong, faint, filled. Real
 #: D435s drop 29-77 % of the pixels of glass.
@@ -314,9 +314,7 @@ def surface_ratios(
 
     def patches(k: int, rays: Bool[np.ndarray, "h w"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         chosen = rays & (images[k].reading > 0)
-        (v, u), z = np.nonzero(chosen), images[k].predicted_m[chosen]
-        fx, fy, cx, cy = intrinsics(frames[k].camera)
-        points_m = frames[k].T_world_camera.apply(np.column_stack([(u - cx) / fx * z, (v - cy) / fy * z, z]))
+        points_m = world_points(frames[k], images[k].predicted_m, chosen)
         cells = np.floor(points_m / patch_m).astype(np.int64) & 0xFFFFF
         return chosen, (cells[:, 0] << 40) | (cells[:, 1] << 20) | cells[:, 2], images[k].code[chosen]
 

@@ -18,7 +18,7 @@ from ..fusion.volume import SpaceGrid
 from ..vessel_shapes import UprightBody
 from .ray_evidence import RayEvidence
 from .ray_readings import CONTEXTS, FAR, KINDS, SAME, RayImage
-from .view_geometry import intrinsics
+from .view_geometry import intrinsics, world_points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,7 +167,7 @@ def seen_behind(
     inner &= rays.limit_m > np.array(away_m)[:, None, None]
     beside = ~rays.through(body.points_m(voxel_m), voxel_m)
     codes = [
-        image.code[inside][_seen_from(_surface_m(image, frame, inside), rays, images, beside)]
+        image.code[inside][_seen_from(world_points(frame, image.predicted_m, inside), rays, images, beside)]
         for image, frame, inside in zip(images, rays.frames, inner, strict=True)
     ]
     return passing_evidence(codes, rays.weights / window_px**2, tables)
@@ -254,13 +254,6 @@ def _inner_rays(
     away_m = [float(frame.T_world_camera.inverse().apply(middle_m)[0, 2]) for frame in rays.frames]
     half_m = 0.5 * window_px / rays.frames[0].camera.focal_px * float(np.median(away_m))
     return away_m, rays.through(points_m[body.contains(points_m, -half_m)], 0.0)
-
-
-def _surface_m(image: RayImage, frame: DepthFrame, chosen: Bool[np.ndarray, "h w"]) -> np.ndarray:
-    """Where the surface that other views see is on rays, in the world (n, 3) [m]."""
-    (v, u), z = np.nonzero(chosen), image.predicted_m[chosen]
-    fx, fy, cx, cy = intrinsics(frame.camera)
-    return frame.T_world_camera.apply(np.column_stack([(u - cx) / fx * z, (v - cy) / fy * z, z]))
 
 
 def _seen_from(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Bool, Float, Float32
 
 from ...core import Camera, Pose
 from ...io.depth.depth_sequence import DepthFrame
@@ -70,6 +70,25 @@ def intrinsics(camera: Camera) -> tuple[np.float32, np.float32, np.float32, np.f
     """
     matrix = camera.matrix.astype(np.float32)
     return matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+
+
+def world_points(
+    frame: DepthFrame, depth_m: Float32[np.ndarray, "h w"], chosen: Bool[np.ndarray, "h w"]
+) -> Float[np.ndarray, "n 3"]:
+    """Points at depths of some pixels, in the world [m].
+
+    Parameters
+    ----------
+    frame
+        View, without distortion; its own depths are not used.
+    depth_m
+        Depth of every pixel along the optical axis [m].
+    chosen
+        Mask of the pixels.
+    """
+    (v, u), z = np.nonzero(chosen), depth_m[chosen]
+    fx, fy, cx, cy = intrinsics(frame.camera)
+    return frame.T_world_camera.apply(np.column_stack([(u - cx) / fx * z, (v - cy) / fy * z, z]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
