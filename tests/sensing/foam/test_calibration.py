@@ -202,6 +202,13 @@ def test_a_press_without_stress_is_refused():
         calibrate_foam(data_of(np.tile(GOOD, 2), stress), **SIZE)
 
 
+def test_presses_in_different_units_are_refused():
+    """A sigma of three times the stress would only be printed."""
+    stress = np.concatenate([law(GOOD), 1e-3 * law(GOOD)])
+    with pytest.raises(CalibrationError, match="2 presses differ by a factor of 1e\\+03"):
+        calibrate_foam(data_of(np.tile(GOOD, 2), stress), **SIZE)
+
+
 GOOD = np.linspace(0, 0.6, 61)
 
 

@@ -230,6 +230,12 @@ def _levelled(
         )
     scatter2 = max(float(gain.var(ddof=1) - error2.mean()), 0.0) * (1.0 + 1.0 / len(presses))
     sigma = float(stdtrit(len(presses) - 1, ndtr(1.0))) * math.sqrt(scatter2) / float(gain.mean())
+    if sigma >= 1.0:  # the force of the next press could as well be none
+        raise CalibrationError(
+            data.where,
+            f"the stresses of {len(presses)} presses differ by a factor of {gain.max() / gain.min():.3g}",
+            remedy="give all presses of one foam in one unit, or more presses",
+        )
     stress = data.stress_Pa.copy()
     for press, own in zip(presses, gain, strict=True):
         stress[press] *= float(gain.mean()) / own
