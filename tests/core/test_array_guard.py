@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -242,6 +244,14 @@ def test_creation_is_guarded_and_names_the_class():
     with pytest.raises(ValueError, match="could not convert") as error:
         Load.parse("two")
     assert not isinstance(error.value, InputError)
+
+
+def test_an_inherited_class_method_is_guarded_without_a_use_of_its_base():
+    code = "import visuohaptic; visuohaptic.FingerSensor.load(None)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.stderr.splitlines()[-1].endswith("FoamSensor.load: path: found None, expected Path or str")
 
 
 @pytest.mark.parametrize("made", [FoamSensor, HapticClassifier, OccupancyMap])

@@ -43,10 +43,12 @@ def public(package: str, name: str, found: Any) -> Any:
     found
         Object of this name in the package's module.
     """
-    if isinstance(found, type) and "__init__" in vars(found) and not issubclass(found, BaseException):
-        from .array_guard import guard_class
+    if isinstance(found, type) and not issubclass(found, BaseException):
+        for kind in found.__mro__:  # class methods may be inherited
+            if kind.__module__.startswith("visuohaptic.") and "__init__" in vars(kind):
+                from .array_guard import guard_class
 
-        guard_class(found)
+                guard_class(kind)
     if not isinstance(found, FunctionType) or hasattr(found, "arguments_checked"):
         return found
     from .array_guard import guarded
