@@ -101,7 +101,7 @@ def large_faces(state: MeshState) -> int:
         The imported mesh, scaled to metres.
     """
     limit = DIAGONAL * _round_m(state.vertices) / EDGES_ROUND
-    return int((_lengths(state.vertices, _loaded(state)) > limit).sum())
+    return int((face_lengths(state.vertices, _loaded(state)) > limit).sum())
 
 
 def repair_mesh(state: MeshState, thickness_m: float, around: int) -> tuple[MeshState, list[str]]:
@@ -192,11 +192,17 @@ def _round_m(vertices: np.ndarray) -> float:
 
 def _usual_length(vertices: np.ndarray, faces: np.ndarray) -> float:
     """90 % quantile of the lengths of triangles [m]."""
-    return float(np.percentile(_lengths(vertices, faces), 90))
+    return float(np.percentile(face_lengths(vertices, faces), 90))
 
 
-def _lengths(vertices: np.ndarray, faces: np.ndarray) -> Float[np.ndarray, "f"]:
-    """Second longest side of each triangle [m]: the longest one of half a quadrilateral is its diagonal."""
+def face_lengths(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "f"]:
+    """Second longest side of each triangle [m]: the longest one of half a quadrilateral is its diagonal.
+
+    Parameters
+    ----------
+    vertices, faces
+        The mesh [m].
+    """
     sides = np.linalg.norm(vertices[faces[:, [1, 2, 0]]] - vertices[faces], axis=2)
     return np.asarray(np.median(sides, axis=1))
 
