@@ -151,10 +151,10 @@ def test_a_gentle_grasp_holds_its_force_in_truth() -> None:
         assert 0.5 - 0.025 - 3.0 * 0.025 < kitchen.force_N < 0.5 + 3.0 * kitchen.force_sigma_N
 
 
-def test_fingers_that_do_not_close_are_late_by_the_frames_of_the_way() -> None:
+def test_fingers_that_do_not_close_are_late_by_the_frames_of_the_way(monkeypatch: pytest.MonkeyPatch) -> None:
     """Before a rigid wall, a frame's way is .9 of 4 N by the foam of both fingers: .24 mm of 110 mm, 458 frames."""
     kitchen, hand = table(frame_rate_Hz=20.0)
-    kitchen.move = lambda opening_m, speed_m_s: None  # type: ignore[method-assign]
+    monkeypatch.setattr(kitchen, "move", lambda opening_m, speed_m_s: None)
     found = grasp_and_lift(hand, LiftPlan(Place(0.1), 4.0))
     assert found.ending.outcome == GraspOutcome.TIMED_OUT
     closing = [step for step in found.trace.steps if step.state == "close"]

@@ -199,9 +199,10 @@ def guard_class(made: type) -> None:
     ):
         return
 
-    made.__init__ = _explained(create, made.__name__)  # type: ignore[misc]
     for name, method in list(vars(made).items()):
-        if isinstance(method, classmethod) and not name.startswith("_"):
+        if method is create:
+            setattr(made, name, _explained(create, made.__name__))
+        elif isinstance(method, classmethod) and not name.startswith("_"):
             setattr(made, name, classmethod(_explained(method.__func__, f"{made.__name__}.{name}")))
 
 
